@@ -1,0 +1,86 @@
+"""Errors that carry data: what was found, where, what was expected, and the cure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rotorid.estimate import Estimate
+
+
+class InputError(ValueError):
+    """Input that cannot be used, said in one line.
+
+    Parameters
+    ----------
+    found, expected, cure : str
+        What was there, what should have been, and what to do about it.
+    file : str, optional
+        The file that holds it.
+    place : str, optional
+        Where in the file: a key, a line, a column, an equation.
+
+    Examples
+    --------
+    >>> print(InputError("'kgg'", "a unit of mass", "write kg", file="a.toml", place="parameters.m"))
+    a.toml: parameters.m: found 'kgg'; expected a unit of mass; write kg
+    """
+
+    def __init__(
+        self, found: str, expected: str, cure: str, *, file: str = "", place: str = ""
+    ) -> None:
+        self.found, self.expected, self.cure = found, expected, cure
+        self.file, self.place = file, place
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        where = [part for part in (self.file, self.place) if part]
+        text = f"found {self.found}; expected {self.expected}; {self.cure}"
+        return " ".join(": ".join([*where, text]).split())
+
+    def at(self, *, file: str = "", place: str = "") -> InputError:
+        """Return the same error with the file and the outer place that the caller knows."""
+        inner = ": ".join(part for part in (place, self.place) if part)
+        return type(self)(
+            self.found, self.expected, self.cure, file=self.file or file, place=inner
+        )
+
+
+class ReadError(InputError):
+    """A file that cannot be read or does not hold what it should."""
+
+
+class ModelError(InputError):
+    """Equations, names or units that make no model."""
+
+
+class NotIdentifiableError(Exception):
+    """Parameters that the record does not determine.
+
+    Parameters
+    ----------
+    combinations : sequence of str
+        Each undetermined combination of parameters, in words.
+    cures : sequence of str
+        What would determine them.
+    estimate : Estimate, optional
+        What is determined all the same, with its status.
+    """
+
+    def __init__(
+        self,
+        combinations: Sequence[str],
+        cures: Sequence[str] = (),
+        estimate: Estimate | None = None,
+    ) -> None:
+        self.combinations, self.cures, self.estimate = tuple(combinations), tuple(cures), estimate
+        super().__init__("; ".join(["not identifiable: " + ", ".join(combinations), *cures]))
+
+
+class NotConvergedError(Exception):
+    """An iteration that ended before its answer; carries the last estimate."""
+
+    def __init__(self, message: str, estimate: Estimate | None = None) -> None:
+        self.estimate = estimate
+        super().__init__(message)

@@ -1,0 +1,250 @@
+"""`Estimate`: the one result of every estimator; its JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from rotorid.errors import ReadError
+from rotorid.record import Floats
+
+SCHEMA = "rotorid-estimate/1"
+Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A named quantity with its standard deviation.
+
+    ``std`` and ``std_inflated`` are ``None`` where the method gives none; a fixed value has
+    ``std`` 0.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float | None = None
+    std_inflated: float | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The cost at the estimate against what noise alone would leave."""
+
+    cost: float
+    expected: float
+    dof: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A term missing from the model, and the drop of the cost if it were there."""
+
+    term: str
+    drop: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well an estimate predicts one channel: |residual| / |measured| on the lines."""
+
+    relative_error: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator found.
+
+    Parameters
+    ----------
+    model, method : str
+    status : {"ok", "rejected", "not_identifiable", "not_converged"}
+    parameters : sequence of Value
+        Base parameters for the least-squares family, physical ones for maximum likelihood.
+    nuisance : sequence of Value
+    derived : sequence of Value
+        The physical parameters that follow from base ones, or the base ones from physical ones.
+    covariance : array, shape (free, free)
+        One row per parameter that is not fixed, in order, then per nuisance parameter.
+    misfit : Misfit or None
+        ``None`` for methods without a likelihood.
+    suspects : sequence of Suspect
+    prediction : mapping of input name to Prediction or None
+        ``None`` for an input that is zero.
+    lines_hz : sequence of float
+    periods : int
+    warnings : sequence of str
+    condition_number : float or None
+        Of the scaled least-squares problem.
+
+    Examples
+    --------
+    >>> mass = Value("m", "kg", 2.0, std=0.01)
+    >>> estimate = Estimate("one", "ls", "ok", (mass,), covariance=np.array([[1e-4]]))
+    >>> estimate.value("m"), estimate.std("m")
+    (2.0, 0.01)
+    """
+
+    model: str
+    method: str
+    status: Status
+    parameters: tuple[Value, ...]
+    nuisance: tuple[Value, ...] = ()
+    derived: tuple[Value, ...] = ()
+    covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    misfit: Misfit | None = None
+    suspects: tuple[Suspect, ...] = ()
+    prediction: dict[str, Prediction | None] = field(default_factory=dict)
+    lines_hz: tuple[float, ...] = ()
+    periods: int = 0
+    warnings: tuple[str, ...] = ()
+    condition_number: float | None = None
+
+    def __getitem__(self, name: str) -> Value:
+        """Return a parameter, nuisance or derived quantity by name.
+
+        Raises
+        ------
+        KeyError
+            With the names that there are.
+        """
+        everything = (*self.parameters, *self.nuisance, *self.derived)
+        for value in everything:
+            if value.name == name:
+                return value
+        raise KeyError(f"{name!r}; there are: {', '.join(v.name for v in everything)}")
+
+    def value(self, name: str) -> float:
+        """Return the value of a quantity, in its unit."""
+        return self[name].value
+
+    def std(self, name: str) -> float | None:
+        """Return the standard deviation of a quantity, in its unit."""
+        return self[name].std
+
+    @property
+    def free(self) -> tuple[Value, ...]:
+        """The quantities of the rows of `covariance`, in order."""
+        return (*(value for value in self.parameters if not value.fixed), *self.nuisance)
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation matrix of `free`, shape (free, free)."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        scale = np.where(deviation > 0, deviation, 1.0)
+        return self.covariance / np.outer(scale, scale)
+
+    def with_(self, **changes: Any) -> Estimate:
+        """Return a copy with some fields replaced."""
+        return replace(self, **changes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data, as the result file holds it (interface, schema 1)."""
+        from rotorid import __version__
+
+        data = asdict(self)
+        data["covariance"] = self.covariance.tolist()
+        for nuisance in data["nuisance"]:
+            del nuisance["fixed"], nuisance["std_inflated"]
+        for derived in data["derived"]:
+            del derived["fixed"], derived["std_inflated"]
+        return {"schema": SCHEMA, "version": __version__, **data}
+
+    def save(self, path: str | Path) -> None:
+        """Write the result file (JSON).
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        text = json.dumps(_finite(self.to_dict()), indent=2, allow_nan=False)
+        Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def _finite(data: Any) -> Any:
+    """Replace numbers that JSON does not know by null."""
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    if isinstance(data, float) and not np.isfinite(data):
+        return None
+    return data
+
+
+def load_estimate(path: str | Path) -> Estimate:
+    """Read a result file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `Estimate.save` wrote.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    ReadError
+        Where the file cannot be read or is no result file.
+    """
+    file = str(path)
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ReadError(
+            f"{error.strerror or error}", "a readable result file", "check the path", file=file
+        ) from error
+    except ValueError as error:
+        raise ReadError(
+            f"no JSON ({error})", "a result file", "write one with identify --json", file=file
+        ) from error
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
+        raise ReadError(
+            f"schema {found!r}", repr(SCHEMA), "write one with identify --json", file=file
+        )
+    try:
+        return _from_dict(data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ReadError(
+            f"{type(error).__name__}: {error}",
+            "the fields of a result file",
+            "write it again with identify --json",
+            file=file,
+        ) from error
+
+
+def _from_dict(data: dict[str, Any]) -> Estimate:
+    def values(rows: Sequence[dict[str, Any]]) -> tuple[Value, ...]:
+        return tuple(Value(**row) for row in rows)
+
+    prediction = {
+        name: None if row is None else Prediction(**row) for name, row in data["prediction"].items()
+    }
+    size = len(data["covariance"])
+    return Estimate(
+        model=data["model"],
+        method=data["method"],
+        status=data["status"],
+        parameters=values(data["parameters"]),
+        nuisance=values(data["nuisance"]),
+        derived=values(data["derived"]),
+        covariance=np.array(data["covariance"], dtype=float).reshape(size, size),
+        misfit=None if data["misfit"] is None else Misfit(**data["misfit"]),
+        suspects=tuple(Suspect(**row) for row in data["suspects"]),
+        prediction=prediction,
+        lines_hz=tuple(data["lines_hz"]),
+        periods=data["periods"],
+        warnings=tuple(data["warnings"]),
+        condition_number=data.get("condition_number"),
+    )

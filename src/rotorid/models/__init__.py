@@ -1,0 +1,1 @@
+"""Equations of motion as text, and what follows from them."""

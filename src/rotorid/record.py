@@ -1,0 +1,260 @@
+"""What was measured: `Record` (samples) and `PeriodicRecord` (mean, scatter, line spectra).
+
+Everything here is in SI units and knows of no model: a channel is a name and the way in which it
+was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorid.errors import InputError
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity.
+
+    Parameters
+    ----------
+    name : str
+        Name of an input or a coordinate of the model, or of a sensor of several (see `reads`).
+    unit : str
+        SI unit of the samples, for tables; the samples are in SI already.
+    reads : mapping of str to float, optional
+        The sensor reads this combination of coordinates, ``{coordinate: coefficient}``; without
+        it the channel is the quantity of its name.
+    hold : bool
+        The samples are commands that a zero-order hold keeps for one sample period.
+    delay : float
+        Time in s by which the samples lag the quantity.
+    delay_std, gain_std : float
+        Standard deviations with which the delay (s) and the gain (relative) are known; 0 means
+        exactly.
+    """
+
+    name: str
+    unit: str = ""
+    reads: Mapping[str, float] | None = None
+    hold: bool = False
+    delay: float = 0.0
+    delay_std: float = 0.0
+    gain_std: float = 0.0
+
+    @property
+    def combination(self) -> Mapping[str, float]:
+        """What the channel reads, as ``{name: coefficient}``."""
+        return {self.name: 1.0} if self.reads is None else self.reads
+
+
+def _names(channels: Sequence[Channel]) -> tuple[str, ...]:
+    return tuple(channel.name for channel in channels)
+
+
+def _index(channels: Sequence[Channel], name: str) -> int:
+    try:
+        return _names(channels).index(name)
+    except ValueError:
+        raise InputError(
+            f"no channel {name!r}",
+            f"one of {', '.join(_names(channels))}",
+            "name a channel of the record",
+        ) from None
+
+
+@dataclass(frozen=True)
+class Record:
+    """Samples as measured, in SI units.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    samples : array, shape (sample, channel)
+    sample_rate : float
+        Hz.
+    speed : float
+        Mean speed of rotation in rad/s; 0 at standstill.
+    angle : array, shape (sample,), optional
+        Rotor angle phi in rad at each sample; ``None`` means ``speed * t``, t = 0 at the first
+        sample.
+    phase_known : bool
+        False where the angle is known up to a constant only.
+    source : str
+        Where the samples come from, for messages.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, repeated channels, or samples that are not finite.
+
+    Examples
+    --------
+    >>> record = Record([Channel("x", "m")], np.zeros((4, 1)), sample_rate=1000.0)
+    >>> record.column("x")
+    array([0., 0., 0., 0.])
+    """
+
+    channels: tuple[Channel, ...]
+    samples: Floats
+    sample_rate: float
+    speed: float = 0.0
+    angle: Floats | None = None
+    phase_known: bool = True
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))
+        object.__setattr__(self, "samples", np.asarray(self.samples, dtype=float))
+        names = self.names
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise self._error(f"channel {repeated[0]!r} twice", "each channel once", "drop one")
+        if self.samples.ndim != 2 or self.samples.shape[1] != len(names):
+            raise self._error(
+                f"samples of shape {self.samples.shape}",
+                f"(sample, channel) with {len(names)} channels",
+                "give one column per channel",
+            )
+        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
+            raise self._error(
+                f"sample rate {self.sample_rate}", "a positive number of Hz", "correct it"
+            )
+        for name, column in zip(names, self.samples.T, strict=True):
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                raise self._error(
+                    f"{column[bad[0]]} in sample {bad[0]} of channel {name!r}, {bad.size} in all",
+                    "finite samples without gaps",
+                    "cut the record before the gap, or fill it where you know the truth",
+                )
+        if self.angle is not None and np.shape(self.angle) != (len(self.samples),):
+            raise self._error(
+                f"angle of shape {np.shape(self.angle)}",
+                f"({len(self.samples)},)",
+                "give one angle per sample",
+            )
+
+    def _error(self, found: str, expected: str, cure: str) -> InputError:
+        return InputError(found, expected, cure, file=self.source)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return _names(self.channels)
+
+    def column(self, name: str) -> Floats:
+        """Return the samples of one channel, shape (sample,).
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        return self.samples[:, _index(self.channels, name)]
+
+    def rotor_angle(self) -> Floats:
+        """Return phi in rad at each sample, shape (sample,)."""
+        if self.angle is not None:
+            return self.angle
+        return self.speed * np.arange(len(self.samples)) / self.sample_rate
+
+
+@dataclass(frozen=True)
+class PeriodicRecord:
+    """A record cut into whole periods, its lines kept period by period.
+
+    The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise
+    of variance s^2 per sample has ``E|X_k|^2 = s^2 / samples`` on every line, and
+    ``x = sum c_k Re(X_k exp(i omega_k t))`` with c = 2, or 1 at DC and at the Nyquist line.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    sample_rate : float
+        Hz.
+    harmonics : int array, shape (line,)
+        The kept multiples of the fundamental, increasing.
+    spectra : complex array, shape (period, line, channel)
+        Lines of each period, corrected for hold and delay.
+    variance : array, shape (sample, channel)
+        Unbiased variance over periods of each sample within the period: of a sample, not of the
+        mean; the seed's (8) with 1/(n-1).
+    mean : array, shape (sample, channel)
+        Mean over periods, as measured (all lines, nothing corrected).
+    speed : float
+        Mean speed in rad/s.
+    time, angle : array, shape (period, sample)
+        t in s and rotor angle phi in rad of every sample used.
+    """
+
+    channels: tuple[Channel, ...]
+    sample_rate: float
+    harmonics: Integers
+    spectra: Complexes
+    variance: Floats
+    mean: Floats
+    speed: float
+    time: Floats
+    angle: Floats
+    phase_known: bool = True
+    source: str = ""
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return _names(self.channels)
+
+    @property
+    def periods(self) -> int:
+        """Number of periods."""
+        return int(self.spectra.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a period."""
+        return int(self.mean.shape[0])
+
+    @property
+    def fundamental(self) -> float:
+        """Fundamental frequency in Hz."""
+        return self.sample_rate / self.samples
+
+    @property
+    def frequency(self) -> Floats:
+        """Frequencies of the lines in Hz, shape (line,)."""
+        return self.harmonics * self.fundamental
+
+    @property
+    def omega(self) -> Floats:
+        """Angular frequencies of the lines in rad/s, shape (line,)."""
+        return 2 * np.pi * self.frequency
+
+    @property
+    def mean_spectrum(self) -> Complexes:
+        """Mean over periods of the lines, shape (line, channel)."""
+        return np.asarray(self.spectra.mean(axis=0))
+
+    @property
+    def multiplicity(self) -> Floats:
+        """c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
+        single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
+        return np.where(single, 1.0, 2.0)
+
+    def index(self, name: str) -> int:
+        """Return the position of a channel.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        return _index(self.channels, name)

@@ -1,0 +1,1 @@
+"""Signals: excitation, period averaging, line spectra and their covariance, rotor angle."""

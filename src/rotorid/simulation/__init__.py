@@ -1,0 +1,1 @@
+"""Records computed instead of measured."""
