@@ -1,0 +1,68 @@
+# `make demo` and `make test` do all the set-up themselves: they need Python 3.11 or later with
+# venv, and nothing else that is installed on the machine.
+#
+#   PYTHON=python3.12   the interpreter to build the environment from
+#   VENV=path           where the environment lies
+#   PYTEST_ARGS="..."   further arguments of pytest
+
+VENV ?= .venv
+PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
+PYTEST_ARGS ?=
+BIN := $(VENV)/bin
+REPORT := rotorid-demo.html
+
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_USER
+export PYTHONNOUSERSITE := 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+
+.PHONY: help demo test clean
+
+help:
+	@echo "make demo    set up, run the demonstration, write its report ($(REPORT))"
+	@echo "make test    set up, then lint, type check and every test"
+	@echo "make clean   remove the environment and what the tools leave behind"
+
+demo: $(VENV)/.ready-demo
+	$(BIN)/rotorid demo --report $(REPORT)
+	@echo "The report lies in $(CURDIR)/$(REPORT)"
+
+# One BLAS thread per worker: the matrices are small, and the workers fill the cores.
+test: export OPENBLAS_NUM_THREADS := 1
+test: export OMP_NUM_THREADS := 1
+test: $(VENV)/.ready-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n auto $(PYTEST_ARGS)
+
+clean:
+	rm -rf $(VENV) build dist src/*.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -f $(REPORT)
+
+# The environment, renewed where the packages it holds may have changed. An interpreter that no
+# longer runs (a Python that was upgraded or removed) makes it start afresh.
+$(VENV)/.ready-demo: EXTRAS :=
+$(VENV)/.ready-test: EXTRAS := [test]
+$(VENV)/.ready-demo $(VENV)/.ready-test: pyproject.toml constraints.txt
+	@for python in $(PYTHON); do \
+	    "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
+	    python=; \
+	done; \
+	if [ -z "$$python" ]; then \
+	    found=$$(for python in $(PYTHON); do "$$python" --version 2>/dev/null && break; done); \
+	    echo "rotorid needs Python 3.11 or later; found $${found:-none}" >&2; \
+	    echo "Install one, or name it: make PYTHON=/path/to/python3.11 ..." >&2; \
+	    exit 1; \
+	fi; \
+	if ! "$$python" -c 'import ensurepip, venv' 2>/dev/null; then \
+	    echo "$$python has no venv with pip in it; on Debian: apt install python3-venv" >&2; \
+	    exit 1; \
+	fi; \
+	clear=; \
+	"$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || clear=--clear; \
+	echo "Setting up $(VENV) with $$("$$python" --version), a minute or two"; \
+	"$$python" -m venv $$clear "$(VENV)"
+	@"$(BIN)/python" -m pip install --quiet --constraint constraints.txt --editable '.$(EXTRAS)'
+	@touch "$@"
