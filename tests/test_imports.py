@@ -1,0 +1,162 @@
+"""The direction of imports: file or rig -> record -> model and estimator -> estimate -> report."""
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[1] / "src" / "rotorid"
+MODULES = sorted(SOURCE.rglob("*.py"))
+MAX_LINES = 400
+
+# Parts of the package, each with the parts that it must not import. A part is a subpackage, or a
+# module at the top.
+FORBIDDEN = {
+    "errors": {"*"},
+    "units": {"*", "!errors"},
+    "record": {"*", "!errors"},
+    "estimate": {"*", "!errors", "!record"},
+    "signals": {"models", "estimators", "simulation", "io", "experiment", "report", "cli"},
+    "models": {"estimators", "estimate", "identify", "simulation", "io", "experiment"},
+    "actuators": {"models", "estimators", "estimate", "identify", "io", "experiment", "report"},
+    "estimators": {"io", "experiment", "report", "cli", "simulation", "identify"},
+    "identify": {"io", "experiment", "report", "cli", "simulation"},
+    "validation": {"io", "experiment", "report", "cli"},
+    "simulation": {"estimators", "estimate", "identify", "validation", "report", "cli"},
+    "io": {"models", "estimators", "estimate", "identify", "experiment", "report", "cli"},
+    "report": {"io", "experiment", "cli"},
+    "experiment": {"report", "cli"},
+}
+
+# Packages from outside that only some parts may import.
+CONFINED = {
+    "matplotlib": {"report"},
+    "jinja2": {"report"},
+    "h5py": {"io", "simulation"},
+    "pint": {"units"},
+    "click": {"cli"},
+    "rich": {"cli", "report"},
+    "lark": {"models"},
+}
+
+
+def name_of(path: Path) -> str:
+    """Return the dotted name of a module inside the package; "" is the package itself."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(part for part in parts if part != "__init__")
+
+
+def part_of(module: str) -> str:
+    return module.split(".")[0]
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def runtime_nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Walk a tree without the branches that only type checkers see."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        yield child
+        yield from runtime_nodes(child)
+
+
+def imports(path: Path) -> set[str]:
+    """Return every dotted name that a module imports when it runs, inside functions too."""
+    found: set[str] = set()
+    for node in runtime_nodes(tree_of(path)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import; write the full name"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def inner(path: Path) -> set[str]:
+    """Return the parts of the package that a module imports, other than its own."""
+    names = {name.removeprefix("rotorid.") for name in imports(path) if name.startswith("rotorid.")}
+    return {part_of(name) for name in names} - {part_of(name_of(path)), "__version__"}
+
+
+def ids(path: Path) -> str:
+    return name_of(path) or "rotorid"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_imports_run_one_way(path: Path) -> None:
+    rule = FORBIDDEN.get(part_of(name_of(path)), set())
+    allowed = {name[1:] for name in rule if name.startswith("!")}
+    used = inner(path)
+    forbidden = used - allowed if "*" in rule else used & rule
+    assert not forbidden, f"{ids(path)} must not import {', '.join(sorted(forbidden))}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_outside_packages_stay_in_their_place(path: Path) -> None:
+    part = part_of(name_of(path))
+    used = {name.split(".")[0] for name in imports(path)}
+    strayed = {name for name in used & CONFINED.keys() if part not in CONFINED[name]}
+    assert not strayed, f"{ids(path)} must not import {', '.join(sorted(strayed))}"
+
+
+def test_h5py_is_imported_by_single_modules() -> None:
+    """One reader and one writer: a format's package is known to its own module only."""
+    users = [path for path in MODULES if any(name.startswith("h5py") for name in imports(path))]
+    parts = [part_of(name_of(path)) for path in users]
+    assert len(parts) == len(set(parts)), [ids(path) for path in users]
+
+
+def test_nothing_imports_the_command_line() -> None:
+    users = {ids(path) for path in MODULES if "cli" in inner(path)}
+    assert users <= {"__main__"}
+
+
+def test_parts_form_no_cycle() -> None:
+    graph: dict[str, set[str]] = {}
+    for path in MODULES:
+        if part := part_of(name_of(path)):  # the package itself only collects names
+            graph.setdefault(part, set()).update(inner(path))
+    while leaves := {part for part, needs in graph.items() if not needs & graph.keys()}:
+        graph = {part: needs for part, needs in graph.items() if part not in leaves}
+    assert not graph, f"cycle among {', '.join(sorted(graph))}"
+
+
+def test_only_the_package_collects_names() -> None:
+    """`import rotorid` is for users; modules name the module that they need."""
+    for path in MODULES:
+        if name_of(path):
+            assert "rotorid" not in imports(path), ids(path)
+
+
+@pytest.mark.parametrize("path", [p for p in MODULES if part_of(name_of(p)) != "cli"], ids=ids)
+def test_library_never_prints(path: Path) -> None:
+    calls = [node for node in runtime_nodes(tree_of(path)) if isinstance(node, ast.Call)]
+    lines = [call.lineno for call in calls if ast.unparse(call.func) == "print"]
+    assert not lines, f"{ids(path)} prints in lines {lines}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_never_evaluates_text(path: Path) -> None:
+    """Equations come from files: they are parsed by a grammar, never evaluated."""
+    calls = [node for node in runtime_nodes(tree_of(path)) if isinstance(node, ast.Call)]
+    used = {ast.unparse(call.func) for call in calls}
+    assert not used & {"eval", "exec", "compile", "__import__", "sympify", "sympy.sympify"}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_modules_stay_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) < MAX_LINES
+
+
+def test_no_module_reaches_for_global_randomness() -> None:
+    pattern = re.compile(r"np\.random\.(?!Generator|default_rng|SeedSequence|BitGenerator)\w+")
+    for path in MODULES:
+        strayed = pattern.findall(path.read_text(encoding="utf-8"))
+        assert not strayed, f"{ids(path)}: {strayed}"
