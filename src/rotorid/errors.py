@@ -23,8 +23,8 @@ class InputError(ValueError):
 
     Examples
     --------
-    >>> print(InputError("'kgg'", "a unit of mass", "write kg", file="a.toml", place="parameters.m"))
-    a.toml: parameters.m: found 'kgg'; expected a unit of mass; write kg
+    >>> print(InputError("'kgg'", "a mass", "write kg", file="a.toml", place="parameters.m"))
+    a.toml: parameters.m: found 'kgg'; expected a mass; write kg
     """
 
     def __init__(
@@ -42,9 +42,7 @@ class InputError(ValueError):
     def at(self, *, file: str = "", place: str = "") -> InputError:
         """Return the same error with the file and the outer place that the caller knows."""
         inner = ": ".join(part for part in (place, self.place) if part)
-        return type(self)(
-            self.found, self.expected, self.cure, file=self.file or file, place=inner
-        )
+        return type(self)(self.found, self.expected, self.cure, file=self.file or file, place=inner)
 
 
 class ReadError(InputError):

@@ -1,0 +1,113 @@
+"""Base parameters: what the equations can tell apart, found from their structure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from sympy import QQ
+from sympy.polys.matrices import DomainMatrix
+
+from rotorid.models.terms import Monomial, Product
+from rotorid.record import Floats
+from rotorid.units import multiply_units
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Independent combinations of parameter monomials.
+
+    ``base = gather @ monomial_values``. The merge is structural: it holds for every motion.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+    gather : array, shape (base, monomial)
+    kept : sequence of int
+        The monomial of each whose column of the regressor is that of the base parameter.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    gather: Floats
+    kept: tuple[int, ...]
+
+
+def gather_base(
+    products: Sequence[Product],
+    monomials: Sequence[Monomial],
+    parameters: Sequence[str],
+    units: Mapping[str, str],
+) -> BaseParameters:
+    """Merge monomials whose columns of the regressor depend linearly on one another.
+
+    The monomials are scanned in order: one whose column is independent of those kept is kept;
+    else it is added to them with its rational coefficients.
+
+    Parameters
+    ----------
+    products : sequence of Product
+        The left sides.
+    monomials : sequence of tuple of int
+        In scanning order.
+    parameters : sequence of str
+    units : mapping of parameter to SI unit
+
+    Returns
+    -------
+    BaseParameters
+    """
+    entries: dict[tuple[int, Any], int] = {}
+    columns: dict[Monomial, dict[int, Fraction]] = {m: {} for m in monomials}
+    for product in products:
+        entry = entries.setdefault((product.row, product.signal), len(entries))
+        columns[product.monomial][entry] = product.coefficient
+    scanned = [i for i, m in enumerate(monomials) if any(m) and columns[m]]
+    if not scanned:
+        return BaseParameters((), (), np.zeros((0, len(monomials))), ())
+    dense = [
+        [_rational(columns[monomials[i]].get(entry, Fraction(0))) for i in scanned]
+        for entry in range(len(entries))
+    ]
+    reduced, pivots = DomainMatrix(dense, (len(entries), len(scanned)), QQ).to_sparse().rref()
+    merged = reduced.to_dense().to_list()[: len(pivots)]
+    names, found_units = [], []
+    gather = np.zeros((len(pivots), len(monomials)))
+    for row, (pivot, ratios) in enumerate(zip(pivots, merged, strict=True)):
+        for column, ratio in zip(scanned, ratios, strict=True):
+            gather[row, column] = float(ratio)
+        members = [(monomials[i], r) for i, r in zip(scanned, ratios, strict=True) if r]
+        names.append(_combination_name(members, parameters))
+        powers = zip(parameters, monomials[scanned[pivot]], strict=True)
+        found_units.append(multiply_units([(units[p], n) for p, n in powers if n]))
+    kept = tuple(scanned[pivot] for pivot in pivots)
+    return BaseParameters(tuple(names), tuple(found_units), gather, kept)
+
+
+def _rational(value: Fraction) -> Any:
+    return QQ(value.numerator, value.denominator)
+
+
+def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:
+    """Return a name such as ``k1*L1^2``.
+
+    Examples
+    --------
+    >>> monomial_name((1, 2), ["k1", "L1"])
+    'k1*L1^2'
+    """
+    factors = zip(parameters, monomial, strict=True)
+    return "*".join(name if n == 1 else f"{name}^{n}" for name, n in factors if n)
+
+
+def _combination_name(members: Sequence[tuple[Monomial, Any]], parameters: Sequence[str]) -> str:
+    text = ""
+    for monomial, ratio in members:
+        size = abs(float(ratio))
+        factor = "" if abs(ratio) == 1 else f"{size:.12g}*"
+        sign = " + " if ratio > 0 else " - "
+        text += (sign if text else "") + factor + monomial_name(monomial, parameters)
+    return text

@@ -1,0 +1,330 @@
+"""Text to symbolic expressions, by a grammar; and their values on arrays.
+
+Nothing is ever evaluated as code. What a text may cost is bounded before it is computed: its
+length, its nesting, the size of its numbers, the degree and the number of terms it expands to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
+from lark.exceptions import VisitError
+from numpy.typing import ArrayLike, NDArray
+
+from rotorid.errors import ModelError
+
+MAX_LENGTH = 100_000
+MAX_NESTING = 100
+MAX_TERMS = 20_000
+MAX_DEGREE = 32
+MAX_EXPONENT = 280  # decimal exponent of a number
+RESERVED = ("t", "Omega", "phi")
+FUNCTIONS = {
+    "sin": sp.sin,
+    "cos": sp.cos,
+    "tan": sp.tan,
+    "exp": sp.exp,
+    "sqrt": sp.sqrt,
+    "abs": sp.Abs,
+    "sign": sp.sign,
+    "tanh": sp.tanh,
+}
+# Functions that the algebra may put in their place: tan(pi/2 - x) becomes cot(x).
+_NUMERIC: dict[Any, Callable[..., Any]] = {
+    sp.sin: np.sin,
+    sp.cos: np.cos,
+    sp.tan: np.tan,
+    sp.cot: lambda x: 1 / np.tan(x),
+    sp.sec: lambda x: 1 / np.cos(x),
+    sp.csc: lambda x: 1 / np.sin(x),
+    sp.exp: np.exp,
+    sp.Abs: np.abs,
+    sp.sign: np.sign,
+    sp.tanh: np.tanh,
+    sp.coth: lambda x: 1 / np.tanh(x),
+}
+
+Expression = Any  # a sympy expression; sympy carries no types of its own
+
+
+@cache
+def symbol(name: str) -> Expression:
+    """Return the real symbol of a name (``q'`` is a name like any other)."""
+    return sp.Symbol(name, real=True)
+
+
+@dataclass(frozen=True)
+class _Node:
+    """An expression with bounds on what expanding it costs."""
+
+    value: Expression
+    terms: int = 1
+    degree: int = 0
+    depth: int = 0
+
+
+class _Builder(Transformer[Token, Any]):
+    """Builds expressions while parsing, refusing what is too large or has no meaning."""
+
+    def __init__(self, names: frozenset[str], linear: frozenset[str], inner: str) -> None:
+        super().__init__()
+        self.names, self.linear, self.inner = names, linear, inner
+
+    def number(self, children: list[Token]) -> _Node:
+        text = str(children[0])
+        value = float(text)
+        if len(text) > 60 or not (value == 0 or 1e-200 < abs(value) < 1e200):
+            raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
+        return _Node(sp.Rational(text))
+
+    def name(self, children: list[Token]) -> _Node:
+        name = str(children[0])
+        if name == "pi":
+            return _Node(sp.pi)
+        if name not in self.names:
+            raise _unknown(name, self.names, self.inner)
+        return _Node(symbol(name), degree=1)
+
+    def sum(self, children: list[Any]) -> _Node:
+        nodes: list[_Node] = children[::2]
+        signs = [1, *(-1 if sign == "-" else 1 for sign in children[1::2])]
+        value = sp.Add(*(s * node.value for s, node in zip(signs, nodes, strict=True)))
+        return self._checked(
+            value, sum(n.terms for n in nodes), max(n.degree for n in nodes), nodes
+        )
+
+    def negative(self, children: list[_Node]) -> _Node:
+        (node,) = children
+        return self._checked(-node.value, node.terms, node.degree, children)
+
+    def product(self, children: list[Any]) -> _Node:
+        nodes: list[_Node] = children[::2]
+        factors = [nodes[0].value]
+        for operator, node in zip(children[1::2], nodes[1:], strict=True):
+            factors.append(node.value if operator == "*" else self._reciprocal(node))
+        terms = 1
+        for node in nodes:
+            terms = min(terms * node.terms, 10 * MAX_TERMS)
+        return self._checked(sp.Mul(*factors), terms, sum(n.degree for n in nodes), nodes)
+
+    def _reciprocal(self, node: _Node) -> Expression:
+        divisor = sp.expand(node.value)
+        if divisor == 0:
+            raise ModelError(
+                f"a division by zero (by {_shown(node.value)})", "a divisor", "remove it"
+            )
+        self._refuse_parameters(divisor, "a division by")
+        return 1 / divisor
+
+    def power(self, children: list[_Node]) -> _Node:
+        base, exponent = children
+        value = exponent.value
+        if not value.is_Rational:
+            raise ModelError(
+                f"the exponent {_shown(value)}", "a rational number", "write a number there"
+            )
+        whole = bool(value.is_Integer) and value >= 0
+        if not whole:
+            self._refuse_parameters(sp.expand(base.value), f"the power {_shown(value)} of")
+            if base.value == 0:
+                raise ModelError("a division by zero", "a divisor", "remove it")
+        size = max(1, abs(int(value)))
+        degree = max(base.degree, 0 if base.value in (0, 1, -1) else 1) * size
+        limit = 300 if base.value.is_Number else MAX_DEGREE
+        if size > limit or degree > limit:
+            raise ModelError(
+                f"the power {_shown(value)}", f"a degree of at most {limit}", "write it smaller"
+            )
+        terms = min(base.terms**size, 10 * MAX_TERMS) if whole else 1
+        return self._checked(base.value**value, terms, degree, children)
+
+    def call(self, children: list[Any]) -> _Node:
+        function, node = str(children[0]), children[1]
+        if function not in FUNCTIONS:
+            raise _unknown(function, frozenset(FUNCTIONS), "a function: one of")
+        argument = sp.expand(node.value)
+        self._refuse_parameters(argument, f"{function} of")
+        if argument.is_number and abs(float(argument)) > 300 and function == "exp":
+            raise ModelError(f"exp({_shown(argument)})", "a finite number", "scale it")
+        # One nonlinear function counts as one factor, however large its argument.
+        return self._checked(FUNCTIONS[function](argument), 1, 1, [node])
+
+    def equation(self, children: list[_Node]) -> Expression:
+        left, right = children
+        return self._checked(left.value - right.value, left.terms + right.terms, 0, children).value
+
+    def _refuse_parameters(self, value: Expression, what: str) -> None:
+        held = sorted(str(s) for s in value.free_symbols if str(s) in self.linear)
+        if held:
+            raise ModelError(
+                f"{what} {_shown(value)}, which holds {', '.join(held)}",
+                "a polynomial in the parameters, inputs to the first power only",
+                "name the whole expression as a parameter of its own",
+            )
+
+    def _checked(self, value: Expression, terms: int, degree: int, nodes: list[_Node]) -> _Node:
+        depth = 1 + max(node.depth for node in nodes)
+        if terms > MAX_TERMS:
+            raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
+        if degree > MAX_DEGREE:
+            raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
+        if depth > MAX_NESTING:
+            raise _too_deep()
+        if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
+            raise ModelError(
+                f"{_shown(value)}: no finite real number", "real numbers", "check the divisors"
+            )
+        if value.is_number and value != 0:
+            bound = abs(sp.N(value, 5))
+            if not sp.Float(10) ** -MAX_EXPONENT < bound < sp.Float(10) ** MAX_EXPONENT:
+                raise ModelError(
+                    "a number too large or too small", f"1e+-{MAX_EXPONENT}", "scale it"
+                )
+        return _Node(value, terms, degree, depth)
+
+
+def _too_deep() -> ModelError:
+    return ModelError(
+        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
+    )
+
+
+def _shown(value: Expression) -> str:
+    text = str(value).replace("**", "^")
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, sorted(names), n=1)
+    cure = f"did you mean {near[0]}?" if near else "declare it or correct its spelling"
+    listed = sorted(names)
+    shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
+    return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
+
+
+@cache
+def _parser(start: str) -> Lark:
+    grammar = files("rotorid.models").joinpath("grammar.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr", start=start, maybe_placeholders=False)
+
+
+def parse(
+    text: str, *, names: frozenset[str], linear: frozenset[str] = frozenset(), start: str = "sum"
+) -> Expression:
+    """Parse one expression (or equation, as left side minus right side).
+
+    Parameters
+    ----------
+    text : str
+        In the grammar of model files.
+    names : frozenset of str
+        The names that may appear.
+    linear : frozenset of str
+        The names that may appear as polynomials only: parameters and inputs.
+    start : {"sum", "equation"}
+        What the text is.
+
+    Returns
+    -------
+    sympy expression
+        Not expanded; its expansion has at most `MAX_TERMS` terms.
+
+    Raises
+    ------
+    ModelError
+        Naming what cannot be read, and where.
+
+    Examples
+    --------
+    >>> parse("2*x^2 - x*(x - 1)", names=frozenset({"x"})).expand()
+    x**2 + x
+    """
+    if len(text) > MAX_LENGTH:
+        raise ModelError(
+            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
+        )
+    depth = np.cumsum([{"(": 1, ")": -1}.get(c, 0) for c in text] or [0])
+    if depth.max() > MAX_NESTING:
+        raise _too_deep()
+    builder = _Builder(names, linear, "a declared name: one of")
+    try:
+        return _value(builder.transform(_parser(start).parse(text)))
+    except VisitError as error:
+        if isinstance(error.orig_exc, ModelError):
+            raise error.orig_exc from None
+        raise
+    except UnexpectedInput as error:
+        raise _syntax_error(error, text, start) from None
+    except RecursionError:
+        raise _too_deep() from None
+
+
+def _value(result: Any) -> Expression:
+    return result.value if isinstance(result, _Node) else result
+
+
+def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
+    column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
+    if isinstance(error, UnexpectedCharacters):
+        found = repr(text[error.pos_in_stream or 0])
+    else:
+        token = getattr(error, "token", "")
+        found = repr(str(token)[:40]) if str(token) else "the end of the text"
+    expected = "an equation: expression = expression" if start == "equation" else "an expression"
+    return ModelError(
+        f"{found} in {text[:60]!r}",
+        f"{expected} of names, numbers, + - * / ^ and ( )",
+        "correct the text there",
+        place=f"column {column}",
+    )
+
+
+def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+    """Return the value of a symbolic expression on arrays that broadcast.
+
+    Raises
+    ------
+    KeyError
+        For a name without an array.
+
+    Examples
+    --------
+    >>> evaluate(parse("2*x", names=frozenset({"x"})), {"x": [1.0, 2.0]})
+    array([2., 4.])
+    """
+    if value.is_Symbol:
+        return np.asarray(arrays[str(value)], dtype=float)
+    if value.is_number:
+        return np.asarray(float(value))
+    inner = [evaluate(argument, arrays) for argument in value.args]
+    if value.is_Add:
+        return np.asarray(sum(inner[1:], start=inner[0]))
+    if value.is_Mul:
+        return np.asarray(np.prod(np.broadcast_arrays(*inner), axis=0))
+    if value.is_Pow:
+        exponent = float(value.exp)
+        whole = int(exponent)
+        return np.asarray(inner[0] ** (whole if whole == exponent else exponent))
+    return np.asarray(_NUMERIC[value.func](inner[0]))
+
+
+def check_evaluable(value: Expression) -> None:
+    """Refuse an expression that `evaluate` could not compute.
+
+    Raises
+    ------
+    ModelError
+        Naming the function that the algebra introduced.
+    """
+    for node in sp.preorder_traversal(value):
+        if node.is_Function and node.func not in _NUMERIC:
+            raise ModelError(f"the function {node.func}", ", ".join(FUNCTIONS), "rewrite the term")

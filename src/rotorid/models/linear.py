@@ -1,0 +1,217 @@
+"""The linear form: M q'' + (D + Omega G) q' + K q = B u + g."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.errors import ModelError
+from rotorid.models.expression import Expression, evaluate, symbol
+from rotorid.models.terms import DERIVATIVES
+from rotorid.record import Complexes, Floats, Integers
+
+
+@dataclass(frozen=True)
+class Term:
+    """``coefficient * monomial * signal`` in one row of the left sides."""
+
+    row: int
+    monomial: int
+    coefficient: float
+    signal: Expression
+
+
+@dataclass(frozen=True)
+class InputTerm:
+    """``coefficient * monomial * input`` in one row of the right sides."""
+
+    row: int
+    input: int
+    monomial: int
+    coefficient: float
+
+
+@dataclass(frozen=True)
+class LinearTerms:
+    """Entries of the dynamic stiffness at one speed, as parallel arrays.
+
+    ``Z[row, column] = sum coefficient * mu[monomial] * (i omega)^order``.
+    """
+
+    row: Integers
+    column: Integers
+    order: Integers
+    monomial: Integers
+    coefficient: Floats
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """M, D, G (row, coordinate), K likewise and B (row, input), in SI units.
+
+    What depends on the speed otherwise than as Omega G is in D and K, at the speed asked for.
+    """
+
+    M: Floats
+    D: Floats
+    G: Floats
+    K: Floats
+    B: Floats
+
+
+@dataclass(frozen=True)
+class StiffnessTerm:
+    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``."""
+
+    row: int
+    column: int
+    order: int
+    monomial: int
+    coefficient: float
+    factor: Expression
+
+
+@dataclass(frozen=True)
+class LinearForm:
+    """Equations that are linear in the coordinates, with constant coefficients.
+
+    At line omega: ``Z(omega) q = B u + g`` with
+    ``Z = -omega^2 M + i omega (D + Omega G) + K``; every matrix is linear in the monomials of
+    the parameters.
+
+    Parameters
+    ----------
+    rows, coordinates, inputs : int
+        Sizes.
+    stiffness : sequence of StiffnessTerm
+    input_terms : sequence of InputTerm
+    load_terms : sequence of Term
+        g, on the right side; their signals hold t, phi and Omega only.
+    monomial_values : callable
+        Parameter values, shape (parameter,), to those of the monomials, shape (monomial,).
+    monomials : int
+        Their number.
+    """
+
+    rows: int
+    coordinates: int
+    inputs: int
+    stiffness: tuple[StiffnessTerm, ...]
+    input_terms: tuple[InputTerm, ...]
+    load_terms: tuple[Term, ...]
+    monomial_values: Callable[[Floats], Floats]
+    monomials: int
+
+    def stiffness_terms(self, speed: float) -> LinearTerms:
+        """Return the entries of Z at a speed in rad/s."""
+        factor = [float(evaluate(t.factor, {"Omega": speed})) for t in self.stiffness]
+        return LinearTerms(
+            np.array([t.row for t in self.stiffness], dtype=np.int64),
+            np.array([t.column for t in self.stiffness], dtype=np.int64),
+            np.array([t.order for t in self.stiffness], dtype=np.int64),
+            np.array([t.monomial for t in self.stiffness], dtype=np.int64),
+            np.array([t.coefficient for t in self.stiffness]) * np.array(factor),
+        )
+
+    def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
+        """Return M, D, G, K and B.
+
+        Parameters
+        ----------
+        values : array, shape (parameter,)
+            Physical parameters, SI.
+        speed : float
+            rad/s.
+        """
+        mu = self.monomial_values(np.asarray(values, dtype=float))
+        blocks = {name: np.zeros((self.rows, self.coordinates)) for name in "MDGK"}
+        for term in self.stiffness:
+            gyroscopic = term.order == 1 and term.factor == symbol("Omega")
+            name = "G" if gyroscopic else "KDM"[term.order]
+            factor = 1.0 if gyroscopic else float(evaluate(term.factor, {"Omega": speed}))
+            blocks[name][term.row, term.column] += term.coefficient * factor * mu[term.monomial]
+        return Matrices(**blocks, B=self.input_matrix(mu))
+
+    def input_matrix(self, mu: Floats) -> Floats:
+        """Return B, shape (row, input), from the values of the monomials."""
+        matrix = np.zeros((self.rows, self.inputs))
+        for term in self.input_terms:
+            matrix[term.row, term.input] += term.coefficient * mu[term.monomial]
+        return matrix
+
+    def dynamic_stiffness(self, omega: ArrayLike, values: ArrayLike, speed: float) -> Complexes:
+        """Return Z of each line, shape (line, row, coordinate).
+
+        Parameters
+        ----------
+        omega : array, shape (line,)
+            rad/s.
+        values : array, shape (parameter,)
+            Physical parameters, SI.
+        speed : float
+            rad/s.
+        """
+        m = self.matrices(values, speed)
+        s = 1j * np.asarray(omega, dtype=float)[:, None, None]
+        return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K)
+
+    def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
+        """Return the columns of g: ``g = load_columns @ mu``.
+
+        Parameters
+        ----------
+        time, angle : array, shape (..., sample)
+            t in s, phi in rad.
+        speed : float
+            rad/s.
+
+        Returns
+        -------
+        array, shape (..., sample, row, monomial)
+        """
+        time, angle = np.asarray(time, dtype=float), np.asarray(angle, dtype=float)
+        columns = np.zeros((*angle.shape, self.rows, self.monomials))
+        for term in self.load_terms:
+            signal = evaluate(term.signal, {"t": time, "phi": angle, "Omega": speed})
+            columns[..., term.row, term.monomial] += term.coefficient * signal
+        return columns
+
+
+def classify(
+    terms: Sequence[Term], coordinates: Sequence[str]
+) -> tuple[tuple[StiffnessTerm, ...], tuple[Term, ...]]:
+    """Split left-side terms into entries of Z and loads g.
+
+    Raises
+    ------
+    ModelError
+        Naming the first term that is not linear in the coordinates with constant coefficients.
+    """
+    motion = {
+        symbol(name + dots): (column, order)
+        for column, name in enumerate(coordinates)
+        for order, dots in enumerate(DERIVATIVES)
+    }
+    stiffness, loads = [], []
+    for term in terms:
+        held = term.signal.free_symbols & motion.keys()
+        if not held:
+            loads.append(Term(term.row, term.monomial, -term.coefficient, term.signal))
+            continue
+        atom = min(held, key=str)
+        factor = term.signal / atom
+        if not factor.free_symbols <= {symbol("Omega")}:
+            raise ModelError(
+                f"the term {term.signal}",
+                "equations linear in the coordinates with constant coefficients",
+                "use ls, batch or sequential, which need no linearity",
+                place=f"equation {term.row + 1}",
+            )
+        column, order = motion[atom]
+        stiffness.append(
+            StiffnessTerm(term.row, column, order, term.monomial, term.coefficient, factor)
+        )
+    return tuple(stiffness), tuple(loads)

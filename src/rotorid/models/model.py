@@ -1,0 +1,340 @@
+"""`Model`: equations of motion, their parameters, and the regressor that follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.errors import InputError, ModelError
+from rotorid.models.base import BaseParameters, gather_base
+from rotorid.models.expression import evaluate, symbol
+from rotorid.models.linear import InputTerm, LinearForm, Term, classify
+from rotorid.models.terms import (
+    DERIVATIVES,
+    Equations,
+    Monomial,
+    Names,
+    Product,
+    sort_monomials,
+    split_equations,
+)
+from rotorid.record import Floats, Integers
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter: its SI unit, a starting value (SI), and whether it is positive."""
+
+    name: str
+    unit: str
+    nominal: float | None = None
+    positive: bool = False
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Signals at which equations are evaluated; leading axes broadcast.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : array, shape (..., sample, coordinate)
+    time, angle : array, shape (..., sample)
+        t in s, phi in rad.
+    speed : float
+        Omega in rad/s.
+    """
+
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    time: Floats
+    angle: Floats
+    speed: float
+
+
+@dataclass(frozen=True)
+class Model:
+    """Equations of motion as text, with what follows from them.
+
+    Left sides ``sum coefficient * mu[monomial] * signal`` equal right sides ``B u``; the signals
+    are functions of q, q', q'', t, phi and Omega, and mu are monomials of the parameters.
+
+    Parameters
+    ----------
+    name, title, source : str
+    texts : sequence of str
+        The equations.
+    names : Names
+    units : mapping of str to str
+        SI unit of each coordinate and input.
+    parameters : sequence of Parameter
+    equations : Equations
+        The texts, expanded.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> load_model("emps").base.names
+    ('M', 'Fv', 'Fc', 'offset')
+    """
+
+    name: str
+    title: str
+    source: str
+    texts: tuple[str, ...]
+    names: Names
+    units: Mapping[str, str]
+    parameters: tuple[Parameter, ...]
+    equations: Equations
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates, in order."""
+        return self.names.coordinates
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return self.names.inputs
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return self.names.parameters
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal values (SI) of the parameters that have one."""
+        return {p.name: p.nominal for p in self.parameters if p.nominal is not None}
+
+    @cached_property
+    def _monomials(self) -> list[Monomial]:
+        products = (*self.equations.left, *self.equations.right)
+        return sort_monomials({p.monomial for p in products})
+
+    @cached_property
+    def monomials(self) -> Integers:
+        """Exponents of the parameters in each monomial, shape (monomial, parameter)."""
+        shape = (len(self._monomials), len(self.parameters))
+        return np.array(self._monomials, dtype=np.int64).reshape(shape)
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """The left sides."""
+        return tuple(
+            Term(p.row, self._monomials.index(p.monomial), float(p.coefficient), p.signal)
+            for p in self.equations.left
+        )
+
+    @cached_property
+    def input_terms(self) -> tuple[InputTerm, ...]:
+        """The right sides."""
+        index = {symbol(name): i for i, name in enumerate(self.inputs)}
+        return tuple(
+            InputTerm(
+                p.row, index[p.signal], self._monomials.index(p.monomial), float(p.coefficient)
+            )
+            for p in self.equations.right
+        )
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """The base parameters; their map from the monomials is ``base.gather``."""
+        units = {p.name: p.unit for p in self.parameters}
+        return gather_base(self.equations.left, self._monomials, self.parameter_names, units)
+
+    def monomial_values(self, values: ArrayLike) -> Floats:
+        """Return mu, shape (monomial,), from parameter values, shape (parameter,), SI."""
+        return np.asarray(np.prod(np.asarray(values, dtype=float) ** self.monomials, axis=1))
+
+    def monomial_jacobian(self, values: ArrayLike) -> Floats:
+        """Return d mu / d parameters, shape (monomial, parameter)."""
+        x = np.asarray(values, dtype=float)
+        jacobian = np.zeros(self.monomials.shape)
+        for j in range(len(x)):
+            lowered = self.monomials.copy()
+            lowered[:, j] = np.maximum(lowered[:, j] - 1, 0)
+            jacobian[:, j] = self.monomials[:, j] * np.prod(x**lowered, axis=1)
+        return jacobian
+
+    def base_values(self, values: ArrayLike) -> Floats:
+        """Return the base parameters, shape (base,), from physical ones, shape (parameter,)."""
+        return self.base.gather @ self.monomial_values(values)
+
+    def base_jacobian(self, values: ArrayLike) -> Floats:
+        """Return d base / d physical, shape (base, parameter)."""
+        return self.base.gather @ self.monomial_jacobian(values)
+
+    def values(self, by_name: Mapping[str, float]) -> Floats:
+        """Return parameter values in order, shape (parameter,), from values by name.
+
+        Raises
+        ------
+        InputError
+            Where one is missing.
+        """
+        missing = [name for name in self.parameter_names if name not in by_name]
+        if missing:
+            raise InputError(
+                f"no value of {', '.join(missing)}", "a value of every parameter", "give it"
+            )
+        return np.array([by_name[name] for name in self.parameter_names], dtype=float)
+
+    def substitute(self, fixed: Mapping[str, float]) -> Model:
+        """Return the model with some parameters replaced by numbers (SI).
+
+        Raises
+        ------
+        InputError
+            For names that are no parameters.
+        """
+        unknown = [name for name in fixed if name not in self.parameter_names]
+        if unknown:
+            raise InputError(
+                f"no parameter {unknown[0]!r}",
+                f"one of {', '.join(self.parameter_names)}",
+                "correct the name",
+            )
+        if not fixed:
+            return self
+        kept = tuple(p for p in self.parameters if p.name not in fixed)
+        return replace(
+            self,
+            names=replace(self.names, parameters=tuple(p.name for p in kept)),
+            parameters=kept,
+            equations=Equations(
+                _substituted(self.equations.left, self.parameter_names, fixed),
+                _substituted(self.equations.right, self.parameter_names, fixed),
+            ),
+        )
+
+    @cached_property
+    def input_matrix(self) -> Floats:
+        """B, shape (row, input), where no parameter multiplies an input.
+
+        Raises
+        ------
+        ModelError
+            Where one does.
+        """
+        matrix = np.zeros((len(self.texts), len(self.inputs)))
+        for term in self.input_terms:
+            if self.monomials[term.monomial].any():
+                held = self.parameter_names[int(self.monomials[term.monomial].argmax())]
+                raise ModelError(
+                    f"{held}, which multiplies the input {self.inputs[term.input]}",
+                    "inputs with known factors",
+                    "fix its value, or use ml",
+                    place=f"equation {term.row + 1}",
+                )
+            matrix[term.row, term.input] += term.coefficient
+        return matrix
+
+    def regressor(self, motion: Motion) -> tuple[Floats, Floats]:
+        """Evaluate the left sides: ``Phi @ base + known``.
+
+        Returns
+        -------
+        Phi : array, shape (..., sample, row, base)
+        known : array, shape (..., sample, row)
+            Terms without parameters.
+        """
+        arrays = self._arrays(motion)
+        shape = np.broadcast_shapes(motion.position.shape[:-1], motion.angle.shape)
+        phi = np.zeros((*shape, len(self.texts), len(self.base.names)))
+        known = np.zeros((*shape, len(self.texts)))
+        columns = {monomial: base for base, monomial in enumerate(self.base.kept)}
+        for signal, terms in self._terms_by_signal.items():
+            value = evaluate(signal, arrays)
+            for term in terms:
+                if not self.monomials[term.monomial].any():
+                    known[..., term.row] += term.coefficient * value
+                elif term.monomial in columns:
+                    phi[..., term.row, columns[term.monomial]] += term.coefficient * value
+        return phi, known
+
+    @cached_property
+    def _terms_by_signal(self) -> dict[object, list[Term]]:
+        grouped: dict[object, list[Term]] = {}
+        for term in self.terms:
+            grouped.setdefault(term.signal, []).append(term)
+        return grouped
+
+    def _arrays(self, motion: Motion) -> dict[str, Floats]:
+        derivatives = (motion.position, motion.velocity, motion.acceleration)
+        arrays = {
+            name + dots: array[..., j]
+            for j, name in enumerate(self.coordinates)
+            for dots, array in zip(DERIVATIVES, derivatives, strict=True)
+        }
+        return {**arrays, "t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
+
+    def require_linear(self) -> LinearForm:
+        """Return the linear form.
+
+        Raises
+        ------
+        ModelError
+            Naming the term that is not linear.
+        """
+        stiffness, loads = classify(self.terms, self.coordinates)
+        return LinearForm(
+            rows=len(self.texts),
+            coordinates=len(self.coordinates),
+            inputs=len(self.inputs),
+            stiffness=stiffness,
+            input_terms=self.input_terms,
+            load_terms=loads,
+            monomial_values=self.monomial_values,
+            monomials=len(self._monomials),
+        )
+
+    @cached_property
+    def linear(self) -> LinearForm | None:
+        """The linear form, or ``None`` where the equations are not linear in the coordinates."""
+        try:
+            return self.require_linear()
+        except ModelError:
+            return None
+
+
+def build_model(
+    name: str,
+    title: str,
+    source: str,
+    texts: Sequence[str],
+    names: Names,
+    units: Mapping[str, str],
+    parameters: Sequence[Parameter],
+) -> Model:
+    """Expand the equations and return the model.
+
+    Raises
+    ------
+    ModelError
+        With the number of the equation.
+    """
+    equations = split_equations(texts, names)
+    return Model(name, title, source, tuple(texts), names, units, tuple(parameters), equations)
+
+
+def _substituted(
+    products: Sequence[Product], parameters: Sequence[str], fixed: Mapping[str, float]
+) -> tuple[Product, ...]:
+    exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
+    gathered: dict[tuple[int, Monomial, object], Fraction] = {}
+    for product in products:
+        coefficient, monomial = product.coefficient, []
+        for name, power in zip(parameters, product.monomial, strict=True):
+            if name in exact:
+                coefficient *= exact[name] ** power
+            else:
+                monomial.append(power)
+        key = (product.row, tuple(monomial), product.signal)
+        gathered[key] = gathered.get(key, Fraction(0)) + coefficient
+    return tuple(Product(row, m, c, s) for (row, m, s), c in gathered.items() if c != 0)

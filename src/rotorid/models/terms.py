@@ -1,0 +1,158 @@
+"""Equations as sums of products: rational number x parameter monomial x signal."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import sympy as sp
+
+from rotorid.errors import ModelError
+from rotorid.models.expression import RESERVED, Expression, check_evaluable, parse, symbol
+
+Monomial = tuple[int, ...]  # exponent of each parameter
+DERIVATIVES = ("", "'", "''")
+
+
+@dataclass(frozen=True)
+class Names:
+    """The declared names of a model, in order."""
+
+    coordinates: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    @property
+    def all(self) -> frozenset[str]:
+        """Every name that an equation may hold."""
+        motion = (q + dots for q in self.coordinates for dots in DERIVATIVES)
+        return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
+
+
+@dataclass(frozen=True)
+class Product:
+    """``coefficient * monomial(parameters) * signal`` in one equation."""
+
+    row: int
+    monomial: Monomial
+    coefficient: Fraction
+    signal: Expression
+
+
+@dataclass(frozen=True)
+class Equations:
+    """All equations: the sum of `left` in each row equals the sum of `right`.
+
+    `left` holds no input; the signals of `right` are the symbols of the inputs.
+    """
+
+    left: tuple[Product, ...]
+    right: tuple[Product, ...]
+
+
+def split_equations(texts: Sequence[str], names: Names) -> Equations:
+    """Expand equations into products.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        ``left = right``, in the grammar of model files.
+    names : Names
+
+    Returns
+    -------
+    Equations
+        Each row with the sign that makes its first inertia (else its first input) positive.
+
+    Raises
+    ------
+    ModelError
+        With the number of the equation, from 1, as its place.
+
+    Examples
+    --------
+    >>> found = split_equations(["F = m*(x'' + g)"], Names(("x",), ("F",), ("m", "g")))
+    >>> [(p.monomial, str(p.signal)) for p in found.left]
+    [((1, 0), "x''"), ((1, 1), '1')]
+    """
+    left: list[Product] = []
+    right: list[Product] = []
+    for row, text in enumerate(texts):
+        try:
+            products = _products(row, text, names)
+        except ModelError as error:
+            raise error.at(place=f"equation {row + 1}") from None
+        inputs = {symbol(name) for name in names.inputs}
+        forces = [p for p in products if p.signal in inputs]
+        others = [p for p in products if p.signal not in inputs]
+        sign = _orientation(others, forces)
+        left += [_scaled(p, sign) for p in others]
+        right += [_scaled(p, -sign) for p in forces]
+    return Equations(tuple(left), tuple(right))
+
+
+def _products(row: int, text: str, names: Names) -> list[Product]:
+    linear = frozenset([*names.parameters, *names.inputs])
+    value = sp.expand(parse(text, names=names.all, linear=linear, start="equation"))
+    gathered: dict[tuple[Monomial, Expression], Fraction] = defaultdict(Fraction)
+    for term in sp.Add.make_args(value):
+        monomial, signal, coefficient = _factors(term, names)
+        gathered[monomial, signal] += coefficient
+    products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
+    if not any(p.signal.free_symbols or any(p.monomial) for p in products):
+        raise ModelError(
+            f"nothing but numbers in {text[:60]!r}", "an equation of motion", "drop it"
+        )
+    return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
+
+
+def _factors(term: Expression, names: Names) -> tuple[Monomial, Expression, Fraction]:
+    index = {symbol(name): i for i, name in enumerate(names.parameters)}
+    inputs = {symbol(name) for name in names.inputs}
+    exponents = [0] * len(names.parameters)
+    coefficient, signal = Fraction(1), sp.Integer(1)
+    for factor in sp.Mul.make_args(term):
+        base, exponent = factor.as_base_exp()
+        if factor.is_number:
+            coefficient *= _fraction(factor)
+        elif base in index:
+            exponents[index[base]] += int(exponent)
+        else:
+            signal *= factor
+    if (held := signal.free_symbols & inputs) and signal not in inputs:
+        raise ModelError(
+            f"the term {term} with the input {min(map(str, held))}",
+            "inputs that stand alone, times numbers and parameters",
+            "give the product an input of its own",
+        )
+    check_evaluable(signal)
+    return tuple(exponents), signal, coefficient
+
+
+def _fraction(number: Expression) -> Fraction:
+    if number.is_Rational:
+        return Fraction(int(number.p), int(number.q))
+    return Fraction(repr(float(number)))  # pi, sqrt(2), ...
+
+
+def _declaration(monomial: Monomial) -> tuple[int, ...]:
+    """Declaration indices of the factors, each as often as its power: the order of monomials."""
+    return tuple(i for i, power in enumerate(monomial) for _ in range(power))
+
+
+def sort_monomials(monomials: set[Monomial]) -> list[Monomial]:
+    """Sort by the tuple of declaration indices, as `base` names them."""
+    return sorted(monomials, key=_declaration)
+
+
+def _orientation(others: list[Product], forces: list[Product]) -> int:
+    inertia = [p for p in others if any(str(s).endswith("''") for s in p.signal.free_symbols)]
+    if inertia:
+        return 1 if inertia[0].coefficient > 0 else -1
+    return 1 if not forces or forces[0].coefficient < 0 else -1
+
+
+def _scaled(product: Product, sign: int) -> Product:
+    return Product(product.row, product.monomial, sign * product.coefficient, product.signal)

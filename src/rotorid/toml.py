@@ -1,0 +1,147 @@
+"""TOML files checked against a schema; every fault is one line with file and key."""
+
+from __future__ import annotations
+
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rotorid.errors import InputError, ReadError
+
+MAX_BYTES = 1_000_000
+S = TypeVar("S", bound="Schema")
+
+
+class Schema(BaseModel):
+    """A table of a TOML file: no key but the declared ones."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def read_toml(path: str | Path, schema: type[S]) -> S:
+    """Read a TOML file into a schema.
+
+    Parameters
+    ----------
+    path : str or Path
+    schema : type
+        A subclass of `Schema`.
+
+    Returns
+    -------
+    Schema
+
+    Raises
+    ------
+    ReadError
+        For a file that is missing, too large, no TOML, or that does not fit the schema.
+    """
+    file = str(path)
+    try:
+        with Path(path).open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ReadError(
+            f"{error.strerror or error}", "a readable TOML file", "check the path", file=file
+        ) from None
+    if len(data) > MAX_BYTES:
+        raise ReadError(
+            f"more than {MAX_BYTES // 1000} kB",
+            "a TOML file written by hand",
+            "check that this is the right file",
+            file=file,
+        )
+    return parse_toml(data, schema, file=file)
+
+
+def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
+    """Parse TOML text into a schema.
+
+    Raises
+    ------
+    ReadError
+        As `read_toml`.
+    """
+    try:
+        table = tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise ReadError(
+            f"byte {error.start} that is no UTF-8", "TOML text", "save it as UTF-8", file=file
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        message, _, place = str(error).partition(" (at ")
+        raise ReadError(
+            f"{message.rstrip('.')}",
+            "TOML",
+            "correct the syntax there",
+            file=file,
+            place=place.rstrip(")"),
+        ) from None
+    except RecursionError:
+        raise ReadError(
+            "nesting too deep", "TOML of a few levels", "flatten it", file=file
+        ) from None
+    except ValueError as error:  # an integer of more digits than Python converts
+        raise ReadError(f"{error}", "TOML", "correct the value", file=file) from None
+    try:
+        return schema.model_validate(table)
+    except ValidationError as error:
+        raise _first_fault(error, schema, file) from None
+    except RecursionError:
+        raise ReadError(
+            "nesting too deep", "TOML of a few levels", "flatten it", file=file
+        ) from None
+
+
+def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:
+    """Turn the first fault that pydantic found into one line."""
+    faults = error.errors(include_url=False)
+    fault = faults[0]
+    inner = fault.get("ctx", {}).get("error")
+    place = ".".join(str(part) for part in fault["loc"])
+    if isinstance(inner, InputError):
+        return inner.at(file=file, place=place)
+    if fault["type"] == "extra_forbidden":
+        known = _known_keys(schema, fault["loc"][:-1])
+        near = get_close_matches(str(fault["loc"][-1]), known, n=1)
+        return ReadError(
+            f"the unknown key {str(fault['loc'][-1])[:60]!r}",
+            f"one of {', '.join(known)}" if known else "a known key",
+            f"did you mean {near[0]}?" if near else "remove it or correct its spelling",
+            file=file,
+            place=place[:200],
+        )
+    if fault["type"] == "missing":
+        return ReadError("no such key", "a value", "add it", file=file, place=place)
+    found = repr(fault["input"])
+    return ReadError(
+        found if len(found) <= 60 else found[:57] + "...",
+        fault["msg"][0].lower() + fault["msg"][1:],
+        "correct the value",
+        file=file,
+        place=place,
+    )
+
+
+def _known_keys(schema: type[Schema], location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys that the table at a location may hold."""
+    inner: type[Schema] | None = schema
+    for part in location:
+        inner = _inner_schema(inner, part)
+    return [] if inner is None else [f.alias or name for name, f in inner.model_fields.items()]
+
+
+def _inner_schema(schema: type[Schema] | None, part: int | str) -> type[Schema] | None:
+    if schema is None or isinstance(part, int) or part not in schema.model_fields:
+        return schema  # an index of a list, or a key of a mapping: the schema of its members
+    found = _schemas_in(schema.model_fields[part].annotation)
+    return found[0] if len(found) == 1 else None
+
+
+def _schemas_in(annotation: Any) -> list[type[Schema]]:
+    if isinstance(annotation, type) and issubclass(annotation, Schema):
+        return [annotation]
+    return [s for inner in getattr(annotation, "__args__", ()) for s in _schemas_in(inner)]
