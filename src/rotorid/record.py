@@ -245,7 +245,7 @@ class PeriodicRecord:
 
     @property
     def multiplicity(self) -> Floats:
-        """c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
+        """Weight c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
         single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
         return np.where(single, 1.0, 2.0)
 

@@ -177,7 +177,7 @@ def _check_names(names: Names) -> None:
 def _check_use(model: Model) -> None:
     used = {str(s) for t in model.terms for s in t.signal.free_symbols}
     used |= {model.inputs[t.input] for t in model.input_terms}
-    powers = model.monomials.any(axis=0)
+    powers = model.monomials.any(axis=0).tolist()
     used |= {n for n, u in zip(model.parameter_names, powers, strict=True) if u}
     for name in _declared(model):
         if not {name, name + "'", name + "''"} & used:

@@ -138,7 +138,7 @@ def _fraction(number: Expression) -> Fraction:
 
 
 def _declaration(monomial: Monomial) -> tuple[int, ...]:
-    """Declaration indices of the factors, each as often as its power: the order of monomials."""
+    """Return the index of each factor, as often as its power: the order of monomials."""
     return tuple(i for i, power in enumerate(monomial) for _ in range(power))
 
 
