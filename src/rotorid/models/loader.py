@@ -114,7 +114,7 @@ def _build(entry: _ModelFile, name: str, file: str) -> Model:
     try:
         _check_names(names)
         units = {
-            key: _coherent(unit, place=f"{table}.{key}")
+            key: check_unit(unit, place=f"{table}.{key}")
             for table, rows in (("coordinates", entry.coordinates), ("inputs", entry.inputs))
             for key, unit in rows.items()
         }
@@ -126,10 +126,6 @@ def _build(entry: _ModelFile, name: str, file: str) -> Model:
     except InputError as error:
         raise error.at(file=file) from None
     return model
-
-
-def _coherent(unit: str, place: str) -> str:
-    return check_unit(unit, place=place)
 
 
 def _parameter(name: str, entry: _ParameterEntry) -> Parameter:
@@ -177,8 +173,7 @@ def _check_names(names: Names) -> None:
 def _check_use(model: Model) -> None:
     used = {str(s) for t in model.terms for s in t.signal.free_symbols}
     used |= {model.inputs[t.input] for t in model.input_terms}
-    powers = model.monomials.any(axis=0).tolist()
-    used |= {n for n, u in zip(model.parameter_names, powers, strict=True) if u}
+    used |= {model.parameter_names[i] for i in model.monomials.any(axis=0).nonzero()[0]}
     for name in _declared(model):
         if not {name, name + "'", name + "''"} & used:
             raise ModelError(

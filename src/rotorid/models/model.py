@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, gather_base
-from rotorid.models.expression import evaluate, symbol
+from rotorid.models.expression import Expression, evaluate, symbol
 from rotorid.models.linear import InputTerm, LinearForm, Term, classify
 from rotorid.models.terms import (
     DERIVATIVES,
@@ -235,44 +235,39 @@ class Model:
             matrix[term.row, term.input] += term.coefficient
         return matrix
 
-    def regressor(self, motion: Motion) -> tuple[Floats, Floats]:
-        """Evaluate the left sides: ``Phi @ base + known``.
-
-        Returns
-        -------
-        Phi : array, shape (..., sample, row, base)
-        known : array, shape (..., sample, row)
-            Terms without parameters.
-        """
-        arrays = self._arrays(motion)
-        shape = np.broadcast_shapes(motion.position.shape[:-1], motion.angle.shape)
-        phi = np.zeros((*shape, len(self.texts), len(self.base.names)))
-        known = np.zeros((*shape, len(self.texts)))
-        columns = {monomial: base for base, monomial in enumerate(self.base.kept)}
-        for signal, terms in self._terms_by_signal.items():
-            value = evaluate(signal, arrays)
-            for term in terms:
-                if not self.monomials[term.monomial].any():
-                    known[..., term.row] += term.coefficient * value
-                elif term.monomial in columns:
-                    phi[..., term.row, columns[term.monomial]] += term.coefficient * value
-        return phi, known
+    @cached_property
+    def signals(self) -> tuple[Expression, ...]:
+        """The different signals of the left sides."""
+        return tuple(dict.fromkeys(term.signal for term in self.terms))
 
     @cached_property
-    def _terms_by_signal(self) -> dict[object, list[Term]]:
-        grouped: dict[object, list[Term]] = {}
-        for term in self.terms:
-            grouped.setdefault(term.signal, []).append(term)
-        return grouped
+    def coefficients(self) -> tuple[Floats, Floats]:
+        """What multiplies each signal: the left sides are ``s @ (coefficients @ base + known)``.
 
-    def _arrays(self, motion: Motion) -> dict[str, Floats]:
+        Shapes (signal, row, base) and (signal, row).
+        """
+        signals = {signal: i for i, signal in enumerate(self.signals)}
+        columns = {monomial: base for base, monomial in enumerate(self.base.kept)}
+        coefficients = np.zeros((len(signals), len(self.texts), len(columns)))
+        known = np.zeros(coefficients.shape[:2])
+        for term in self.terms:
+            if term.monomial in columns:
+                index = (signals[term.signal], term.row, columns[term.monomial])
+                coefficients[index] += term.coefficient
+            elif not self.monomials[term.monomial].any():
+                known[signals[term.signal], term.row] += term.coefficient
+        return coefficients, known
+
+    def signal_values(self, motion: Motion) -> list[Floats]:
+        """Evaluate the signals; each has the axes (..., sample) that it depends on, or none."""
         derivatives = (motion.position, motion.velocity, motion.acceleration)
         arrays = {
             name + dots: array[..., j]
             for j, name in enumerate(self.coordinates)
             for dots, array in zip(DERIVATIVES, derivatives, strict=True)
         }
-        return {**arrays, "t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
+        arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
+        return [evaluate(signal, arrays) for signal in self.signals]
 
     def require_linear(self) -> LinearForm:
         """Return the linear form.

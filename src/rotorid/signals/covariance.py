@@ -1,0 +1,169 @@
+"""Covariance of mean lines, from their scatter between periods or from neighbouring lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.record import Complexes
+
+Kind = Literal["white", "correlated"]
+
+
+@dataclass(frozen=True)
+class LineCovariance:
+    """Covariance of the mean over periods of each line.
+
+    Parameters
+    ----------
+    matrices : complex array, shape (line, channel, channel)
+        ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels kept.
+    dof : int
+        Complex degrees of freedom of the estimate.
+    kind : {"white", "correlated"}
+        Which of the two formulas gave it.
+    """
+
+    matrices: Complexes
+    dof: int
+    kind: Kind
+
+
+def white_covariance(spectra: Complexes) -> LineCovariance:
+    """Covariance of the mean from the scatter between periods.
+
+    ``C_k = sum_p (z_kp - z_k)(z_kp - z_k)^H / (P (P - 1))``, right where the noise of one period
+    is independent of that of the next.
+
+    Parameters
+    ----------
+    spectra : complex array, shape (period, line, channel)
+
+    Returns
+    -------
+    LineCovariance
+        With P - 1 degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        For fewer than two periods.
+
+    Examples
+    --------
+    >>> white_covariance(np.array([1.0, 3.0]).reshape(2, 1, 1) + 0j).matrices.real
+    array([[[1.]]])
+    """
+    periods = _periods(spectra, 2)
+    scatter = np.moveaxis(spectra - spectra.mean(axis=0), 0, -1)
+    matrices = scatter @ scatter.conj().swapaxes(-1, -2) / (periods * (periods - 1))
+    return LineCovariance(matrices, periods - 1, "white")
+
+
+def correlated_covariance(spectra: Complexes, neighbours: int | None = None) -> LineCovariance:
+    """Covariance of the mean from the lines of the whole record beside each kept line.
+
+    With ``G_kj = sum_p z_kp exp(-2 pi i j p / P)``, the line j record lines away,
+    ``C_k = sum_{0 < |j| <= m} G_kj G_kj^H / (2 m P^2)``. Right where the noise carries over from
+    period to period, as true random motion in closed loop does: there the scatter between periods
+    holds a term that cancels in the mean.
+
+    Parameters
+    ----------
+    spectra : complex array, shape (period, line, channel)
+    neighbours : int, optional
+        m; a twelfth of the periods where it is not given.
+
+    Returns
+    -------
+    LineCovariance
+        With 2 m degrees of freedom (P - 1 where m is half the periods).
+
+    Raises
+    ------
+    InputError
+        For too few periods.
+    """
+    periods = _periods(spectra, 2)
+    m = max(1, round(periods / 12)) if neighbours is None else neighbours
+    offsets = [j % periods for j in (*range(-m, 0), *range(1, m + 1))]
+    distinct = sorted(set(offsets) - {0})
+    if m < 1 or 2 * m > periods:
+        raise InputError(
+            f"{m} neighbouring lines", f"1 to {periods // 2}", "take fewer or record longer"
+        )
+    record_lines = np.moveaxis(np.fft.fft(spectra, axis=0)[distinct], 0, -1)
+    matrices = record_lines @ record_lines.conj().swapaxes(-1, -2) / (len(distinct) * periods**2)
+    return LineCovariance(matrices, len(distinct), "correlated")
+
+
+def lag_one_correlation(residual: Complexes) -> float:
+    """Return the correlation of the residual of one period with that of the next.
+
+    Each line and row counts alike; the mean over periods is taken out.
+
+    Parameters
+    ----------
+    residual : complex array, shape (period, line, row)
+
+    Returns
+    -------
+    float
+        About -1/P for independent periods; 0 where there is no scatter.
+    """
+    scatter = residual - residual.mean(axis=0)
+    power = (np.abs(scatter) ** 2).sum(axis=0)
+    # Rounding leaves a scatter of its own where there is no noise.
+    noisy = power > 1e-24 * (np.abs(residual) ** 2).sum(axis=0)
+    if not noisy.any():
+        return 0.0
+    lagged = (scatter[1:] * scatter[:-1].conj()).real.sum(axis=0)
+    return float((lagged[noisy] / power[noisy]).mean())
+
+
+def is_correlated(residual: Complexes) -> bool:
+    """Tell whether periods depend on one another: the rule that chooses the covariance.
+
+    True where the lag-one correlation of the residual is more than three of its standard
+    deviations, ``1 / sqrt(2 P lines)``, away from the -1/P of independent periods.
+
+    Parameters
+    ----------
+    residual : complex array, shape (period, line, row)
+    """
+    periods, lines = residual.shape[:2]
+    if periods < 8:
+        return False
+    distance = abs(lag_one_correlation(residual) + 1 / periods)
+    return bool(distance > 3 / np.sqrt(2 * periods * lines))
+
+
+def choose_covariance(spectra: Complexes, residual: Complexes) -> LineCovariance:
+    """Return the covariance of mean lines by the formula that their residual asks for.
+
+    Parameters
+    ----------
+    spectra : complex array, shape (period, line, channel)
+    residual : complex array, shape (period, line, row)
+        Of the equations of motion, period by period.
+
+    Returns
+    -------
+    LineCovariance
+
+    Raises
+    ------
+    InputError
+        For fewer than two periods.
+    """
+    return correlated_covariance(spectra) if is_correlated(residual) else white_covariance(spectra)
+
+
+def _periods(spectra: Complexes, least: int) -> int:
+    periods = int(spectra.shape[0])
+    if periods < least:
+        raise InputError(f"{periods} periods", f"{least} or more", "record longer")
+    return periods
