@@ -17,6 +17,7 @@ MAX_LINES = 400
 FORBIDDEN = {
     "errors": {"*"},
     "units": {"*", "!errors"},
+    "toml": {"*", "!errors"},
     "record": {"*", "!errors"},
     "estimate": {"*", "!errors", "!record"},
     "signals": {"models", "estimators", "simulation", "io", "experiment", "report", "cli"},
