@@ -1,0 +1,111 @@
+"""Force laws against closed forms, differences and Monte Carlo."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rotorid.actuators import MU0, CurrentLaw, Differential, Flux, Linear, with_std
+from rotorid.errors import InputError
+
+MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
+
+
+def test_linear_is_what_it_says() -> None:
+    law = Linear(ki=120.0, ks=2e5)
+    np.testing.assert_allclose(law.force([0.0, 1.0], [1e-4, 0.0]), [20.0, 120.0])
+    assert law.linearize(1.0, 1e-5) is law
+
+
+def test_slopes_at_the_origin_are_the_closed_forms() -> None:
+    slope, c = MAGNET.linearize(), np.cos(MAGNET.angle)
+    assert slope.ki == pytest.approx(4 * 1.2e-5 * 2.5 / 4e-4**2 * c, rel=1e-14)
+    assert slope.ks == pytest.approx(4 * 1.2e-5 * 2.5**2 / 4e-4**3 * c**2, rel=1e-14)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-3e-4, 3e-4))
+def test_slopes_are_the_derivatives_of_the_force(current: float, position: float) -> None:
+    slope = MAGNET.linearize(current, position)
+    di, dx = 1e-5, 1e-9
+    by_current = MAGNET.force(current + di, position) - MAGNET.force(current - di, position)
+    by_position = MAGNET.force(current, position + dx) - MAGNET.force(current, position - dx)
+    assert by_current / (2 * di) == pytest.approx(slope.ki, rel=1e-6)
+    assert by_position / (2 * dx) == pytest.approx(slope.ks, rel=1e-5)
+
+
+@given(st.floats(-2.4, 2.4), st.floats(-3.9e-4, 3.9e-4))
+def test_opposed_magnets_are_odd(current: float, position: float) -> None:
+    """Turned around, the pair pulls the other way."""
+    ahead, behind = MAGNET.force(current, position), MAGNET.force(-current, -position)
+    assert ahead == pytest.approx(-behind, rel=1e-12)
+
+
+def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
+    law = Differential.from_geometry(area=2e-4, turns=100, bias=2.0, gap=5e-4)
+    flux = MU0 * 100 * 2.0 / (2 * 5e-4)
+    assert law.force(0.0, 0.0) == 0.0
+    single = law.constant * (2.0 / 5e-4) ** 2
+    assert single == pytest.approx(2 * 2e-4 * flux**2 / (2 * MU0), rel=1e-12)
+
+
+def test_flux_and_current_laws_agree() -> None:
+    rng = np.random.default_rng(1)
+    current, position = rng.uniform(-2, 2, 50), rng.uniform(-3e-4, 3e-4, 50)
+    law = Flux(area=2e-4, poles=2, angle=MAGNET.angle)
+    densities = law.densities(MAGNET, current, position)
+    np.testing.assert_allclose(
+        law.force(*densities), MAGNET.force(current, position), rtol=1e-12, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize(
+    ("law", "at"),
+    [
+        (Linear(120.0, 2e5, ki_std=2.4, ks_std=1e4), (0.7, 1e-4)),
+        (with_std(MAGNET, constant=1e-7, bias=0.01, gap=4e-6, angle=0.01), (0.7, 1e-4)),
+        (Flux(2e-4, 2, 0.3, area_std=2e-6, angle_std=0.01), (0.9, 0.4)),
+    ],
+)
+def test_deviation_of_the_force_is_that_of_drawn_constants(law, at) -> None:
+    rng = np.random.default_rng(2)
+    names = [n for n in law.__dataclass_fields__ if f"{n}_std" in law.__dataclass_fields__]
+    forces = []
+    for _ in range(4000):
+        drawn = {n: getattr(law, n) + getattr(law, f"{n}_std") * rng.normal() for n in names}
+        forces.append(type(law)(**{**vars(law), **drawn}).force(*at))
+    assert law.force_std(*at) == pytest.approx(np.std(forces), rel=0.05)
+
+
+def test_deviation_of_the_slopes() -> None:
+    law = with_std(MAGNET, gap=4e-6)
+    slope = law.linearize()
+    assert slope.ki_std == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
+    assert slope.ks_std == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
+
+
+def test_laws_of_currents_share_one_interface() -> None:
+    assert isinstance(MAGNET, CurrentLaw)
+    assert isinstance(Linear(1.0), CurrentLaw)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Differential(1e-5, 2.0, 0.0), r"gap: found gap = 0.0; expected more than 0 m"),
+        (lambda: Differential(1e-5, -2.0, 4e-4), r"bias = -2.0; expected more than 0 A"),
+        (lambda: Differential(1e-5, 2.0, np.nan), r"gap = nan"),
+        (lambda: Differential(1e-5, 2.0, 4e-4, angle=2.0), r"less than 90 degrees"),
+        (lambda: Differential.from_geometry(0.0, 100, 2.0, 4e-4), r"area = 0.0"),
+        (lambda: Linear(0.0), r"ki = 0.0; expected not zero"),
+        (lambda: Linear(1.0, ks_std=-1.0), r"ks_std = -1.0"),
+        (lambda: Flux(0.0), r"area = 0.0"),
+        (lambda: Flux(1e-4, poles=0), r"poles = 0"),
+        (lambda: MAGNET.force([0.0, 2.6], 0.0), r"current 2.6 A at sample 1, 1 such in all; "),
+        (lambda: MAGNET.force(0.0, 5e-4), r"position 0.0005 m, .* less than the gap"),
+        (lambda: MAGNET.force(np.nan, 0.0), r"current nan A"),
+        (lambda: with_std(MAGNET, gaps=1.0), r"'gaps'; expected one of constant, bias, gap"),
+    ],
+)
+def test_bad_constants_and_states_are_refused(build, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        build()
