@@ -20,6 +20,25 @@ Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
+class Drive:
+    """Says that an input's channel holds the current of a bearing: F = ki i + ks x.
+
+    Parameters
+    ----------
+    ki : float
+        N/A.
+    ks : float
+        N/m; positive destabilizes.
+    position : mapping of str to float
+        x, the displacement in the bearing, as ``{coordinate: coefficient}``.
+    """
+
+    ki: float
+    ks: float = 0.0
+    position: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Channel:
     """One measured quantity.
 
@@ -39,6 +58,8 @@ class Channel:
     delay_std, gain_std : float
         Standard deviations with which the delay (s) and the gain (relative) are known; 0 means
         exactly.
+    drive : Drive, optional
+        The channel holds a current, not the input itself. Maximum likelihood only.
     """
 
     name: str
@@ -48,6 +69,7 @@ class Channel:
     delay: float = 0.0
     delay_std: float = 0.0
     gain_std: float = 0.0
+    drive: Drive | None = None
 
     @property
     def combination(self) -> Mapping[str, float]:
