@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,7 @@ from rotorid.errors import ReadError
 from rotorid.record import Floats
 
 SCHEMA = "rotorid-estimate/1"
+HEADINGS = ("name", "value", "std", "std %", "unit")
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
 
@@ -90,6 +92,12 @@ class Estimate:
     >>> estimate = Estimate("one", "ls", "ok", (mass,), covariance=np.array([[1e-4]]))
     >>> estimate.value("m"), estimate.std("m")
     (2.0, 0.01)
+    >>> print(estimate)
+    one, ls: ok
+    <BLANKLINE>
+    parameters  value    std  std %  unit
+    m           2.000  0.010    0.5  kg
+    <BLANKLINE>
     """
 
     model: str
@@ -141,6 +149,61 @@ class Estimate:
         scale = np.where(deviation > 0, deviation, 1.0)
         return self.covariance / np.outer(scale, scale)
 
+    @property
+    def tables(self) -> dict[str, list[tuple[str, ...]]]:
+        """Rows of text under `HEADINGS` of the parameters, nuisance and derived quantities."""
+        parts = {
+            "parameters": self.parameters,
+            "nuisance": self.nuisance,
+            "derived": self.derived,
+        }
+        return {title: [_row(v) for v in values] for title, values in parts.items() if values}
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on the fit, the data and the warnings, in text."""
+        notes = []
+        if self.misfit is not None:
+            m = self.misfit
+            notes.append(
+                f"cost {m.cost:.4g} where {m.expected:.4g} is expected "
+                f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
+            )
+        errors = {n: "zero" if p is None else _percent(p) for n, p in self.prediction.items()}
+        if errors:
+            shown = ", ".join(f"{name} {error}" for name, error in errors.items())
+            notes.append(f"relative error of the prediction: {shown}")
+        if self.suspects:
+            found = ", ".join(f"{s.term} ({s.drop:.3g})" for s in self.suspects[:5])
+            notes.append(f"first suspects (drop of the cost): {found}")
+        if self.lines_hz:
+            low, high = min(self.lines_hz), max(self.lines_hz)
+            notes.append(
+                f"{self.periods} periods, {len(self.lines_hz)} lines from {low:g} to {high:g} Hz"
+            )
+        if self.condition_number is not None:
+            notes.append(f"condition number {self.condition_number:.4g}")
+        return [*notes, *(f"warning: {warning}" for warning in self.warnings)]
+
+    def __str__(self) -> str:
+        lines = [f"{self.model}, {self.method}: {self.status}"]
+        for title, rows in self.tables.items():
+            table = [(title, *HEADINGS[1:]), *rows]
+            widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+            lines += ["", *(_aligned(row, widths) for row in table)]
+        return "\n".join([*lines, "", *self.notes])
+
+    def _repr_html_(self) -> str:
+        """Return the tables for a notebook."""
+        html = [f"<p><b>{escape(f'{self.model}, {self.method}: {self.status}')}</b></p>"]
+        for title, rows in self.tables.items():
+            cells = [f"<th>{escape(text)}</th>" for text in (title, *HEADINGS[1:])]
+            html += ["<table><tr>", *cells, "</tr>"]
+            for row in rows:
+                html += ["<tr>", *(f"<td>{escape(text)}</td>" for text in row), "</tr>"]
+            html.append("</table>")
+        return "".join([*html, *(f"<p>{escape(note)}</p>" for note in self.notes)])
+
     def with_(self, **changes: Any) -> Estimate:
         """Return a copy with some fields replaced."""
         return replace(self, **changes)
@@ -167,6 +230,34 @@ class Estimate:
         """
         text = json.dumps(_finite(self.to_dict()), indent=2, allow_nan=False)
         Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def _row(value: Value) -> tuple[str, ...]:
+    """Return name, value, deviation, deviation in percent and unit, with two digits of noise."""
+    unit = "" if value.unit == "1" else value.unit
+    if value.fixed or value.std is None or not value.std > 0:
+        std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:.2g}"
+        return value.name, f"{value.value:.6g}", std, "", unit
+    digits = 6
+    if value.value != 0 and np.isfinite([value.value, value.std]).all():
+        digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
+    number = f"{value.value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
+    percent = f"{100 * value.std / abs(value.value):.2g}" if value.value else ""
+    return value.name, number, f"{value.std:.2g}", percent, unit
+
+
+def _percent(prediction: Prediction) -> str:
+    return f"{100 * prediction.relative_error:.3g} %"
+
+
+def _aligned(row: Sequence[str], widths: Sequence[int]) -> str:
+    """Return a line: names and units to the left, numbers to the right."""
+    last = len(row) - 1
+    cells = [
+        text.ljust(width) if i in (0, last) else text.rjust(width)
+        for i, (text, width) in enumerate(zip(row, widths, strict=True))
+    ]
+    return "  ".join(cells).rstrip()
 
 
 def _finite(data: Any) -> Any:
