@@ -3,3 +3,44 @@
 from importlib.metadata import version as _version
 
 __version__ = _version("rotorid")
+
+from rotorid.errors import (
+    InputError,
+    ModelError,
+    NotConvergedError,
+    NotIdentifiableError,
+    ReadError,
+)
+from rotorid.estimate import Estimate, load_estimate
+from rotorid.estimators import Batch, Constraint, Estimator, LeastSquares, Sequential
+from rotorid.identify import identify
+from rotorid.models import Model, load_model, parse_model, shipped_models
+from rotorid.record import Channel, PeriodicRecord, Record
+from rotorid.signals import average
+from rotorid.simulation import simulate, steady_state
+
+__all__ = [
+    "Batch",
+    "Channel",
+    "Constraint",
+    "Estimate",
+    "Estimator",
+    "InputError",
+    "LeastSquares",
+    "Model",
+    "ModelError",
+    "NotConvergedError",
+    "NotIdentifiableError",
+    "PeriodicRecord",
+    "ReadError",
+    "Record",
+    "Sequential",
+    "average",
+    "identify",
+    "load_estimate",
+    "load_model",
+    "parse_model",
+    "shipped_models",
+    "simulate",
+    "steady_state",
+]

@@ -1,1 +1,22 @@
-"""Estimators, one per file."""
+"""Estimators, one per file; each is a value with one method, `estimate(model, records)`."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from rotorid.estimate import Estimate
+from rotorid.estimators.batch import Batch
+from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.least_squares import LeastSquares
+from rotorid.estimators.sequential import Sequential
+from rotorid.models import Model
+from rotorid.record import PeriodicRecord
+
+__all__ = ["Batch", "Constraint", "Estimator", "LeastSquares", "Sequential"]
+
+
+class Estimator(Protocol):
+    """What `rotorid.identify` needs: one method."""
+
+    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+        """Return what the records say of the model's parameters."""
+        ...

@@ -180,6 +180,34 @@ class LinearForm:
         return columns
 
 
+def motion_factor(
+    signal: Expression, coordinates: Sequence[str]
+) -> tuple[int, int, Expression] | None:
+    """Split a signal into a coordinate's derivative and a factor that holds Omega at the most.
+
+    Parameters
+    ----------
+    signal : expression
+    coordinates : sequence of str
+
+    Returns
+    -------
+    (column, order, factor) or None
+        ``None`` where the signal is anything else.
+
+    Examples
+    --------
+    >>> motion_factor(symbol("Omega") * symbol("x'"), ["x"])
+    (0, 1, Omega)
+    """
+    for column, name in enumerate(coordinates):
+        for order, dots in enumerate(DERIVATIVES):
+            factor = signal / symbol(name + dots)
+            if factor.free_symbols <= {symbol("Omega")}:
+                return column, order, factor
+    return None
+
+
 def classify(
     terms: Sequence[Term], coordinates: Sequence[str]
 ) -> tuple[tuple[StiffnessTerm, ...], tuple[Term, ...]]:
@@ -190,27 +218,21 @@ def classify(
     ModelError
         Naming the first term that is not linear in the coordinates with constant coefficients.
     """
-    motion = {
-        symbol(name + dots): (column, order)
-        for column, name in enumerate(coordinates)
-        for order, dots in enumerate(DERIVATIVES)
-    }
+    motion = {symbol(name + dots) for name in coordinates for dots in DERIVATIVES}
     stiffness, loads = [], []
     for term in terms:
-        held = term.signal.free_symbols & motion.keys()
-        if not held:
+        if not term.signal.free_symbols & motion:
             loads.append(Term(term.row, term.monomial, -term.coefficient, term.signal))
             continue
-        atom = min(held, key=str)
-        factor = term.signal / atom
-        if not factor.free_symbols <= {symbol("Omega")}:
+        found = motion_factor(term.signal, coordinates)
+        if found is None:
             raise ModelError(
                 f"the term {term.signal}",
                 "equations linear in the coordinates with constant coefficients",
                 "use ls, batch or sequential, which need no linearity",
                 place=f"equation {term.row + 1}",
             )
-        column, order = motion[atom]
+        column, order, factor = found
         stiffness.append(
             StiffnessTerm(term.row, column, order, term.monomial, term.coefficient, factor)
         )

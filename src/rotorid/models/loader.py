@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 from pydantic import Field
 
 from rotorid.errors import InputError, ModelError, ReadError
@@ -173,7 +174,7 @@ def _check_names(names: Names) -> None:
 def _check_use(model: Model) -> None:
     used = {str(s) for t in model.terms for s in t.signal.free_symbols}
     used |= {model.inputs[t.input] for t in model.input_terms}
-    used |= {model.parameter_names[i] for i in model.monomials.any(axis=0).nonzero()[0]}
+    used |= {model.parameter_names[i] for i in np.flatnonzero(model.monomials.any(axis=0))}
     for name in _declared(model):
         if not {name, name + "'", name + "''"} & used:
             raise ModelError(

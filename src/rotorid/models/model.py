@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, gather_base
-from rotorid.models.expression import Expression, evaluate, symbol
-from rotorid.models.linear import InputTerm, LinearForm, Term, classify
+from rotorid.models.expression import RESERVED, Expression, evaluate, symbol
+from rotorid.models.linear import InputTerm, LinearForm, Term, classify, motion_factor
 from rotorid.models.terms import (
     DERIVATIVES,
     Equations,
@@ -258,8 +258,17 @@ class Model:
                 known[signals[term.signal], term.row] += term.coefficient
         return coefficients, known
 
-    def signal_values(self, motion: Motion) -> list[Floats]:
-        """Evaluate the signals; each has the axes (..., sample) that it depends on, or none."""
+    @cached_property
+    def motion_factors(self) -> tuple[tuple[int, int, Expression] | None, ...]:
+        """Which signals are a derivative of one coordinate; see `motion_factor`."""
+        return tuple(motion_factor(signal, self.coordinates) for signal in self.signals)
+
+    def moves(self, index: int) -> bool:
+        """Tell whether a signal depends on the motion, not on t, phi and Omega alone."""
+        return not self.signals[index].free_symbols <= {symbol(name) for name in RESERVED}
+
+    def signal_value(self, index: int, motion: Motion) -> Floats:
+        """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
         derivatives = (motion.position, motion.velocity, motion.acceleration)
         arrays = {
             name + dots: array[..., j]
@@ -267,7 +276,7 @@ class Model:
             for dots, array in zip(DERIVATIVES, derivatives, strict=True)
         }
         arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
-        return [evaluate(signal, arrays) for signal in self.signals]
+        return evaluate(self.signals[index], arrays)
 
     def require_linear(self) -> LinearForm:
         """Return the linear form.

@@ -160,7 +160,7 @@ def _first_sample(record: Record, skip: float) -> int:
 
 
 def _check_nyquist(record: Record, size: int, lines: Integers) -> None:
-    """The phase of the Nyquist line is not in the samples, so it cannot be corrected."""
+    """Refuse to correct the Nyquist line, whose phase is not in the samples."""
     corrected = [c.name for c in record.channels if c.hold or c.delay or c.delay_std]
     if corrected and 2 * lines[-1] == size:
         raise _error(

@@ -26,9 +26,8 @@ def line_spectra(samples: ArrayLike, harmonics: ArrayLike) -> Complexes:
 
     Examples
     --------
-    >>> line_spectra(np.cos(np.pi * np.arange(4) / 2)[:, None], [0, 1]).real.round(12)
-    array([[0. ],
-           [0.5]])
+    >>> line_spectra(np.cos(np.pi * np.arange(4) / 2)[:, None], [1]).real.round(12)
+    array([[0.5]])
     """
     spectrum = np.fft.rfft(np.asarray(samples, dtype=float), axis=-2, norm="forward")
     return np.asarray(spectrum[..., np.asarray(harmonics), :])
@@ -91,7 +90,7 @@ def differentiate(
     factor = (1j * omega) ** order
     if order % 2:
         factor = np.where(2 * harmonics == samples, 0, factor)
-    return np.asarray(lines) * factor[:, None]
+    return np.asarray(np.asarray(lines) * factor[:, None])
 
 
 def transfer_of_recording(
@@ -120,4 +119,4 @@ def transfer_of_recording(
         np.exp(2j * np.pi * frequency * channel.delay) * (hold if channel.hold else 1.0)
         for channel in channels
     ]
-    return np.stack(columns, axis=-1)
+    return np.asarray(np.stack(columns, axis=-1))

@@ -1,0 +1,72 @@
+"""Batch processing: forces weighted by their variance, rows without actuator by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators.family import LinearEstimator, force_variance, pose
+from rotorid.estimators.regression import Regression
+from rotorid.estimators.weighted import Block, solve
+from rotorid.models import Model
+from rotorid.record import Floats, PeriodicRecord
+
+
+@dataclass(frozen=True)
+class Batch(LinearEstimator):
+    """``min (F theta - b)' Sigma^-1 (F theta - b)``, Sigma diagonal, all rows at once.
+
+    A row with a measured force has that force's variance at each sample; a row without has
+    `free_weight` times the largest of them. The seed calls the factor k and alpha. A large one
+    takes bias away and adds variance.
+
+    Parameters
+    ----------
+    free_weight : float
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+
+    References
+    ----------
+    Levy and Arogeti, equations (3), (4), (8) and (9). What (9) calls sigma is a variance.
+
+    Examples
+    --------
+    >>> Batch(free_weight=10.0).free_weight
+    10.0
+    """
+
+    free_weight: float = 100.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.free_weight) and self.free_weight > 0):
+            raise InputError(
+                f"free_weight {self.free_weight}", "a positive number", "take 100, as the seed does"
+            )
+
+    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        problem = pose(model, records, self.fixed, self.constraints)
+        blocks = [
+            Block(r.record, *problem.free_equations(r), self._variance(r))
+            for r in problem.regressions
+        ]
+        return problem.summarize("batch", solve(blocks))
+
+    def _variance(self, regression: Regression) -> Floats:
+        variance = force_variance(regression)
+        largest = variance.max(axis=1, keepdims=True)
+        free = ~regression.model.input_matrix.any(axis=1)
+        return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)

@@ -1,0 +1,144 @@
+"""Quantities that follow from an estimate, by the delta method and minimum distance."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from rotorid.estimate import Value
+from rotorid.models import Model
+from rotorid.record import Floats
+
+
+def base_from_physical(model: Model, values: Floats, covariance: Floats) -> tuple[Value, ...]:
+    """Return the base parameters that follow from physical ones.
+
+    Parameters
+    ----------
+    model : Model
+    values : array, shape (parameter,)
+    covariance : array, shape (parameter, parameter)
+
+    Returns
+    -------
+    tuple of Value
+        With deviations by the delta method.
+    """
+    jacobian = model.base_jacobian(values)
+    std = np.sqrt(np.einsum("bi,ij,bj->b", jacobian, covariance, jacobian).clip(0))
+    found = zip(model.base.names, model.base.units, model.base_values(values), std, strict=True)
+    return tuple(Value(name, unit, float(value), float(s)) for name, unit, value, s in found)
+
+
+def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[Value, ...]:
+    """Return the physical parameters that base parameters determine.
+
+    The fit ``min (base - base(p))' C^-1 (base - base(p))`` with the covariance C of the base
+    parameters; where there are as many of one as of the other it is the exact solution.
+
+    Parameters
+    ----------
+    model : Model
+    base : array, shape (base,)
+    covariance : array, shape (base, base)
+
+    Returns
+    -------
+    tuple of Value
+        With deviations by the delta method. Parameters that the base does not determine are left
+        out.
+    """
+    if not np.isfinite(base).all():
+        return ()
+    start = _start(model, base)
+    whitener = _Whitener(base, covariance)
+    size = np.where(start != 0, np.abs(start), 1.0)
+    determined = _determined(whitener(model.base_jacobian(start) * size))
+    if not determined.any():
+        return ()
+
+    def physical(free: Floats) -> Floats:
+        values = start.copy()
+        values[determined] = free * size[determined]
+        return values
+
+    def residual(free: Floats) -> Floats:
+        return whitener(model.base_values(physical(free)) - base)
+
+    def jacobian(free: Floats) -> Floats:
+        return whitener(model.base_jacobian(physical(free)) * size)[:, determined]
+
+    fit = scipy.optimize.least_squares(
+        residual, start[determined] / size[determined], jac=jacobian, method="lm", xtol=1e-15
+    )
+    values = physical(fit.x)
+    _, singular, directions = np.linalg.svd(jacobian(fit.x), full_matrices=False)
+    spread = directions.T / singular
+    std = np.zeros(len(values))
+    std[determined] = np.sqrt((spread**2).sum(axis=1)) * size[determined]
+    return tuple(
+        Value(p.name, p.unit, float(values[i]), float(std[i]))
+        for i, p in enumerate(model.parameters)
+        if determined[i]
+    )
+
+
+class _Whitener:
+    """``L^-1 x`` with C = L L', in units of each base parameter; a floor keeps C positive."""
+
+    def __init__(self, base: Floats, covariance: Floats) -> None:
+        std = np.sqrt(np.diag(covariance).clip(0))
+        floor = 1e-9 * np.where(base != 0, np.abs(base), max(np.abs(base).max(), 1e-300))
+        self.scale = np.maximum(std, floor)
+        correlation = covariance / np.outer(self.scale, self.scale)
+        missing = 1.0 - np.diag(correlation)
+        self.factor = scipy.linalg.cholesky(correlation + np.diag(missing + 1e-12), lower=True)
+
+    def __call__(self, x: Floats) -> Floats:
+        scaled = (x.T / self.scale).T
+        return np.asarray(scipy.linalg.solve_triangular(self.factor, scaled, lower=True))
+
+
+def _start(model: Model, base: Floats) -> Floats:
+    """Solve the base parameters one by one for the single parameter still unknown in each."""
+    nominal = model.nominal
+    values = np.array([nominal.get(name, 1.0) for name in model.parameter_names])
+    known = np.zeros(len(values), dtype=bool)
+    progress = True
+    while progress:
+        progress = False
+        for gathered, value in zip(model.base.gather, base, strict=True):
+            used = (model.monomials[gathered != 0] > 0).any(axis=0)
+            unknown = np.flatnonzero(used & ~known)
+            if len(unknown) == 1:
+                (index,) = unknown
+                values[index] = _root(model, gathered, value, values, int(index))
+                known[index] = progress = True
+    return values
+
+
+def _root(model: Model, gathered: Floats, value: float, values: Floats, index: int) -> float:
+    """Return the root nearest the start of one base parameter, a polynomial in one unknown."""
+    powers = model.monomials[:, index]
+    others = values.copy()
+    others[index] = 1.0
+    factors = gathered * model.monomial_values(others)
+    coefficients = np.array([factors[powers == n].sum() for n in range(powers.max() + 1)])
+    coefficients[0] -= value
+    roots = np.roots(coefficients[::-1])
+    real = roots[np.abs(roots.imag) < 1e-6 * (np.abs(roots) + 1e-300)].real
+    if model.parameters[index].positive and (real > 0).any():
+        real = real[real > 0]
+    if not real.size:
+        return float(values[index])
+    return float(real[np.abs(real - values[index]).argmin()])
+
+
+def _determined(jacobian: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Tell which parameters have no part in the null space of a scaled Jacobian."""
+    length = np.sqrt((jacobian**2).sum(axis=0))
+    scaled = jacobian / np.where(length > 0, length, 1.0)
+    _, singular, directions = np.linalg.svd(scaled)
+    rank = int((singular > 1e-9 * singular.max(initial=1e-300)).sum())
+    return np.asarray((np.abs(directions[rank:]) < 1e-6).all(axis=0))

@@ -1,0 +1,137 @@
+"""What ls, batch and sequential share: from records to free unknowns, and back to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators.knowledge import Constraint, Elimination, eliminate
+from rotorid.estimators.regression import Regression
+from rotorid.estimators.summary import describe_open_directions, summarize
+from rotorid.estimators.weighted import Solution, pooled, sandwich
+from rotorid.models import Model
+from rotorid.record import Complexes, Floats, PeriodicRecord
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Regressions of all records, in the unknowns that exact constraints leave.
+
+    Parameters
+    ----------
+    full : Model
+        As given.
+    fixed : mapping of str to float
+        Substituted values.
+    regressions : sequence of Regression
+        With the model after substitution.
+    elimination : Elimination
+    """
+
+    full: Model
+    fixed: Mapping[str, float]
+    regressions: tuple[Regression, ...]
+    elimination: Elimination
+
+    @property
+    def model(self) -> Model:
+        """The model after substitution."""
+        return self.regressions[0].model
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the free unknowns: base parameters that no constraint eliminates."""
+        kept = self.elimination.basis.argmax(axis=0)
+        return [self.model.base.names[i] for i in kept]
+
+    def free_equations(self, regression: Regression) -> tuple[Complexes, Complexes]:
+        """Return design (line, row, free) and target (line, row) of one record."""
+        design = regression.design @ self.elimination.basis
+        return design, regression.target - regression.design @ self.elimination.origin
+
+    def base(self, free: Floats) -> Floats:
+        """Return the base parameters, shape (base,), NaN where a free one is."""
+        known = np.isfinite(free)
+        values = self.elimination.origin + self.elimination.basis[:, known] @ free[known]
+        values[self.elimination.basis[:, ~known].any(axis=1)] = np.nan
+        return np.asarray(values)
+
+    def summarize(self, method: str, solution: Solution, warnings: Sequence[str] = ()) -> Estimate:
+        """Return the estimate of a solution, with the sandwich for its covariance."""
+        base = self.base(solution.values)
+        determined = np.where(np.isfinite(base), base, 0.0)
+        spreads = [r.residual_covariance(determined).matrices for r in self.regressions]
+        records = [r.record for r in self.regressions]
+        free = sandwich(solution.gains, spreads, records)
+        basis = self.elimination.basis
+        opened = describe_open_directions(self.names, solution.undetermined)
+        cures = ["fix one of them, excite more lines, or measure more"] if opened else []
+        return summarize(
+            method,
+            self.full,
+            self.fixed,
+            self.regressions,
+            base,
+            basis @ free @ basis.T,
+            spreads,
+            solution.condition_number,
+            [*warnings, *opened, *cures],
+        )
+
+
+def pose(
+    model: Model,
+    records: Sequence[PeriodicRecord],
+    fixed: Mapping[str, float],
+    constraints: Sequence[Constraint],
+) -> Problem:
+    """Substitute what is fixed, eliminate what is constrained, and write the regressions.
+
+    Raises
+    ------
+    InputError
+        For no record, hidden coordinates, missing inputs, unknown phase, or knowledge that this
+        family cannot use.
+    """
+    reduced = model.substitute(fixed)
+    if not reduced.base.names:
+        raise InputError("every parameter fixed", "something to estimate", "free one")
+    for record in records:
+        if not record.phase_known and record.speed:
+            raise InputError(
+                "a rotor angle of unknown phase", "a known phase", "use ml", file=record.source
+            )
+    regressions = tuple(Regression(reduced, record) for record in records)
+    return Problem(model, dict(fixed), regressions, eliminate(reduced, constraints))
+
+
+def force_variance(regression: Regression) -> Floats:
+    """Return the variance of each row's force at each sample, shape (sample, row).
+
+    The inputs count as uncorrelated, as in the seed's (9).
+    """
+    record, model = regression.record, regression.model
+    channels = [record.index(name) for name in model.inputs]
+    power = (record.mean[:, channels] ** 2).mean(axis=0)
+    variance = pooled(record.variance[:, channels], power, record.periods)
+    return np.asarray(variance @ (model.input_matrix.T**2))
+
+
+@dataclass(frozen=True)
+class LinearEstimator:
+    """What every estimator of the family takes.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+    """
+
+    fixed: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    constraints: tuple[Constraint, ...] = field(default=(), kw_only=True)

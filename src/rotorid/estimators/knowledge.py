@@ -1,0 +1,133 @@
+"""What is known beforehand: constraints between parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import sympy as sp
+
+from rotorid.errors import InputError, ModelError
+from rotorid.models import Model
+from rotorid.models.expression import parse, symbol
+from rotorid.record import Floats
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """``expression = value``, exactly or with a standard deviation.
+
+    Parameters
+    ----------
+    expression : str
+        A polynomial in the physical parameters, in the grammar of model files.
+    value, std : float
+        SI; a `std` of 0 means exactly.
+    """
+
+    expression: str
+    value: float
+    std: float = 0.0
+
+
+def constraint_polynomial(model: Model, constraint: Constraint) -> dict[tuple[int, ...], float]:
+    """Return a constraint's expression as ``{exponents of the parameters: coefficient}``.
+
+    Raises
+    ------
+    ModelError
+        For text that is no polynomial in the parameters of the model.
+    """
+    names = frozenset(model.parameter_names)
+    place = f"constraint {constraint.expression[:60]!r}"
+    try:
+        value = sp.expand(parse(constraint.expression, names=names, linear=names))
+    except ModelError as error:
+        raise error.at(place=place) from None
+    gens = [symbol(name) for name in model.parameter_names]
+    return {m: float(c) for m, c in sp.Poly(value, *gens).terms()}
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """Base parameters written with fewer unknowns: ``base = origin + basis @ free``.
+
+    Each exact constraint eliminates one base parameter, so that the free unknowns are base
+    parameters themselves and equations keep what they do not share.
+    """
+
+    origin: Floats
+    basis: Floats
+
+
+def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
+    """Eliminate exact constraints that are linear in the base parameters.
+
+    Parameters
+    ----------
+    model : Model
+    constraints : sequence of Constraint
+
+    Returns
+    -------
+    Elimination
+        ``origin``, shape (base,), and ``basis``, shape (base, free).
+
+    Raises
+    ------
+    InputError
+        For a constraint with a deviation, or not linear in the base parameters, or in
+        contradiction with others: those need maximum likelihood, or a correction.
+    """
+    size = len(model.base.names)
+    if not constraints:
+        return Elimination(np.zeros(size), np.eye(size))
+    rows, values = zip(*(_base_row(model, c) for c in constraints), strict=True)
+    matrix, right = np.array(rows), np.array(values)
+    scale = np.abs(matrix).max(axis=1)
+    matrix, right = matrix / scale[:, None], right / scale
+    # Pivoted QR picks the parameters to eliminate.
+    _, triangle, order = scipy.linalg.qr(matrix, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    if len(rows) > size or diagonal[-1] < 1e-10 * diagonal[0]:
+        raise InputError(
+            "constraints that repeat or contradict one another",
+            "independent constraints",
+            "drop one",
+            place="constraints",
+        )
+    gone, kept = order[: len(rows)], np.sort(order[len(rows) :])
+    solved = np.linalg.solve(matrix[:, gone], np.column_stack([right, -matrix[:, kept]]))
+    origin, basis = np.zeros(size), np.zeros((size, len(kept)))
+    origin[gone], basis[gone] = solved[:, 0], solved[:, 1:]
+    basis[kept, np.arange(len(kept))] = 1.0
+    return Elimination(origin, basis)
+
+
+def _base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
+    """Return ``row @ base = value`` for a constraint."""
+    shown = f"the constraint {constraint.expression[:60]!r}"
+    if constraint.std > 0:
+        raise InputError(f"{shown} with a deviation", "exact constraints for this method", "use ml")
+    value = constraint.value
+    index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
+    wanted = np.zeros(len(index))
+    linear = True
+    for monomial, coefficient in constraint_polynomial(model, constraint).items():
+        if not any(monomial):
+            value -= coefficient
+        elif monomial in index:
+            wanted[index[monomial]] += coefficient
+        else:
+            linear = False
+    row = np.linalg.lstsq(model.base.gather.T, wanted)[0]
+    residual = model.base.gather.T @ row - wanted
+    if not linear or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
+        raise InputError(
+            f"{shown}, not linear in the base parameters",
+            f"a combination of {', '.join(model.base.names)}",
+            "use ml",
+        )
+    return np.asarray(row, dtype=np.float64), value

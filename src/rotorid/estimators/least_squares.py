@@ -1,0 +1,55 @@
+"""Least squares without statistics: the seed's Sigma = I."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.estimate import Estimate
+from rotorid.estimators.family import LinearEstimator, pose
+from rotorid.estimators.weighted import Block, solve
+from rotorid.models import Model
+from rotorid.record import PeriodicRecord
+
+
+@dataclass(frozen=True)
+class LeastSquares(LinearEstimator):
+    """``min |F theta - b|^2`` over all rows and samples alike.
+
+    The derivatives in F are taken as free of noise. They are not: noise in the regressors
+    attenuates the estimates, most in rows whose right side is zero, and on the seed's rotor this
+    bias is nearly all of the error. The stated deviations cover the scatter, not the bias.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+
+    References
+    ----------
+    Levy and Arogeti, equations (2) and (3).
+
+    Examples
+    --------
+    >>> LeastSquares(fixed={"L1": 0.3}).fixed
+    {'L1': 0.3}
+    """
+
+    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        problem = pose(model, records, self.fixed, self.constraints)
+        blocks = [
+            Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
+            for r in problem.regressions
+        ]
+        return problem.summarize("ls", solve(blocks))

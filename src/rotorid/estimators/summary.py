@@ -1,0 +1,118 @@
+"""From a solution of the least-squares family to its `Estimate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rotorid.estimate import Estimate, Value
+from rotorid.estimators.derived import physical_from_base
+from rotorid.estimators.regression import Regression, predict_inputs
+from rotorid.models import Model
+from rotorid.record import Complexes, Floats
+
+
+def summarize(
+    method: str,
+    full: Model,
+    fixed: Mapping[str, float],
+    regressions: Sequence[Regression],
+    base: Floats,
+    covariance: Floats,
+    spreads: Sequence[Complexes],
+    condition_number: float,
+    warnings: Sequence[str],
+) -> Estimate:
+    """Return the `Estimate` of base parameters and their covariance.
+
+    Parameters
+    ----------
+    method : str
+    full : Model
+        Before fixed values were substituted.
+    fixed : mapping of str to float
+    regressions : sequence of Regression
+    base : array, shape (base,)
+        NaN where not determined.
+    covariance : array, shape (base, base)
+    spreads : sequence of complex array, shape (line, row, row)
+        Covariance of the residual of each record.
+    condition_number : float
+    warnings : sequence of str
+
+    Returns
+    -------
+    Estimate
+    """
+    model = regressions[0].model
+    determined = np.isfinite(base)
+    std = np.where(determined, np.sqrt(np.diag(covariance).clip(0)), np.nan)
+    inflated = std * _inflation(regressions, base, spreads)
+    found = zip(model.base.names, model.base.units, base, std, inflated, strict=True)
+    parameters = [
+        Value(name, unit, float(value), float(s), float(i)) for name, unit, value, s, i in found
+    ]
+    units = {p.name: p.unit for p in full.parameters}
+    held = [Value(name, units[name], value, 0.0, 0.0, True) for name, value in fixed.items()]
+    records = [r.record for r in regressions]
+    return Estimate(
+        model=full.name,
+        method=method,
+        status="ok" if determined.all() else "not_identifiable",
+        parameters=(*parameters, *held),
+        derived=physical_from_base(model, base, covariance),
+        covariance=covariance,
+        prediction=predict_inputs(regressions, np.where(determined, base, 0.0)),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
+        periods=min(r.periods for r in records),
+        warnings=(*(w for r in records for w in r.warnings), *warnings),
+        condition_number=condition_number if np.isfinite(condition_number) else None,
+    )
+
+
+def _inflation(
+    regressions: Sequence[Regression], base: Floats, spreads: Sequence[Complexes]
+) -> float:
+    """Return by how much the residual exceeds its scatter over periods, at least 1.
+
+    Each row counts alike. What the periods repeat, a misfit of the model or a bias, is in the
+    residual and not in the scatter.
+    """
+    if not np.isfinite(base).all():
+        return 1.0
+    misfit, noise, equations = 0.0, 0.0, 0.0
+    for regression, spread in zip(regressions, spreads, strict=True):
+        weight = regression.record.multiplicity
+        residual = weight @ np.abs(regression.residual(base)) ** 2
+        expected = weight @ np.diagonal(spread.real, axis1=1, axis2=2)
+        noisy = expected > 1e-20 * (weight @ np.abs(regression.target) ** 2).max()
+        misfit += float((residual[noisy] / expected[noisy]).sum())
+        noise += float(noisy.sum())
+        equations += float(weight.sum() * noisy.sum())
+    if equations <= len(base):
+        return 1.0
+    return float(np.sqrt(max(1.0, misfit / noise / (1 - len(base) / equations))))
+
+
+def describe_open_directions(names: Sequence[str], directions: Floats) -> list[str]:
+    """Say in words which combinations are left open.
+
+    Parameters
+    ----------
+    names : sequence of str
+    directions : array, shape (free, n)
+        Each column a direction in scaled parameters.
+
+    Returns
+    -------
+    list of str
+    """
+    texts = []
+    for direction in directions.T:
+        large = np.flatnonzero(np.abs(direction) > 0.05 * np.abs(direction).max())
+        ordered = large[np.argsort(-np.abs(direction[large]))]
+        members = ", ".join(names[i] for i in ordered)
+        what = "are determined only together" if len(large) > 1 else "is not determined"
+        texts.append(f"{members} {what}")
+    return texts

@@ -1,0 +1,171 @@
+"""The periodic answer of a linear model to forces and unbalance, line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.errors import InputError
+from rotorid.models import LinearForm, Model
+from rotorid.record import Channel, Complexes, Floats, Record
+from rotorid.signals.spectrum import line_spectra, synthesize
+
+
+def steady_state(
+    model: Model,
+    values: ArrayLike,
+    forces: ArrayLike,
+    *,
+    sample_rate: float,
+    speed: float = 0.0,
+    phase: float = 0.0,
+) -> Floats:
+    """Return one period of the coordinates in steady state, to machine precision.
+
+    ``Z(omega_k) q_k = B u_k + g_k`` is solved on every line of the period; no time is stepped, so
+    nothing has to settle and nothing leaks.
+
+    Parameters
+    ----------
+    model : Model
+        Linear in its coordinates.
+    values : array, shape (parameter,)
+        SI.
+    forces : array, shape (sample, input)
+        One period of the inputs in N or N m, band-limited below the Nyquist frequency.
+    sample_rate : float
+        Hz.
+    speed : float
+        rad/s; a whole number of revolutions fits the period.
+    phase : float
+        Rotor angle in rad at the first sample.
+
+    Returns
+    -------
+    array, shape (sample, coordinate)
+
+    Raises
+    ------
+    InputError
+        Where the rotation does not fit the period, or a line meets an undamped resonance.
+    ModelError
+        Where the model is not linear.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> model = load_model("jeffcott")
+    >>> values = model.values(model.nominal)
+    >>> forces = np.full((8, 2), 1000.0)
+    >>> steady_state(model, values, forces, sample_rate=800.0)[0]  # k x = F
+    array([0.001, 0.001])
+    """
+    linear = model.require_linear()
+    values, forces = np.asarray(values, dtype=float), np.asarray(forces, dtype=float)
+    samples = len(forces)
+    time = np.arange(samples) / sample_rate
+    _check_synchronous(speed, samples, sample_rate)
+    mu = model.monomial_values(values)
+    load = linear.load_columns(time, speed * time + phase, speed) @ mu
+    every = np.arange(samples // 2 + 1)
+    right = line_spectra(forces @ linear.input_matrix(mu).T + load, every)
+    excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * np.abs(right).max(initial=1e-300))
+    lines = _solve_lines(linear, values, excited * sample_rate / samples, speed, right[excited])
+    return synthesize(lines, excited, samples)
+
+
+def _check_synchronous(speed: float, samples: int, sample_rate: float) -> None:
+    turns = speed * samples / sample_rate / (2 * np.pi)
+    if abs(turns - round(turns)) > 1e-9 * max(1.0, abs(turns)):
+        raise InputError(
+            f"{turns:.6g} revolutions in a period",
+            "a whole number",
+            "choose speed and fundamental so that one divides the other",
+        )
+
+
+def _solve_lines(
+    linear: LinearForm, values: Floats, frequency: Floats, speed: float, right: Complexes
+) -> Complexes:
+    stiffness = linear.dynamic_stiffness(2 * np.pi * frequency, values, speed)
+    if stiffness.shape[1] != stiffness.shape[2]:
+        raise InputError(
+            f"{linear.rows} equations for {linear.coordinates} coordinates",
+            "as many of one as of the other",
+            "complete the model",
+        )
+    # Rows and columns in units of their own size, so that the condition means something.
+    size = np.abs(stiffness)
+    row = 1 / np.maximum(size.max(axis=2), 1e-300)
+    column = 1 / np.maximum((size * row[..., None]).max(axis=1), 1e-300)
+    scaled = stiffness * row[..., None] * column[:, None, :]
+    condition = np.linalg.cond(scaled)
+    if (condition > 1e12).any():
+        where = frequency[int(condition.argmax())]
+        raise InputError(
+            f"a singular dynamic stiffness at {where:g} Hz",
+            "lines away from undamped resonances and rigid-body motion",
+            "leave that line out or give the model damping or support",
+        )
+    solved = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
+    return np.asarray(solved * column)
+
+
+def simulate(
+    model: Model,
+    values: ArrayLike,
+    forces: ArrayLike,
+    *,
+    sample_rate: float,
+    periods: int,
+    speed: float = 0.0,
+    phase: float = 0.0,
+    noise: Mapping[str, float] | None = None,
+    rng: np.random.Generator | None = None,
+) -> Record:
+    """Return a record of a model in steady state, with white noise on its channels.
+
+    Parameters
+    ----------
+    model, values, forces, sample_rate, speed, phase
+        As for `steady_state`.
+    periods : int
+    noise : mapping of channel name to float, optional
+        Standard deviation per sample, in the unit of the channel; channels left out have none.
+    rng : numpy.random.Generator, optional
+        Needed where there is noise.
+
+    Returns
+    -------
+    Record
+        Channels: the inputs, then the coordinates.
+
+    Raises
+    ------
+    InputError
+        As `steady_state`; and for noise without `rng`, or on channels that do not exist.
+    """
+    position = steady_state(
+        model, values, forces, sample_rate=sample_rate, speed=speed, phase=phase
+    )
+    names = (*model.inputs, *model.coordinates)
+    deviation = _deviations(names, noise or {})
+    samples = np.tile(np.column_stack([np.asarray(forces, dtype=float), position]), (periods, 1))
+    if deviation.any():
+        if rng is None:
+            raise InputError("noise without rng", "a numpy Generator", "pass rng")
+        samples = samples + rng.standard_normal(samples.shape) * deviation
+    angle = np.asarray(speed * np.arange(len(samples)) / sample_rate + phase, dtype=np.float64)
+    channels = tuple(Channel(name, model.units[name]) for name in names)
+    return Record(channels, samples, sample_rate, speed, angle, source="simulation")
+
+
+def _deviations(names: Sequence[str], noise: Mapping[str, float]) -> Floats:
+    unknown = [name for name in noise if name not in names]
+    if unknown:
+        raise InputError(
+            f"noise of {unknown[0]!r}", f"one of {', '.join(names)}", "correct the name"
+        )
+    return np.array([noise.get(name, 0.0) for name in names])
