@@ -96,7 +96,7 @@ class Estimate:
     one, ls: ok
     <BLANKLINE>
     parameters  value    std  std %  unit
-    m           2.000  0.010    0.5  kg
+    m           2.000  0.010   0.50  kg
     <BLANKLINE>
     """
 
@@ -147,7 +147,7 @@ class Estimate:
         """Correlation matrix of `free`, shape (free, free)."""
         deviation = np.sqrt(np.diag(self.covariance))
         scale = np.where(deviation > 0, deviation, 1.0)
-        return self.covariance / np.outer(scale, scale)
+        return np.asarray(self.covariance / np.outer(scale, scale))
 
     @property
     def tables(self) -> dict[str, list[tuple[str, ...]]]:
@@ -236,14 +236,14 @@ def _row(value: Value) -> tuple[str, ...]:
     """Return name, value, deviation, deviation in percent and unit, with two digits of noise."""
     unit = "" if value.unit == "1" else value.unit
     if value.fixed or value.std is None or not value.std > 0:
-        std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:.2g}"
+        std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
         return value.name, f"{value.value:.6g}", std, "", unit
     digits = 6
     if value.value != 0 and np.isfinite([value.value, value.std]).all():
         digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
     number = f"{value.value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
-    percent = f"{100 * value.std / abs(value.value):.2g}" if value.value else ""
-    return value.name, number, f"{value.std:.2g}", percent, unit
+    percent = f"{100 * value.std / abs(value.value):#.2g}".rstrip(".") if value.value else ""
+    return value.name, number, f"{value.std:#.2g}".rstrip("."), percent, unit
 
 
 def _percent(prediction: Prediction) -> str:
