@@ -13,7 +13,9 @@ from rotorid.errors import (
 )
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.estimators import Batch, Constraint, Estimator, LeastSquares, Sequential
+from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
+from rotorid.io import read_record
 from rotorid.models import Model, load_model, parse_model, shipped_models
 from rotorid.record import Channel, PeriodicRecord, Record
 from rotorid.signals import average
@@ -25,6 +27,7 @@ __all__ = [
     "Constraint",
     "Estimate",
     "Estimator",
+    "Experiment",
     "InputError",
     "LeastSquares",
     "Model",
@@ -38,8 +41,10 @@ __all__ = [
     "average",
     "identify",
     "load_estimate",
+    "load_experiment",
     "load_model",
     "parse_model",
+    "read_record",
     "shipped_models",
     "simulate",
     "steady_state",

@@ -1,0 +1,6 @@
+"""``python -m rotorid``."""
+
+from rotorid.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""The command line: parses, calls plain functions, prints what they return."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import Progress
+
+from rotorid import __version__
+from rotoerrors import NotConvergedError, NotIdentifiableError
+from rotoestimate import Estimate, load_estimate
+from rotoexperiment import load_experiment
+from rotoidentify import identify as identify_model
+from rotoio.output import check_target, write_files
+from rotomodels import load_model, shipped_models
+from rotoreport import text
+
+OK, NO_ANSWER, WRONG_INPUT, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 141, 130
+_FILE = click.Path(path_type=Path)
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def _print(renderable: Any) -> None:
+    width = None if sys.stdout.isatty() else 200
+    _Console(width=width, highlight=False).print(renderable)
+
+
+@contextmanager
+def _progress(description: str) -> Iterator[Callable[[int, int], None]]:
+    """Show the progress of long work on a terminal; nothing where the output is a pipe."""
+    with Progress(
+        console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
+    ) as progress:
+        task = progress.add_task(description, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def _debug_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option(
+        "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
+    )(command)
+
+
+def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    command = click.option("--report", type=_FILE, help="Write a report (HTML).")(command)
+    return click.option("--json", type=_FILE, help="Write the result (JSON).")(command)
+
+
+@click.group(no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="rotorid")
+@_debug_option
+def cli() -> None:
+    """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
+
+
+@cli.command()
+@click.argument("experiment", type=_FILE)
+@click.option("--method", type=click.Choice(["ls", "batch", "sequential", "ml"]))
+@click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
+@_output_options
+@_debug_option
+def identify(
+    experiment: Path, method: Any, strict: bool, json: Path | None, report: Path | None
+) -> int:
+    """Estimate the parameters of a machine from the records that EXPERIMENT names."""
+    targets = [path for path in (json, report) if path is not None]
+    for path in targets:
+        check_target(path)
+    with _progress("reading"):
+        plan = load_experiment(experiment)
+        estimator, records = plan.estimator(method), plan.records()
+    with _progress("identifying"):
+        try:
+            estimate = identify_model(plan.model, records, estimator)
+        except (NotIdentifiableError, NotConvergedError) as error:
+            if error.estimate is None:
+                raise
+            estimate = error.estimate
+    writers: dict[Path, Callable[[Path], object]] = {}
+    if json is not None:
+        writers[json] = estimate.save
+    if report is not None:
+        from rotoreport.html import write_estimate_report
+
+        writers[report] = partial(write_estimate_report, estimate, plan.model, records)
+    write_files(writers)
+    _print(text.estimate_tables(estimate))
+    return _exit_code(estimate, strict)
+
+
+def _exit_code(estimate: Estimate, strict: bool) -> int:
+    answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
+    return OK if answered else NO_ANSWER
+
+
+@cli.command()
+@click.argument("result", type=_FILE)
+@click.argument("experiment", type=_FILE)
+@_debug_option
+def validate(result: Path, experiment: Path) -> int:
+    """Predict the forces of the records in EXPERIMENT with RESULT, a file of identify --json."""
+    from rotovalidation.prediction import predict
+
+    estimate = load_estimate(result)
+    with _progress("reading"):
+        plan = load_experiment(experiment)
+        errors = [predict(plan.model, estimate, record) for record in plan.records()]
+    _print(text.prediction_table(errors))
+    return OK
+
+
+@cli.command()
+@click.argument("name", required=False)
+@_debug_option
+def models(name: str | None) -> int:
+    """List the shipped models; or show the equations and parameters of NAME, or of a file."""
+    if name is None:
+        _print(text.model_list(load_model(shipped) for shipped in shipped_models()))
+    else:
+        _print(text.model_description(load_model(name)))
+    return OK
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and return its exit code; errors become one line on stderr.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Without the program's name.
+    """
+    try:
+        code = cli.main(args=list(arguments), prog_name="rotorid", standalone_mode=False)
+        sys.stdout.flush()
+        return int(code or OK)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except (click.Abort, KeyboardInterrupt):
+        return _say("interrupted", INTERRUPTED)
+    except Exception as error:
+        if "--debug" in arguments:
+            raise
+        return _explain(error)
+
+
+def _explain(error: Exception) -> int:
+    """Say in one line what went wrong, and return the exit code."""
+    if isinstance(error, click.UsageError):
+        path = error.ctx.command_path if error.ctx else "rotorid"
+        return _say(f"{error.format_message()} See {path} --help.", WRONG_INPUT)
+    if isinstance(error, click.ClickException):
+        return _say(error.format_message(), WRONG_INPUT)
+    if isinstance(error, NotIdentifiableError | NotConvergedError):
+        return _say(str(error), NO_ANSWER)
+    if isinstance(error, OSError) and error.filename is not None:
+        return _say(f"{error.filename}: {error.strerror}", WRONG_INPUT)
+    if isinstance(error, ValueError | OSError):
+        return _say(str(error), WRONG_INPUT)
+    if isinstance(error, MemoryError):
+        return _say("out of memory; use a shorter record or fewer lines", WRONG_INPUT)
+    name = type(error).__name__
+    return _say(f"internal error, {name}: {error}; --debug shows where", NO_ANSWER)
+
+
+def _say(message: str, code: int) -> int:
+    print("rotorid:", " ".join(message.split()), file=sys.stderr)
+    return code
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    sys.exit(run(sys.argv[1:]))

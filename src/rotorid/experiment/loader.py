@@ -1,0 +1,157 @@
+"""`Experiment`: an experiment file with its model, its records and its estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rotorid.errors import InputError
+from rotorid.estimators.knowledge import Constraint
+from rotorid.experiment.methods import build_estimator
+from rotorid.experiment.names import constraints, fixed_values, sources, timing
+from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
+from rotorid.estimators import Estimator
+from rotorid.io import Source, read_record
+from rotorid.models import Model, load_model
+from rotorid.record import PeriodicRecord, Record
+from rotorid.signals.average import average
+from rotorid.toml import read_toml
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What an experiment file says; its records are read when they are asked for.
+
+    Parameters
+    ----------
+    file : str
+        The experiment file, for messages.
+    folder : Path
+        Where the files of the records lie.
+    entry : ExperimentFile
+    model : Model
+    channels : sequence of mapping of str to Source
+        Where the channels of each record come from.
+    fixed : mapping of str to float
+        Fixed parameters in SI.
+    constraints : sequence of Constraint
+    """
+
+    file: str
+    folder: Path
+    entry: ExperimentFile
+    model: Model
+    channels: tuple[dict[str, Source], ...]
+    fixed: dict[str, float]
+    constraints: tuple[Constraint, ...]
+
+    def measured(self) -> list[Record]:
+        """Read the samples of every record.
+
+        Raises
+        ------
+        InputError
+            For files, columns, units and samples that cannot be used.
+        """
+        return [
+            _read(self.folder / entry.file, entry, channels)
+            for entry, channels in zip(self.entry.records, self.channels, strict=True)
+        ]
+
+    def records(self) -> list[PeriodicRecord]:
+        """Read every record and cut it into periods.
+
+        Raises
+        ------
+        InputError
+            As `measured`, and for periods or lines that the record does not have.
+        """
+        return [
+            average(
+                _read(self.folder / entry.file, entry, channels),
+                entry.fundamental,
+                period_samples=entry.period_samples,
+                harmonics=entry.harmonics,
+                band=entry.band,
+                skip=entry.skip,
+            )
+            for entry, channels in zip(self.entry.records, self.channels, strict=True)
+        ]
+
+    def estimator(self, method: Method | None = None) -> Estimator:
+        """Return the estimator that the file asks for, or that of another method.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's.
+
+        Raises
+        ------
+        InputError
+            For a method that cannot honour what the file says.
+        """
+        try:
+            return build_estimator(self.entry, method, self.fixed, self.constraints)
+        except InputError as error:
+            raise error.at(file=self.file) from None
+
+
+def _read(path: Path, entry: RecordEntry, channels: dict[str, Source]) -> Record:
+    return read_record(
+        path,
+        columns=channels,
+        sample_rate=entry.sample_rate,
+        time=timing(entry),
+        speed=entry.speed,
+        phase=entry.phase,
+    )
+
+
+def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
+    """Read an experiment file.
+
+    Parameters
+    ----------
+    path : str or Path
+    folder : str or Path, optional
+        Where the files of the records lie; without it, where the experiment file lies.
+
+    Returns
+    -------
+    Experiment
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, or says what cannot be done, with the key.
+    """
+    path = Path(path)
+    entry = read_toml(path, ExperimentFile)
+    model = _model(entry.model, path)
+    try:
+        channels = []
+        for number, record in enumerate(entry.records):
+            try:
+                sources(record.channels, model)
+            except InputError as error:
+                raise error.at(place=f"records.{number}") from None
+            channels.append(sources({**entry.channels, **record.channels}, model))
+        return Experiment(
+            file=str(path),
+            folder=path.parent if folder is None else Path(folder),
+            entry=entry,
+            model=model,
+            channels=tuple(channels),
+            fixed=fixed_values(entry.parameters, model),
+            constraints=constraints(entry.constraints, model),
+        )
+    except InputError as error:
+        raise error.at(file=str(path)) from None
+
+
+def _model(name: str, experiment: Path) -> Model:
+    try:
+        return load_model(name, folder=experiment.parent)
+    except InputError as error:
+        raise error if error.file else error.at(file=str(experiment), place="model") from None

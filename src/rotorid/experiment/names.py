@@ -1,0 +1,176 @@
+"""Names of the model in an experiment file: channels, parameters, constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
+
+import sympy as sp
+
+from rotorid.errors import InputError
+from rotorid.estimators.knowledge import Constraint, constraint_polynomial
+from rotorid.experiment.schema import (
+    ChannelEntry,
+    ConstraintEntry,
+    ParameterEntry,
+    RecordEntry,
+    TimeEntry,
+)
+from rotorid.io import Source
+from rotorid.models import Model
+from rotorid.models.expression import parse, symbol
+from rotorid.units import multiply_units, to_si
+
+
+def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
+    """Return the error for a name that the model does not have, with the nearest that it has."""
+    there = list(known)
+    near = get_close_matches(name, there, n=1)
+    return InputError(
+        f"{name[:60]!r}, which is no {what} of the model",
+        f"one of {', '.join(there)}",
+        f"did you mean {near[0]}?" if near else "correct the name",
+        place=place,
+    )
+
+
+def sources(entries: Mapping[str, ChannelEntry], model: Model) -> dict[str, Source]:
+    """Return where the channels of a record come from.
+
+    Raises
+    ------
+    InputError
+        For a channel that is no quantity of the model and reads none, or the reverse.
+    """
+    return {name: _source(name, entry, model) for name, entry in entries.items()}
+
+
+def _source(name: str, entry: ChannelEntry, model: Model) -> Source:
+    place = f"channels.{name}"
+    quantities = (*model.inputs, *model.coordinates)
+    if entry.reads is None and name not in quantities:
+        raise unknown(name, quantities, "input or coordinate", place)
+    if entry.reads is not None and name in quantities:
+        raise InputError(
+            f"reads in the channel of {name}",
+            "a name of its own for a sensor of a combination",
+            "rename the channel",
+            place=place,
+        )
+    reads = None if entry.reads is None else combination(entry.reads, model, f"{place}.reads")
+    if reads is not None and entry.unit is None:
+        raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
+    return Source(
+        column=entry.column,
+        unit=entry.unit,
+        scale=entry.scale,
+        expected=model.units[name] if reads is None else None,
+        reads=reads,
+        hold=entry.hold == "zero-order",
+        delay=entry.delay,
+        gain_std=entry.gain_std,
+    )
+
+
+def combination(text: str, model: Model, place: str) -> dict[str, float]:
+    """Return the coefficients of a linear combination of coordinates.
+
+    Raises
+    ------
+    InputError
+        For text that is none.
+    """
+    names = model.coordinates
+    try:
+        value = sp.expand(parse(text, names=frozenset(names), linear=frozenset(names)))
+    except InputError as error:
+        raise error.at(place=place) from None
+    terms = sp.Poly(value, *map(symbol, names)).terms()
+    if any(sum(powers) != 1 for powers, _ in terms):
+        raise InputError(
+            repr(text[:60]),
+            "a linear combination of coordinates, such as x2 - 0.02*theta_y",
+            "correct it",
+            place=place,
+        )
+    return {names[powers.index(1)]: float(c) for powers, c in terms}
+
+
+def timing(record: RecordEntry) -> Source | None:
+    """Return where the sample times come from, if they do."""
+    entry: TimeEntry | None = record.time
+    return None if entry is None else Source(entry.column, entry.unit)
+
+
+def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[str, float]:
+    """Return the fixed parameters in SI, every entry checked for its name and its units.
+
+    Raises
+    ------
+    InputError
+        For a name that is no parameter, or a quantity of another dimension.
+    """
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    fixed = {}
+    for name, entry in entries.items():
+        if name not in units:
+            raise unknown(name, units, "parameter", f"parameters.{name}")
+        for key in ("fixed", "value", "std", "start"):
+            quantity = getattr(entry, key)
+            if quantity is not None:
+                number = to_si(quantity, units[name], place=f"parameters.{name}.{key}")
+                if key == "std":
+                    _check_deviation(number, f"parameters.{name}.std")
+                if key == "fixed":
+                    fixed[name] = number
+    return fixed
+
+
+def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Constraint, ...]:
+    """Return the constraints in SI.
+
+    Raises
+    ------
+    InputError
+        For an expression that is no polynomial in the parameters, or adds what has different
+        units, or a quantity of another dimension.
+    """
+    found = []
+    for number, entry in enumerate(entries):
+        place = f"constraints.{number}"
+        unit = _unit_of(entry.expression, model, place)
+        value = to_si(entry.value, unit, place=f"{place}.value")
+        std = 0.0
+        if entry.std is not None:
+            std = to_si(entry.std, unit, place=f"{place}.std")
+            _check_deviation(std, f"{place}.std")
+        found.append(Constraint(entry.expression, value, std))
+    return tuple(found)
+
+
+def _unit_of(expression: str, model: Model, place: str) -> str:
+    try:
+        terms = constraint_polynomial(model, Constraint(expression, 0.0))
+    except InputError as error:
+        raise error.at(place=place) from None
+    units = [parameter.unit for parameter in model.parameters]
+    found = {
+        multiply_units([(unit, power) for unit, power in zip(units, powers, strict=True)])
+        for powers in terms
+        if any(powers)
+    }
+    if not found:
+        raise InputError(
+            repr(expression[:60]), "an expression of parameters", "correct it", place=place
+        )
+    first, *others = sorted(found)
+    for other in others:
+        to_si(f"1 {other}", first, place=f"{place}.expression")
+    return first
+
+
+def _check_deviation(std: float, place: str) -> None:
+    if std <= 0:
+        raise InputError(
+            f"{std:g}", "a deviation of more than 0", "leave it out for an exact value", place=place
+        )

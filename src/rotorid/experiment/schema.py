@@ -1,0 +1,187 @@
+"""What an experiment file may hold, key by key; quantities become SI numbers here."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, StrictInt, model_validator
+
+from rotorid.errors import InputError
+from rotorid.toml import Schema
+from rotorid.units import to_si
+
+
+def _quantity(unit: str) -> BeforeValidator:
+    return BeforeValidator(lambda value: to_si(value, unit))
+
+
+def _later(cure: str) -> AfterValidator:
+    """Refuse a key of the format that this version cannot honour."""
+
+    def refuse(value: Any) -> Any:
+        if value:
+            raise InputError(
+                f"{str(value)[:60]!r}, which this version cannot honour yet",
+                "a file without this key",
+                cure,
+            )
+        return value
+
+    return AfterValidator(refuse)
+
+
+Hertz = Annotated[float, _quantity("Hz")]
+Seconds = Annotated[float, _quantity("s")]
+RadiansPerSecond = Annotated[float, _quantity("rad/s")]
+Method = Literal["ls", "batch", "sequential", "ml"]
+Quantity = str | int | float  # in a unit that the model knows
+
+
+def _phase(value: object) -> float:
+    if value == "unknown":
+        raise InputError(
+            "'unknown', which this version cannot honour yet",
+            "the rotor angle at the file's first sample, such as '0 deg'",
+            "give it; 0 turns the directions of the unbalance and nothing else",
+        )
+    return to_si(value, "rad")
+
+
+def _delay(value: object) -> float:
+    if isinstance(value, dict):
+        raise InputError(
+            "a table, which this version cannot honour yet",
+            "a known delay, such as '50 us'",
+            "give the delay as a number and a unit",
+        )
+    return to_si(value, "s")
+
+
+def _band(value: object) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(repr(value)[:60], "two frequencies", 'write ["0 Hz", "40 Hz"]')
+    low, high = (to_si(end, "Hz") for end in value)
+    if not 0 <= low <= high:
+        raise InputError(repr(value)[:60], "0 Hz or more, the lower end first", "correct it")
+    return low, high
+
+
+class TimeEntry(Schema):
+    """The column of sample times, and its unit where the file does not state it."""
+
+    column: str
+    unit: str | None = None
+
+
+def _time(value: object) -> object:
+    return {"column": value} if isinstance(value, str) else value
+
+
+class ChannelEntry(Schema):
+    """Where an input, a coordinate or a sensor comes from."""
+
+    column: str
+    unit: str | None = None
+    scale: Annotated[str | float | None, Field(allow_inf_nan=False)] = None
+    hold: Literal["none", "zero-order"] = "none"
+    delay: Annotated[float, BeforeValidator(_delay)] = 0.0
+    gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    reads: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_law(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "law" in data:
+            raise InputError(
+                f"the law {str(data['law'])[:40]!r}, which this version cannot honour yet",
+                "a column of forces",
+                "compute the force beforehand and name its column",
+                place="law",
+            )
+        return data
+
+
+class RecordEntry(Schema):
+    """One run of the machine."""
+
+    file: str
+    sample_rate: Hertz | None = None
+    time: Annotated[TimeEntry | None, BeforeValidator(_time)] = None
+    speed: RadiansPerSecond = 0.0
+    angle: Annotated[Any, _later("give speed, where it is constant")] = None
+    keyphasor: Annotated[Any, _later("give speed, where it is constant")] = None
+    phase: Annotated[float, BeforeValidator(_phase)] = 0.0
+    fundamental: Hertz | None = None
+    period_samples: StrictInt | None = None
+    harmonics: list[StrictInt] | None = None
+    band: Annotated[tuple[float, float] | None, BeforeValidator(_band)] = None
+    skip: Seconds = 0.0
+    channels: dict[str, ChannelEntry] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> RecordEntry:
+        for first, second in (
+            ("sample_rate", "time"),
+            ("fundamental", "period_samples"),
+            ("harmonics", "band"),
+        ):
+            given = [key for key in (first, second) if getattr(self, key) is not None]
+            if len(given) != 1:
+                raise InputError(
+                    "both" if given else "neither",
+                    f"one of {first} and {second}",
+                    "remove one" if given else "add one",
+                    place=f"{first}, {second}",
+                )
+        return self
+
+
+class ParameterEntry(Schema):
+    """What is known of a parameter beforehand."""
+
+    fixed: Quantity | None = None
+    value: Quantity | None = None
+    std: Quantity | None = None
+    start: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ParameterEntry:
+        given = {
+            key for key in ("fixed", "value", "std", "start") if getattr(self, key) is not None
+        }
+        if given not in ({"fixed"}, {"value", "std"}, {"start"}):
+            raise InputError(
+                " and ".join(sorted(given)) or "nothing",
+                "fixed, or value and std, or start",
+                "keep one of these",
+            )
+        return self
+
+
+class ConstraintEntry(Schema):
+    """A combination of parameters that is known."""
+
+    expression: str
+    value: Quantity
+    std: Quantity | None = None
+
+
+class EstimatorEntry(Schema):
+    """How to estimate."""
+
+    method: Method | None = None
+    free_weight: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 100.0
+    runout: Annotated[bool, _later("remove it, or subtract the runout beforehand")] = False
+    gains: Annotated[list[str], _later("give the constants")] = Field(default_factory=list)
+    delays: Annotated[list[str], _later("give the delays")] = Field(default_factory=list)
+
+
+class ExperimentFile(Schema):
+    """An experiment file."""
+
+    model: str
+    records: list[RecordEntry] = Field(min_length=1)
+    channels: dict[str, ChannelEntry] = Field(default_factory=dict)
+    parameters: dict[str, ParameterEntry] = Field(default_factory=dict)
+    constraints: list[ConstraintEntry] = Field(default_factory=list)
+    estimator: EstimatorEntry = Field(default_factory=EstimatorEntry)

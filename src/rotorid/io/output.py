@@ -1,0 +1,53 @@
+"""Files written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from rotorid.errors import InputError
+
+
+def check_target(path: Path) -> None:
+    """Refuse a path that cannot be written, before the work that leads to it.
+
+    Raises
+    ------
+    InputError
+        Where the folder does not exist, or the path is one.
+    """
+    if not path.absolute().parent.is_dir():
+        raise InputError("no such folder", "a folder to write into", "create it", file=str(path))
+    if path.is_dir():
+        raise InputError("a folder", "a file to write", "add a file name", file=str(path))
+
+
+def write_files(writers: Mapping[Path, Callable[[Path], object]]) -> None:
+    """Write files beside their targets, and move them there once all are written.
+
+    Parameters
+    ----------
+    writers : mapping of Path to callable
+        Each callable writes its file at the path it is given.
+
+    Raises
+    ------
+    OSError
+        Where a file cannot be written; no target has changed then.
+    """
+    written: dict[Path, Path] = {}
+    try:
+        for path, write in writers.items():
+            target = path.resolve()
+            if target.exists() and not target.is_file():  # a device or a pipe
+                write(target)
+                continue
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+            written[part] = target
+            write(part)
+        for part, target in written.items():
+            os.replace(part, target)
+    finally:
+        for part in written:
+            part.unlink(missing_ok=True)
