@@ -15,13 +15,13 @@ from rich.console import Console
 from rich.progress import Progress
 
 from rotorid import __version__
-from rotoerrors import NotConvergedError, NotIdentifiableError
-from rotoestimate import Estimate, load_estimate
-from rotoexperiment import load_experiment
-from rotoidentify import identify as identify_model
-from rotoio.output import check_target, write_files
-from rotomodels import load_model, shipped_models
-from rotoreport import text
+from rotorid.errors import NotConvergedError, NotIdentifiableError
+from rotorid.estimate import Estimate, load_estimate
+from rotorid.experiment import load_experiment
+from rotorid.identify import identify as identify_model
+from rotorid.io.output import check_target, write_files
+from rotorid.models import load_model, shipped_models
+from rotorid.report import text
 
 OK, NO_ANSWER, WRONG_INPUT, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 141, 130
 _FILE = click.Path(path_type=Path)
@@ -92,7 +92,7 @@ def identify(
     if json is not None:
         writers[json] = estimate.save
     if report is not None:
-        from rotoreport.html import write_estimate_report
+        from rotorid.report.html import write_estimate_report
 
         writers[report] = partial(write_estimate_report, estimate, plan.model, records)
     write_files(writers)
@@ -111,7 +111,7 @@ def _exit_code(estimate: Estimate, strict: bool) -> int:
 @_debug_option
 def validate(result: Path, experiment: Path) -> int:
     """Predict the forces of the records in EXPERIMENT with RESULT, a file of identify --json."""
-    from rotovalidation.prediction import predict
+    from rotorid.validation.prediction import predict
 
     estimate = load_estimate(result)
     with _progress("reading"):

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rotorid.errors import InputError
+from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
 from rotorid.experiment.methods import build_estimator
 from rotorid.experiment.names import constraints, fixed_values, sources, timing
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
-from rotorid.estimators import Estimator
 from rotorid.io import Source, read_record
 from rotorid.models import Model, load_model
 from rotorid.record import PeriodicRecord, Record
