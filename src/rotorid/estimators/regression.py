@@ -24,6 +24,36 @@ from rotorid.signals.covariance import LineCovariance, choose_covariance
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
 
+def sensors(model: Model, record: PeriodicRecord) -> tuple[list[int], Floats]:
+    """Return the channels that read coordinates, and C with y = C q.
+
+    Returns
+    -------
+    channels : list of int
+    reads : array, shape (sensor, coordinate)
+    """
+    names = model.coordinates
+    channels = [
+        i for i, c in enumerate(record.channels) if c.combination and {*c.combination} <= {*names}
+    ]
+    reads = [[record.channels[i].combination.get(q, 0.0) for q in names] for i in channels]
+    return channels, np.array(reads, dtype=float).reshape(len(channels), len(names))
+
+
+def hidden_coordinates(model: Model, record: PeriodicRecord) -> list[str]:
+    """Return the coordinates that the sensors of a record do not determine."""
+    _, reads = sensors(model, record)
+    if not reads.size:
+        return list(model.coordinates)
+    units = np.eye(len(model.coordinates))
+    seen = np.linalg.matrix_rank(reads)
+    return [
+        q
+        for q, unit in zip(model.coordinates, units, strict=True)
+        if np.linalg.matrix_rank(np.vstack([reads, unit])) > seen
+    ]
+
+
 def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
     """Return the lines of every coordinate, period by period.
 
@@ -38,29 +68,15 @@ def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
     InputError
         Where a coordinate is not measured.
     """
-    names = model.coordinates
-    sensors = [
-        i for i, c in enumerate(record.channels) if c.combination and set(c.combination) <= {*names}
-    ]
-    reads = np.array(
-        [[record.channels[i].combination.get(q, 0.0) for q in names] for i in sensors]
-    ).reshape(len(sensors), len(names))
-    if np.array_equal(reads, np.eye(len(names))):
-        return record.spectra[..., sensors]
-    seen = np.linalg.matrix_rank(reads) if reads.size else 0
-    if seen < len(names):
-        hidden = [
-            q
-            for q, unit in zip(names, np.eye(len(names)), strict=True)
-            if not reads.size or np.linalg.matrix_rank(np.vstack([reads, unit])) > seen
-        ]
+    channels, reads = sensors(model, record)
+    if hidden := hidden_coordinates(model, record):
         raise InputError(
             f"no sensor of {', '.join(hidden)}",
             "every coordinate measured",
             "measure it, or use ml, which needs no such sensor",
             file=record.source,
         )
-    return np.asarray(record.spectra[..., sensors] @ np.linalg.pinv(reads).T)
+    return np.asarray(record.spectra[..., channels] @ np.linalg.pinv(reads).T)
 
 
 def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
@@ -69,7 +85,7 @@ def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
     Raises
     ------
     InputError
-        Where an input has no channel.
+        Where an input has no channel, or one that holds a current.
     """
     missing = [name for name in model.inputs if name not in record.names]
     if missing:
@@ -79,7 +95,13 @@ def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
             "name its column in [channels]",
             file=record.source,
         )
-    return record.spectra[..., [record.index(name) for name in model.inputs]]
+    channels = [record.index(name) for name in model.inputs]
+    currents = [record.names[i] for i in channels if record.channels[i].drive is not None]
+    if currents:
+        raise InputError(
+            f"a current in the channel of {currents[0]}", "a force", "use ml", file=record.source
+        )
+    return record.spectra[..., channels]
 
 
 def signal_spectra(

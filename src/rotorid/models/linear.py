@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import ModelError
+from rotorid.errors import InputError, ModelError
 from rotorid.models.expression import Expression, evaluate, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
@@ -157,6 +157,50 @@ class LinearForm:
         m = self.matrices(values, speed)
         s = 1j * np.asarray(omega, dtype=float)[:, None, None]
         return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K)
+
+    def response(
+        self, omega: ArrayLike, values: ArrayLike, speed: float, right: Complexes
+    ) -> Complexes:
+        """Solve ``Z(omega_k) q_k = right_k`` for the coordinates, shape (line, coordinate).
+
+        Parameters
+        ----------
+        omega : array, shape (line,)
+            rad/s.
+        values : array, shape (parameter,)
+            Physical parameters, SI.
+        speed : float
+            rad/s.
+        right : complex array, shape (line, row)
+            ``B u + g``.
+
+        Raises
+        ------
+        InputError
+            Where Z is not square, or singular: an undamped resonance, a free motion at DC.
+        """
+        stiffness = self.dynamic_stiffness(omega, values, speed)
+        if self.rows != self.coordinates:
+            raise InputError(
+                f"{self.rows} equations for {self.coordinates} coordinates",
+                "as many of one as of the other",
+                "complete the model",
+            )
+        # Rows and columns in units of their own size, so that the condition means something.
+        size = np.abs(stiffness)
+        row = 1 / np.maximum(size.max(axis=2), 1e-300)
+        column = 1 / np.maximum((size * row[..., None]).max(axis=1), 1e-300)
+        scaled = stiffness * row[..., None] * column[:, None, :]
+        condition = np.linalg.cond(scaled)
+        if (condition > 1e12).any():
+            where = np.asarray(omega)[int(condition.argmax())] / (2 * np.pi)
+            raise InputError(
+                f"a singular dynamic stiffness at {where:g} Hz",
+                "lines away from undamped resonances and free motion",
+                "leave that line out or give the model damping or support",
+            )
+        solved = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
+        return np.asarray(solved * column)
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
         """Return the columns of g: ``g = load_columns @ mu``.

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
-from rotorid.models import LinearForm, Model
-from rotorid.record import Channel, Complexes, Floats, Record
+from rotorid.models import Model
+from rotorid.record import Channel, Floats, Record
 from rotorid.signals.spectrum import line_spectra, synthesize
 
 
@@ -72,7 +72,8 @@ def steady_state(
     every = np.arange(samples // 2 + 1)
     right = line_spectra(forces @ linear.input_matrix(mu).T + load, every)
     excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * np.abs(right).max(initial=1e-300))
-    lines = _solve_lines(linear, values, excited * sample_rate / samples, speed, right[excited])
+    omega = 2 * np.pi * excited * sample_rate / samples
+    lines = linear.response(omega, values, speed, right[excited])
     return synthesize(lines, excited, samples)
 
 
@@ -84,33 +85,6 @@ def _check_synchronous(speed: float, samples: int, sample_rate: float) -> None:
             "a whole number",
             "choose speed and fundamental so that one divides the other",
         )
-
-
-def _solve_lines(
-    linear: LinearForm, values: Floats, frequency: Floats, speed: float, right: Complexes
-) -> Complexes:
-    stiffness = linear.dynamic_stiffness(2 * np.pi * frequency, values, speed)
-    if stiffness.shape[1] != stiffness.shape[2]:
-        raise InputError(
-            f"{linear.rows} equations for {linear.coordinates} coordinates",
-            "as many of one as of the other",
-            "complete the model",
-        )
-    # Rows and columns in units of their own size, so that the condition means something.
-    size = np.abs(stiffness)
-    row = 1 / np.maximum(size.max(axis=2), 1e-300)
-    column = 1 / np.maximum((size * row[..., None]).max(axis=1), 1e-300)
-    scaled = stiffness * row[..., None] * column[:, None, :]
-    condition = np.linalg.cond(scaled)
-    if (condition > 1e12).any():
-        where = frequency[int(condition.argmax())]
-        raise InputError(
-            f"a singular dynamic stiffness at {where:g} Hz",
-            "lines away from undamped resonances and rigid-body motion",
-            "leave that line out or give the model damping or support",
-        )
-    solved = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
-    return np.asarray(solved * column)
 
 
 def simulate(
