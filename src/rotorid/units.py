@@ -319,3 +319,20 @@ def _write(atoms: dict[str, int], *, angle: bool) -> str:
 
 def _symbol(atom: str, power: int) -> str:
     return atom if power == 1 else f"{atom}^{power}"
+
+
+def base_powers(unit: str) -> dict[str, int]:
+    """Return the powers of the SI base units in a unit; an angle is a number.
+
+    Raises
+    ------
+    InputError
+        For a text that is no unit.
+
+    Examples
+    --------
+    >>> base_powers("N/m")
+    {'kg': 1, 's': -2}
+    """
+    found = _base_symbols(_unit(unit, ""))
+    return {atom: power for atom, power in sorted(found.items()) if power and atom != "rad"}

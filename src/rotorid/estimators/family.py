@@ -13,7 +13,7 @@ from rotorid.estimators.knowledge import Constraint, Elimination, eliminate
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.summary import describe_open_directions, summarize
 from rotorid.estimators.weighted import Solution, pooled, sandwich
-from rotorid.models import Model
+from rotorid.models import Model, unit_faults
 from rotorid.record import Complexes, Floats, PeriodicRecord
 
 
@@ -79,7 +79,7 @@ class Problem:
             basis @ free @ basis.T,
             spreads,
             solution.condition_number,
-            [*warnings, *opened, *cures],
+            [*unit_faults(self.full), *warnings, *opened, *cures],
         )
 
 
