@@ -15,7 +15,6 @@ from rotorid.errors import ReadError
 from rotorid.record import Floats
 
 SCHEMA = "rotorid-estimate/1"
-HEADINGS = ("name", "value", "std", "std %", "unit")
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
 
@@ -151,13 +150,18 @@ class Estimate:
 
     @property
     def tables(self) -> dict[str, list[tuple[str, ...]]]:
-        """Rows of text under `HEADINGS` of the parameters, nuisance and derived quantities."""
+        """Rows of text of the parameters, nuisance and derived quantities, headings first.
+
+        What is derived by its own name alone is left out, and so are inflated deviations where
+        they are those that stand beside them.
+        """
+        names = {value.name for value in self.parameters}
         parts = {
             "parameters": self.parameters,
             "nuisance": self.nuisance,
-            "derived": self.derived,
+            "derived": tuple(value for value in self.derived if value.name not in names),
         }
-        return {title: [_row(v) for v in values] for title, values in parts.items() if values}
+        return {title: _table(title, values) for title, values in parts.items() if values}
 
     @property
     def notes(self) -> list[str]:
@@ -183,21 +187,22 @@ class Estimate:
             )
         if self.condition_number is not None:
             notes.append(f"condition number {self.condition_number:.4g}")
+        if _inflated((*self.parameters, *self.nuisance)):
+            notes.append("inflated: deviations as if all of the misfit were noise")
         return [*notes, *(f"warning: {warning}" for warning in self.warnings)]
 
     def __str__(self) -> str:
         lines = [f"{self.model}, {self.method}: {self.status}"]
-        for title, rows in self.tables.items():
-            table = [(title, *HEADINGS[1:]), *rows]
-            widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-            lines += ["", *(_aligned(row, widths) for row in table)]
+        for rows in self.tables.values():
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            lines += ["", *(_aligned(row, widths) for row in rows)]
         return "\n".join([*lines, "", *self.notes])
 
     def _repr_html_(self) -> str:
         """Return the tables for a notebook."""
         html = [f"<p><b>{escape(f'{self.model}, {self.method}: {self.status}')}</b></p>"]
-        for title, rows in self.tables.items():
-            cells = [f"<th>{escape(text)}</th>" for text in (title, *HEADINGS[1:])]
+        for headings, *rows in self.tables.values():
+            cells = [f"<th>{escape(text)}</th>" for text in headings]
             html += ["<table><tr>", *cells, "</tr>"]
             for row in rows:
                 html += ["<tr>", *(f"<td>{escape(text)}</td>" for text in row), "</tr>"]
@@ -232,18 +237,32 @@ class Estimate:
         Path(path).write_text(text + "\n", encoding="utf-8")
 
 
+def _table(title: str, values: Sequence[Value]) -> list[tuple[str, ...]]:
+    """Return headings and rows: name, value, deviation, the same in percent, inflated, unit."""
+    rows = [(title, "value", "std", "std %", "inflated", "unit"), *map(_row, values)]
+    return rows if _inflated(values) else [(*row[:4], row[5]) for row in rows]
+
+
+def _inflated(values: Sequence[Value]) -> bool:
+    return any(v.std and v.std_inflated and v.std_inflated > 1.05 * v.std for v in values)
+
+
 def _row(value: Value) -> tuple[str, ...]:
-    """Return name, value, deviation, deviation in percent and unit, with two digits of noise."""
     unit = "" if value.unit == "1" else value.unit
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
-        return value.name, f"{value.value:.6g}", std, "", unit
+        return value.name, f"{value.value:.6g}", std, "", "", unit
     digits = 6
     if value.value != 0 and np.isfinite([value.value, value.std]).all():
         digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
+    percent = _two_digits(100 * value.std / abs(value.value)) if value.value else ""
+    inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
     number = f"{value.value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
-    percent = f"{100 * value.std / abs(value.value):#.2g}".rstrip(".") if value.value else ""
-    return value.name, number, f"{value.std:#.2g}".rstrip("."), percent, unit
+    return value.name, number, _two_digits(value.std), percent, inflated, unit
+
+
+def _two_digits(number: float) -> str:
+    return f"{number:#.2g}".rstrip(".")
 
 
 def _percent(prediction: Prediction) -> str:

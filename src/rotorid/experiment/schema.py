@@ -82,7 +82,7 @@ class ChannelEntry(Schema):
 
     column: str
     unit: str | None = None
-    scale: Annotated[str | float | None, Field(allow_inf_nan=False)] = None
+    scale: str | Annotated[float, Field(allow_inf_nan=False)] | None = None
     hold: Literal["none", "zero-order"] = "none"
     delay: Annotated[float, BeforeValidator(_delay)] = 0.0
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0

@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from rotorid.estimate import HEADINGS, Estimate, Prediction
+from rotorid.estimate import Estimate, Prediction
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.models.model import Parameter
@@ -23,7 +23,7 @@ _COLOURS = {
 
 
 def estimate_tables(estimate: Estimate) -> RenderableType:
-    """Return an estimate as tables: value, deviation, deviation in percent, unit.
+    """Return an estimate as tables, with what there is to say below them.
 
     Examples
     --------
@@ -33,9 +33,10 @@ def estimate_tables(estimate: Estimate) -> RenderableType:
     """
     title = Text(f"{estimate.model}, {estimate.method}: ")
     title.append(estimate.status, _COLOURS[estimate.status])
-    tables = [_table((name, *HEADINGS[1:]), rows) for name, rows in estimate.tables.items()]
+    tables = [_table(headings, rows) for headings, *rows in estimate.tables.values()]
     notes = [Text(note, "yellow" if note.startswith("warning") else "") for note in estimate.notes]
-    return Group(title, *tables, *notes)
+    spaced = [part for table in tables for part in (Text(""), table)]
+    return Group(title, *spaced, Text(""), *notes)
 
 
 def prediction_table(errors: Iterable[Mapping[str, Prediction | None]]) -> RenderableType:
@@ -65,11 +66,14 @@ def model_description(model: Model) -> RenderableType:
         *([Text(f"source: {model.source}")] if model.source else []),
         Text(""),
         *(Text(f"{i + 1}. {text}") for i, text in enumerate(model.texts)),
+        Text(""),
         _table(
             ("signal", "kind", "unit"),
             [(name, kind, unit) for (name, unit), kind in zip(units, kinds, strict=True)],
         ),
+        Text(""),
         _table(("parameter", "unit", "nominal"), [_parameter(p) for p in model.parameters]),
+        Text(""),
         _table(
             ("base parameter", "unit"), list(zip(model.base.names, model.base.units, strict=True))
         ),
@@ -126,7 +130,16 @@ def _error(prediction: Prediction | None) -> str:
 
 def _table(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    numeric = {"value", "std", "std %", "nominal", "coordinates", "inputs", "base parameters"}
+    numeric = {
+        "value",
+        "std",
+        "std %",
+        "inflated",
+        "nominal",
+        "coordinates",
+        "inputs",
+        "base parameters",
+    }
     for heading in headings:
         table.add_column(Text(heading), justify="right" if heading in numeric else "left")
     for row in rows:
