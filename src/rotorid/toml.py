@@ -84,8 +84,10 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
         raise ReadError(
             "nesting too deep", "TOML of a few levels", "flatten it", file=file
         ) from None
-    except ValueError as error:  # an integer of more digits than Python converts
-        raise ReadError(f"{error}", "TOML", "correct the value", file=file) from None
+    except ValueError:  # an integer of more digits than Python converts
+        raise ReadError(
+            "a number of thousands of digits", "TOML", "correct the number", file=file
+        ) from None
     try:
         return schema.model_validate(table)
     except ValidationError as error:
@@ -99,7 +101,8 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
 def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:
     """Turn the first fault that pydantic found into one line."""
     faults = error.errors(include_url=False)
-    fault = faults[0]
+    # A misspelt key first: it may be the one that is missing.
+    fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
     inner = fault.get("ctx", {}).get("error")
     place = ".".join(str(part) for part in fault["loc"])
     if isinstance(inner, InputError):
@@ -117,9 +120,12 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
     if fault["type"] == "missing":
         return ReadError("no such key", "a value", "add it", file=file, place=place)
     found = repr(fault["input"])
+    expected = fault["msg"].removeprefix("Input should be ")
+    if fault["type"] in ("model_type", "dict_type"):
+        expected = "a table, such as { key = value }"
     return ReadError(
         found if len(found) <= 60 else found[:57] + "...",
-        fault["msg"][0].lower() + fault["msg"][1:],
+        expected[0].lower() + expected[1:],
         "correct the value",
         file=file,
         place=place,

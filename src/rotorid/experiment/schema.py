@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StrictInt, model_validator
@@ -30,9 +31,10 @@ def _later(cure: str) -> AfterValidator:
     return AfterValidator(refuse)
 
 
-Hertz = Annotated[float, _quantity("Hz")]
-Seconds = Annotated[float, _quantity("s")]
-RadiansPerSecond = Annotated[float, _quantity("rad/s")]
+Hertz = Annotated[float, _quantity("Hz"), Field(ge=1e-9, le=1e12)]
+Seconds = Annotated[float, _quantity("s"), Field(ge=0, le=1e9)]
+RadiansPerSecond = Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)]
+Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
 Quantity = str | int | float  # in a unit that the model knows
 
@@ -61,7 +63,7 @@ def _band(value: object) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise InputError(repr(value)[:60], "two frequencies", 'write ["0 Hz", "40 Hz"]')
     low, high = (to_si(end, "Hz") for end in value)
-    if not 0 <= low <= high:
+    if not 0 <= low <= high <= 1e12:
         raise InputError(repr(value)[:60], "0 Hz or more, the lower end first", "correct it")
     return low, high
 
@@ -73,6 +75,14 @@ class TimeEntry(Schema):
     unit: str | None = None
 
 
+def _scale(value: object) -> object:
+    if not isinstance(value, str | int | float) or isinstance(value, bool):
+        raise InputError(repr(value)[:60], "a number, or the name of a scalar", "correct it")
+    if not isinstance(value, str) and not math.isfinite(value):
+        raise InputError(f"{value}", "a finite number", "correct it")
+    return value
+
+
 def _time(value: object) -> object:
     return {"column": value} if isinstance(value, str) else value
 
@@ -82,7 +92,7 @@ class ChannelEntry(Schema):
 
     column: str
     unit: str | None = None
-    scale: str | Annotated[float, Field(allow_inf_nan=False)] | None = None
+    scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
     hold: Literal["none", "zero-order"] = "none"
     delay: Annotated[float, BeforeValidator(_delay)] = 0.0
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
@@ -112,8 +122,8 @@ class RecordEntry(Schema):
     keyphasor: Annotated[Any, _later("give speed, where it is constant")] = None
     phase: Annotated[float, BeforeValidator(_phase)] = 0.0
     fundamental: Hertz | None = None
-    period_samples: StrictInt | None = None
-    harmonics: list[StrictInt] | None = None
+    period_samples: Count | None = None
+    harmonics: list[Count] | None = None
     band: Annotated[tuple[float, float] | None, BeforeValidator(_band)] = None
     skip: Seconds = 0.0
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)

@@ -261,6 +261,8 @@ def parse(
     except VisitError as error:
         if isinstance(error.orig_exc, ModelError):
             raise error.orig_exc from None
+        if isinstance(error.orig_exc, RecursionError):
+            raise _too_deep() from None
         raise
     except UnexpectedInput as error:
         raise _syntax_error(error, text, start) from None

@@ -136,6 +136,13 @@ def _lines(
         spacing = record.sample_rate / size
         low = math.ceil(band[0] / spacing - 1e-6)
         high = math.floor(band[1] / spacing + 1e-6)
+        if high > size // 2:
+            raise _error(
+                record,
+                f"a band up to {band[1]:g} Hz",
+                f"lines up to {record.sample_rate / 2:g} Hz, half the sample rate",
+                "lower its upper end",
+            )
         lines = np.arange(low, high + 1, dtype=np.int64)
         shown = f"the band {band[0]:g} to {band[1]:g} Hz"
     else:
