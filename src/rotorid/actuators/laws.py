@@ -1,28 +1,29 @@
-"""Force laws of magnetic bearings: from currents and displacement, or from flux densities.
+"""Force laws of magnetic bearings, from current and displacement.
 
 The laws are values. The levitated rig drives its rotor with them and the reader of records turns
 measured currents into forces with them, so the two cannot differ.
 
 *Notation* (theory, section 4): i current about the bias i0, x displacement about the nominal gap
-s0, alpha half the angle between the poles, K the constant of a magnet, B a flux density.
+s0, alpha half the angle between the poles, K the constant of a magnet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorid.actuators.constants import (
+    MU0,
+    deviation_of,
+    require,
+    require_angle,
+    require_constants,
+)
 from rotorid.errors import InputError
 from rotorid.record import Floats
-
-MU0 = 4e-7 * np.pi
-"""Permeability of vacuum in N/A^2."""
-
-_STEP = 1e-30
 
 
 @runtime_checkable
@@ -37,69 +38,6 @@ class CurrentLaw(Protocol):
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the slopes k_i and k_s at a point."""
-
-
-def _std(law: Any, constants: tuple[str, ...], function: Callable[[Any], Any]) -> Floats:
-    """Return the first-order deviation of ``function(law)`` from those of the law's constants.
-
-    The slopes come from complex steps, exact to rounding; the constants are taken as independent.
-    """
-    total: Any = 0.0
-    for name in constants:
-        deviation = getattr(law, f"{name}_std")
-        if deviation:
-            step = _STEP * (abs(getattr(law, name)) or 1.0)
-            moved = _moved(law, name, getattr(law, name) + 1j * step)
-            total = total + (np.imag(function(moved)) / step * deviation) ** 2
-    return np.asarray(np.sqrt(total), dtype=float)
-
-
-def _moved(law: Any, name: str, value: complex) -> Any:
-    """Return a copy of a law with one constant moved, unchecked."""
-    copy = object.__new__(type(law))
-    for field in law.__dataclass_fields__:
-        object.__setattr__(copy, field, value if field == name else getattr(law, field))
-    return copy
-
-
-def _require(found: object, ok: bool, name: str, expected: str, cure: str) -> None:
-    if not ok:
-        raise InputError(f"{name} = {found}", expected, cure, place=name)
-
-
-def _require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] = ()) -> None:
-    """Refuse constants that are not finite, or not positive where they must be."""
-    for name, unit in positive.items():
-        value = getattr(law, name)
-        _require(
-            value,
-            bool(np.isfinite(value) and value > 0),
-            name,
-            f"more than 0 {unit}",
-            "correct the constant of the force law",
-        )
-    for name in free:
-        value = getattr(law, name)
-        _require(value, bool(np.isfinite(value)), name, "a finite number", "correct the constant")
-    for name in (*positive, *free):
-        value = getattr(law, f"{name}_std")
-        _require(
-            value,
-            bool(np.isfinite(value) and value >= 0),
-            f"{name}_std",
-            "a standard deviation of 0 or more",
-            "correct it",
-        )
-
-
-def _require_angle(angle: float) -> None:
-    _require(
-        angle,
-        bool(np.isfinite(angle) and abs(angle) < np.pi / 2),
-        "angle",
-        "less than 90 degrees",
-        "give half the angle between the poles",
-    )
 
 
 @dataclass(frozen=True)
@@ -133,8 +71,8 @@ class Linear:
     ks_std: float = 0.0
 
     def __post_init__(self) -> None:
-        _require_constants(self, {}, ("ki", "ks"))
-        _require(self.ki, self.ki != 0, "ki", "not zero", "give the force per current in N/A")
+        require_constants(self, {}, ("ki", "ks"))
+        require(self.ki, self.ki != 0, "ki", "not zero", "give the force per current in N/A")
 
     def _force(self, current: Any, position: Any) -> Any:
         return self.ki * current + self.ks * position
@@ -146,7 +84,7 @@ class Linear:
     def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
         """Return the deviation of the force in N that the constants' deviations cause."""
         at = np.asarray(current, float), np.asarray(position, float)
-        return _std(self, ("ki", "ks"), lambda law: law._force(*at))
+        return deviation_of(self, ("ki", "ks"), lambda law: law._force(*at))
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the law itself: its slopes are the same everywhere."""
@@ -205,10 +143,8 @@ class Differential:
     angle_std: float = 0.0
 
     def __post_init__(self) -> None:
-        _require_constants(
-            self, {"constant": "N m^2/A^2", "bias": "A", "gap": "m"}, free=("angle",)
-        )
-        _require_angle(self.angle)
+        require_constants(self, {"constant": "N m^2/A^2", "bias": "A", "gap": "m"}, free=("angle",))
+        require_angle(self.angle)
 
     @classmethod
     def from_geometry(
@@ -235,7 +171,7 @@ class Differential:
             For constants that are not positive.
         """
         for name, value in (("area", area), ("turns", turns)):
-            _require(value, value > 0, name, "more than 0", "correct the geometry")
+            require(value, value > 0, name, "more than 0", "correct the geometry")
         return cls(MU0 * turns**2 * area / 4, bias, gap, angle)
 
     @property
@@ -279,7 +215,7 @@ class Differential:
         """Return the deviation of the force in N that the constants' deviations cause."""
         at = self._within(current, position)
         names = ("constant", "bias", "gap", "angle")
-        return _std(self, names, lambda law: law._force(*at))
+        return deviation_of(self, names, lambda law: law._force(*at))
 
     def _slopes(self, current: float, position: float) -> Any:
         c = np.cos(self.angle)
@@ -301,102 +237,6 @@ class Differential:
         names = ("constant", "bias", "gap", "angle")
         ki, ks = self._slopes(current, position)
         ki_std, ks_std = np.broadcast_to(
-            _std(self, names, lambda law: law._slopes(current, position)), 2
+            deviation_of(self, names, lambda law: law._slopes(current, position)), 2
         )
         return Linear(float(ki), float(ks), float(ki_std), float(ks_std))
-
-
-@dataclass(frozen=True)
-class Flux:
-    """Force from the flux densities under opposed poles.
-
-    F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0): B1 under the magnet that pulls in the positive
-    direction, B2 under the other.
-
-    Parameters
-    ----------
-    area : float
-        Face of one pole in m^2.
-    poles : int
-        Poles of each magnet that carry this flux; a horseshoe has two.
-    angle : float
-        alpha in rad.
-    area_std, angle_std : float
-        Standard deviations of the constants.
-
-    Raises
-    ------
-    InputError
-        For an area or number of poles that is not positive.
-
-    Examples
-    --------
-    >>> law = Flux(area=2e-4, poles=2)
-    >>> round(float(law.force(0.6, 0.5)), 3)
-    17.507
-    """
-
-    area: float
-    poles: int = 2
-    angle: float = 0.0
-    area_std: float = 0.0
-    angle_std: float = 0.0
-
-    def __post_init__(self) -> None:
-        _require_constants(self, {"area": "m^2"}, free=("angle",))
-        _require_angle(self.angle)
-        _require(
-            self.poles,
-            self.poles == int(self.poles) and self.poles > 0,
-            "poles",
-            "a whole number of poles",
-            "a horseshoe magnet has 2",
-        )
-
-    @property
-    def gain(self) -> Any:
-        """Force per B1^2 - B2^2 in N/T^2."""
-        return self.poles * self.area * np.cos(self.angle) / (2 * MU0)
-
-    def force(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
-        """Return the force in N from the flux densities B1 and B2 in T."""
-        return np.asarray(self.gain * (np.asarray(ahead) ** 2 - np.asarray(behind) ** 2))
-
-    def force_std(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
-        """Return the deviation of the force in N that the constants' deviations cause."""
-        square = np.asarray(ahead) ** 2 - np.asarray(behind) ** 2
-        return _std(self, ("area", "angle"), lambda law: law.gain * square)
-
-    def densities(
-        self, law: Differential, current: ArrayLike, position: ArrayLike
-    ) -> tuple[Floats, Floats]:
-        """Return B1 and B2 in T under the poles of `law`, so that both laws give one force.
-
-        Raises
-        ------
-        InputError
-            Where current or position lie beyond bias or gap.
-        """
-        i, x = law._within(current, position)
-        c = np.cos(law.angle)
-        scale = np.sqrt(law.constant * c / self.gain)
-        ahead = scale * (law.bias + i) / (law.gap - x * c)
-        behind = scale * (law.bias - i) / (law.gap + x * c)
-        return ahead, behind
-
-
-def with_std(law: Any, **stds: float) -> Any:
-    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``.
-
-    Raises
-    ------
-    InputError
-        For a constant that the law does not have.
-    """
-    names = [name[:-4] for name in law.__dataclass_fields__ if name.endswith("_std")]
-    for name in stds:
-        if name not in names:
-            raise InputError(
-                f"{name!r}", f"one of {', '.join(names)}", "name a constant of the force law"
-            )
-    return replace(law, **{f"{name}_std": value for name, value in stds.items()})

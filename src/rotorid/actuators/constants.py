@@ -1,0 +1,99 @@
+"""Constants of force laws: their checks, and the deviations that they cause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.record import Floats
+
+MU0 = 4e-7 * np.pi
+"""Permeability of vacuum in N/A^2."""
+
+_STEP = 1e-30
+
+
+def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any], Any]) -> Floats:
+    """Return the first-order deviation of ``function(law)`` from those of the law's constants.
+
+    The slopes come from complex steps, exact to rounding; the constants are taken as independent.
+    """
+    total: Any = 0.0
+    for name in constants:
+        deviation = getattr(law, f"{name}_std")
+        if deviation:
+            step = _STEP * (abs(getattr(law, name)) or 1.0)
+            moved = _moved(law, name, getattr(law, name) + 1j * step)
+            total = total + (np.imag(function(moved)) / step * deviation) ** 2
+    return np.asarray(np.sqrt(total), dtype=float)
+
+
+def _moved(law: Any, name: str, value: complex) -> Any:
+    """Return a copy of a law with one constant moved, unchecked."""
+    copy = object.__new__(type(law))
+    for field in law.__dataclass_fields__:
+        object.__setattr__(copy, field, value if field == name else getattr(law, field))
+    return copy
+
+
+def require(found: object, ok: bool, name: str, expected: str, cure: str) -> None:
+    """Refuse a constant of a law unless it is as it should be."""
+    if not ok:
+        raise InputError(f"{name} = {found}", expected, cure, place=name)
+
+
+def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] = ()) -> None:
+    """Refuse constants that are not finite, or not positive where they must be."""
+    for name, unit in positive.items():
+        value = getattr(law, name)
+        require(
+            value,
+            bool(np.isfinite(value) and value > 0),
+            name,
+            f"more than 0 {unit}",
+            "correct the constant of the force law",
+        )
+    for name in free:
+        value = getattr(law, name)
+        require(value, bool(np.isfinite(value)), name, "a finite number", "correct the constant")
+    for name in (*positive, *free):
+        value = getattr(law, f"{name}_std")
+        require(
+            value,
+            bool(np.isfinite(value) and value >= 0),
+            f"{name}_std",
+            "a standard deviation of 0 or more",
+            "correct it",
+        )
+
+
+def require_angle(angle: float) -> None:
+    """Refuse an angle between poles and axis that leaves no force."""
+    require(
+        angle,
+        bool(np.isfinite(angle) and abs(angle) < np.pi / 2),
+        "angle",
+        "less than 90 degrees",
+        "give half the angle between the poles",
+    )
+
+
+def with_std(law: Any, **stds: float) -> Any:
+    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``.
+
+    Raises
+    ------
+    InputError
+        For a constant that the law does not have.
+    """
+    names = [name[:-4] for name in law.__dataclass_fields__ if name.endswith("_std")]
+    for name in stds:
+        if name not in names:
+            raise InputError(
+                f"{name!r}", f"one of {', '.join(names)}", "name a constant of the force law"
+            )
+    return replace(law, **{f"{name}_std": value for name, value in stds.items()})

@@ -1,0 +1,366 @@
+"""Multisines: sums of sines of one fundamental, so that whole periods have no leakage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg, optimize
+
+from rotorid.errors import InputError
+from rotorid.record import Complexes, Floats, Integers
+
+Phases = Literal["schroeder", "random"]
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """Periodic signals, ``u(t) = sum_k Re(A_k exp(2 pi i k f0 t))``.
+
+    Parameters
+    ----------
+    fundamental : float
+        f0 in Hz.
+    harmonics : int array, shape (line,)
+        k, increasing, 1 or more.
+    amplitudes : complex array, shape (line, signal)
+        A, in the unit of the signals: |A| is the peak of a line.
+    names : sequence of str
+        Of the signals.
+    unit : str
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, or harmonics that do not increase.
+
+    Examples
+    --------
+    >>> one = Multisine(20.0, [1, 3], [[1.0], [1.0]], ["F"])
+    >>> one.samples(160.0)[:3, 0].round(3), one.rms
+    (array([2.   , 0.   , 0.   ]), array([1.]))
+    """
+
+    fundamental: float
+    harmonics: Integers
+    amplitudes: Complexes
+    names: tuple[str, ...]
+    unit: str = "N"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "harmonics", _harmonics(self.harmonics))
+        object.__setattr__(self, "amplitudes", np.asarray(self.amplitudes, dtype=complex))
+        expected = (len(self.harmonics), len(self.names))
+        if self.amplitudes.shape != expected or not np.isfinite(self.amplitudes).all():
+            raise InputError(
+                f"amplitudes of shape {self.amplitudes.shape}",
+                f"finite numbers of shape {expected}: one row per harmonic, one column per signal",
+                "correct them",
+                place="amplitudes",
+            )
+        if not (np.isfinite(self.fundamental) and self.fundamental > 0):
+            raise InputError(
+                f"{self.fundamental} Hz", "more than 0 Hz", "correct it", place="fundamental"
+            )
+
+    def samples(self, sample_rate: float) -> Floats:
+        """Return one period, shape (sample, signal).
+
+        Parameters
+        ----------
+        sample_rate : float
+            Hz; a whole multiple of the fundamental.
+
+        Raises
+        ------
+        InputError
+            For a rate that is no multiple of the fundamental, or too low.
+        """
+        exact = sample_rate / self.fundamental
+        count = round(exact)
+        if abs(exact - count) > 1e-9 * exact:
+            raise InputError(
+                f"{sample_rate:g} Hz for a fundamental of {self.fundamental:g} Hz",
+                "a whole multiple of the fundamental",
+                "choose the fundamental so that a period is a whole number of samples",
+                place="sample_rate",
+            )
+        highest = self.harmonics[-1]
+        if count <= 2 * highest:
+            raise InputError(
+                f"{sample_rate:g} Hz for a line at {highest * self.fundamental:g} Hz",
+                f"more than {2 * highest * self.fundamental:g} Hz",
+                "sample faster or leave the high lines out",
+                place="sample_rate",
+            )
+        return self._periods(count)
+
+    def _periods(self, count: int) -> Floats:
+        lines = np.zeros((count // 2 + 1, len(self.names)), dtype=complex)
+        lines[self.harmonics] = self.amplitudes / 2
+        return np.asarray(np.fft.irfft(lines, n=count, axis=0, norm="forward"))
+
+    @property
+    def rms(self) -> Floats:
+        """Root mean square of each signal, shape (signal,)."""
+        return np.asarray(np.sqrt((np.abs(self.amplitudes) ** 2).sum(axis=0) / 2))
+
+    @property
+    def crest_factor(self) -> Floats:
+        """Peak over root mean square of each signal, between samples too, shape (signal,)."""
+        peak = np.abs(self._periods(_fine(self.harmonics))).max(axis=0)
+        return np.asarray(peak / np.where(self.rms > 0, self.rms, np.inf))
+
+    def scaled(self, factors: ArrayLike, unit: str | None = None) -> Multisine:
+        """Return the signals times a factor each, in another unit if one is given."""
+        return replace(
+            self, amplitudes=self.amplitudes * np.asarray(factors), unit=unit or self.unit
+        )
+
+
+def _harmonics(harmonics: ArrayLike) -> Integers:
+    given = np.atleast_1d(np.asarray(harmonics))
+    whole = given.astype(np.int64)
+    if given.ndim != 1 or not given.size or (whole != given).any() or whole[0] < 1:
+        raise InputError(
+            f"harmonics {list(given.ravel()[:8])}", "whole numbers from 1", "correct them"
+        )
+    if (np.diff(whole) <= 0).any():
+        raise InputError(f"harmonics {list(whole[:8])}", "increasing numbers", "sort them")
+    return whole
+
+
+def _fine(harmonics: Integers) -> int:
+    """Return samples enough to see the peaks: 32 for the shortest wave, as a power of two."""
+    return int(2 ** np.ceil(np.log2(32 * harmonics[-1])))
+
+
+def odd_harmonics(highest: int, lowest: int = 1) -> Integers:
+    """Return the odd harmonics in a range: even distortion stays off them.
+
+    Examples
+    --------
+    >>> odd_harmonics(11)
+    array([ 1,  3,  5,  7,  9, 11])
+    """
+    return np.arange(lowest + (lowest + 1) % 2, highest + 1, 2, dtype=np.int64)
+
+
+def full_harmonics(highest: int, lowest: int = 1) -> Integers:
+    """Return every harmonic in a range."""
+    return np.arange(lowest, highest + 1, dtype=np.int64)
+
+
+def leave_out(harmonics: ArrayLike, group: int, rng: np.random.Generator) -> Integers:
+    """Leave one harmonic out of each group of successive ones: detection lines.
+
+    Distortion of odd order falls on the odd lines left out, of even order on the even lines.
+
+    Parameters
+    ----------
+    harmonics : int array, shape (line,)
+    group : int
+        Harmonics of a group, 2 or more. What is left over at the end is kept.
+    rng : np.random.Generator
+
+    Returns
+    -------
+    int array
+        The harmonics to excite.
+
+    Raises
+    ------
+    InputError
+        For a group of less than two.
+
+    Examples
+    --------
+    >>> leave_out(odd_harmonics(23), 4, np.random.default_rng(0)).size
+    9
+    """
+    lines = _harmonics(harmonics)
+    if group < 2:
+        raise InputError(f"groups of {group}", "2 or more", "choose larger groups", place="group")
+    out = [start + rng.integers(group) for start in range(0, len(lines) - group + 1, group)]
+    return np.delete(lines, out)
+
+
+def schroeder_phases(power: ArrayLike) -> Floats:
+    """Return Schroeder's phases for lines of given power: a sweep in each period.
+
+    ``phase_n = -2 pi sum_{j<n} (n - j) p_j`` with p_j the part of line j in the power.
+
+    Parameters
+    ----------
+    power : array, shape (line,)
+
+    Returns
+    -------
+    array, shape (line,), rad
+
+    References
+    ----------
+    Schroeder 1970, Synthesis of low-peak-factor signals and binary sequences with low
+    autocorrelation.
+    """
+    part = np.asarray(power, dtype=float)
+    part = part / part.sum()
+    return np.asarray(-2 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(part))[:-1]]))
+
+
+def multisine(
+    fundamental: float,
+    harmonics: ArrayLike,
+    amplitude: Mapping[str, float | Sequence[float]],
+    *,
+    phases: Phases = "schroeder",
+    apart: bool = False,
+    unit: str = "N",
+    rng: np.random.Generator | None = None,
+) -> Multisine:
+    """Build a multisine of one or several signals.
+
+    Parameters
+    ----------
+    fundamental : float
+        Hz.
+    harmonics : int array, shape (line,)
+    amplitude : mapping of str to float or sequence of float
+        Of each signal: the peak of every line, or one for each.
+    phases : {"schroeder", "random"}
+    apart : bool
+        Give each line to one signal only, in turn, so that one run tells the inputs apart.
+    unit : str
+    rng : np.random.Generator, optional
+        For random phases.
+
+    Returns
+    -------
+    Multisine
+
+    Raises
+    ------
+    InputError
+        For random phases without `rng`, or amplitudes that do not fit.
+
+    Examples
+    --------
+    >>> sweep = multisine(20.0, odd_harmonics(99), {"F_x1": 1.0})
+    >>> sweep.crest_factor.round(2)
+    array([1.7])
+    """
+    lines = _harmonics(harmonics)
+    names = tuple(amplitude)
+    try:
+        size = np.stack([np.broadcast_to(amplitude[name], len(lines)) for name in names], axis=1)
+    except ValueError:
+        raise InputError(
+            "amplitudes of another number than the harmonics",
+            f"one, or {len(lines)}, for each signal",
+            "correct them",
+            place="amplitude",
+        ) from None
+    if apart:
+        turn = np.arange(len(lines))[:, None] % len(names)
+        size = np.where(turn == np.arange(len(names)), size, 0.0)
+    if phases == "random":
+        if rng is None:
+            raise InputError("random phases without rng", "a generator", "pass rng", place="rng")
+        angle = rng.uniform(0, 2 * np.pi, size.shape)
+    else:
+        angle = np.zeros(size.shape)
+        for j, column in enumerate(size.T):
+            used = column != 0
+            if used.any():
+                angle[used, j] = schroeder_phases(column[used] ** 2)
+    return Multisine(fundamental, lines, size * np.exp(1j * angle), names, unit)
+
+
+def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
+    """Return as many runs as signals, in which the inputs are orthogonal on every line.
+
+    In run r the signal s has the phase of the single run plus 2 pi r s / n: on each line the
+    matrix (signal, run) is the lines' amplitude times a DFT matrix, which has condition 1 where
+    the amplitudes are equal.
+
+    Examples
+    --------
+    >>> runs = orthogonal(multisine(1.0, [1, 2], {"a": 1.0, "b": 1.0}))
+    >>> matrix = np.stack([run.amplitudes[0] for run in runs])
+    >>> abs(matrix.conj().T @ matrix).round(12)
+    array([[2., 0.],
+           [0., 2.]])
+    """
+    turns = linalg.dft(len(signals.names)).conj()
+    return tuple(replace(signals, amplitudes=signals.amplitudes * turn) for turn in turns)
+
+
+def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
+    """Return the multisine with phases that lower the crest factor; amplitudes are kept.
+
+    The peak is the limit of the norms of order 2p: these are minimized over the phases, from the
+    given ones, p = 2, 4, 8, ..., each from the last.
+
+    Parameters
+    ----------
+    signals : Multisine
+    steps : int
+        Doublings of p.
+
+    Returns
+    -------
+    Multisine
+
+    References
+    ----------
+    Guillaume, Schoukens, Pintelon, Kollar 1991, Crest-factor minimization using nonlinear
+    Chebyshev approximation methods.
+
+    Examples
+    --------
+    >>> sweep = multisine(20.0, odd_harmonics(99), {"F_x1": 1.0})
+    >>> bool(minimize_crest(sweep).crest_factor[0] < 1.5)
+    True
+    """
+    columns = [
+        _flattened(signals.harmonics, column, steps) if np.abs(column).any() else column
+        for column in signals.amplitudes.T
+    ]
+    return replace(signals, amplitudes=np.stack(columns, axis=1))
+
+
+def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Complexes:
+    used = np.abs(amplitudes) > 0
+    lines, size, count = harmonics[used], np.abs(amplitudes[used]), _fine(harmonics)
+    rms = np.sqrt((size**2).sum() / 2)
+
+    def cost(angle: Floats, p: int) -> tuple[float, Floats]:
+        """Logarithm of the norm of order 2p over the rms, and its gradient."""
+        spectrum = np.zeros(count // 2 + 1, dtype=complex)
+        spectrum[lines] = size * np.exp(1j * angle) / 2
+        u = np.fft.irfft(spectrum, n=count, norm="forward") / rms
+        peak = np.abs(u).max()
+        relative = (u / peak) ** (2 * p - 1)
+        mean = np.mean(relative * u / peak)
+        weight = np.fft.rfft(relative / peak / mean, norm="forward")[lines]
+        slope = (1j * size * np.exp(1j * angle) * weight.conj()).real / rms
+        return float(np.log(peak) + np.log(mean) / (2 * p)), slope
+
+    best = angle = np.angle(amplitudes[used])
+    lowest = np.inf
+    for step in range(1, steps + 1):
+        angle = optimize.minimize(
+            cost, angle, args=(2**step,), jac=True, method="L-BFGS-B", options={"maxiter": 300}
+        ).x
+        peak = cost(angle, 2**20)[0]
+        if peak < lowest:
+            best, lowest = angle, peak
+    if cost(np.angle(amplitudes[used]), 2**20)[0] < lowest:
+        best = np.angle(amplitudes[used])
+    flattened = amplitudes.copy()
+    flattened[used] = size * np.exp(1j * best)
+    return flattened

@@ -1,0 +1,241 @@
+"""From the parts of a rig to the tables of its kernel; the noise is drawn here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.errors import InputError
+from rotorid.record import Floats, Integers
+from rotorid.simulation import tables
+from rotorid.simulation.plant import Plant, Transitions, transitions
+from rotorid.simulation.stability import loop_matrix, worst_mode
+
+if TYPE_CHECKING:
+    from rotorid.simulation.parts import PositionSensor
+    from rotorid.simulation.rig import Rig
+
+_POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
+
+
+def linear_steps(rig: Rig, plant: Plant, speed: float) -> Transitions:
+    """Return the exact steps of a rig linearized at its centre, at a speed in rad/s."""
+    slopes = np.array([part.slopes for part in rig.parts])
+    lag = np.array([part.time_constant for part in rig.parts])
+    noise = plant.inverse_mass @ noise_matrix(rig)
+    at = plant.at(speed)
+    return transitions(at, rig.schedule, speed, slopes[:, 0], slopes[:, 1], lag, noise)
+
+
+def noise_matrix(rig: Rig) -> Floats:
+    """Return the generalized force per random force, shape (row, noise)."""
+    B = rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B
+    columns = [
+        B[:, rig.model.inputs.index(name)]
+        if name in rig.model.inputs
+        else np.eye(len(B))[rig.model.coordinates.index(name)]
+        for name in rig.process_noise.std
+    ]
+    return np.array(columns).reshape(len(columns), len(B)).T
+
+
+def sensor_matrix(rig: Rig) -> Floats:
+    """Return what the sensors read, shape (sensor, coordinate)."""
+    return np.array(
+        [[s.combination.get(name, 0.0) for name in rig.model.coordinates] for s in rig.sensors]
+    )
+
+
+def growth(rig: Rig, plant: Plant, speed: float) -> tuple[float, float, str]:
+    """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
+    steps = linear_steps(rig, plant, speed)
+    names = [sensor.name for sensor in rig.sensors]
+    sensors = sensor_matrix(rig)
+    fed_back = [names.index(name) for name in rig.feedback]
+    reads = np.zeros((len(fed_back), steps.state.shape[1]))
+    reads[:, : sensors.shape[1]] = sensors[fed_back]
+    matrix = loop_matrix(rig.schedule, steps.state, steps.command, rig.controller, reads)
+    radius, angle, motion = worst_mode(matrix)
+    at_actuators = np.abs(plant.displacement @ motion[: sensors.shape[1]])
+    axis = rig.model.inputs[int(np.argmax(at_actuators))]
+    duration = rig.schedule.duration
+    return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
+
+
+def event_table(rig: Rig, samples: int) -> tables.Events:
+    """Return the pattern of events, repeated until the record is complete."""
+    plan = rig.schedule
+    settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
+    return tables.Events(
+        duration=plan.duration,
+        offset=plan.offset,
+        length=plan.length,
+        control=plan.control,
+        apply=plan.apply,
+        log=plan.log,
+        controls=plan.controls,
+        logs=plan.logs,
+        lag=plan.lag,
+        patterns=settling + -(-samples // plan.logs),
+        settling=settling,
+    )
+
+
+def step_table(rig: Rig, plant: Plant) -> tables.Steps:
+    """Return the exact steps of a linear rig; of another one only their sizes matter."""
+    n, inputs = plant.force.shape
+    if rig.linear:
+        steps = linear_steps(rig, plant, rig.rotation.speed)
+        return tables.Steps(True, steps.state, steps.command, steps.noise, steps.load)
+    events, noises = len(rig.schedule.offset), len(rig.process_noise.std)
+    shapes = ((2 * n, 2 * n), (2 * n, inputs), (2 * n, noises), (2 * n, 0))
+    return tables.Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
+
+
+def bearing_table(rig: Rig, plant: Plant) -> tables.Bearings:
+    """Return the actuators' constants."""
+    parts = rig.parts
+    law = np.zeros((len(parts), 4))
+    for row, part in zip(law, parts, strict=True):
+        match part.law:
+            case Differential() as magnets:
+                row[:] = magnets.constant, magnets.bias, magnets.gap, np.cos(magnets.angle)
+            case Linear(ki=ki, ks=ks):
+                row[:2] = ki, ks
+            case None:
+                row[:2] = 1.0, 0.0
+    lag = np.array([part.time_constant for part in parts])
+    pairs_of = [part.law if isinstance(part.law, Differential) else None for part in parts]
+    return tables.Bearings(
+        kind=np.array([0 if m is None else 1 for m in pairs_of]),
+        law=law,
+        limit=np.array([part.limit for part in parts]),
+        bias=np.array([np.inf if m is None else m.bias for m in pairs_of]),
+        time_constant=lag,
+        lagging=np.flatnonzero(lag > 0),
+        slew=np.array([part.slew for part in parts]),
+        displacement=np.ascontiguousarray(plant.displacement),
+        clearance=np.array(
+            [rig.clearance if m is None else min(rig.clearance, m.reach) for m in pairs_of]
+        ),
+        pair=pairs(rig.model.inputs),
+    )
+
+
+def pairs(inputs: tuple[str, ...]) -> Integers:
+    """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none.
+
+    Examples
+    --------
+    >>> pairs(("F_x1", "F_y1", "F_z"))
+    array([ 1,  0, -1])
+    """
+    swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
+    return np.array(
+        [
+            inputs.index(other) if other != name and other in inputs else -1
+            for name, other in zip(inputs, swapped, strict=True)
+        ]
+    )
+
+
+def rotor_table(rig: Rig, plant: Plant) -> tables.Rotor:
+    """Return the rotor and its rotation."""
+    n = len(plant.force)
+    turn = rig.rotation
+    rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
+    return tables.Rotor(
+        motion=np.ascontiguousarray(plant.motion),
+        load=np.ascontiguousarray(plant.load),
+        harmonics=plant.harmonics,
+        force=np.ascontiguousarray(plant.force),
+        noise=np.ascontiguousarray(plant.inverse_mass @ noise_matrix(rig)),
+        centre=plant.centre,
+        width=plant.width,
+        rotation=np.array(rotation),
+        tolerance=rig.tolerance,
+        floor=np.repeat([_POSITION_FLOOR, _VELOCITY_FLOOR], n),
+    )
+
+
+def loop_table(
+    rig: Rig, events: tables.Events, samples: int, rng: np.random.Generator
+) -> tables.Loop:
+    """Return controller, sensors and their errors, excitation, and the random forces."""
+    steps = events.patterns * events.controls
+    start = events.settling * events.duration
+    control_time = np.arange(steps, dtype=float) * rig.controller.period - start
+    log_time = np.arange(samples, dtype=float) / rig.logger.sample_rate
+    apart = bool(((events.log >= 0) & (events.control < 0)).any())
+    deviations = np.array(list(rig.process_noise.std.values()))
+    names = [sensor.name for sensor in rig.sensors]
+    return tables.Loop(
+        A=rig.controller.A,
+        B=rig.controller.B,
+        C=rig.controller.C,
+        D=rig.controller.D,
+        reads=np.array([names.index(name) for name in rig.feedback], dtype=np.int64),
+        sensors=sensor_matrix(rig),
+        quantum=np.array([sensor.quantum for sensor in rig.sensors]),
+        process=rng.normal(size=(steps, len(deviations))) * deviations,
+        error_at_control=_errors(rig, control_time, rng),
+        error_at_log=_errors(rig, log_time if apart else log_time[:0], rng),
+        excitation=excitation_table(rig),
+    )
+
+
+def _errors(rig: Rig, time: Floats, rng: np.random.Generator) -> Floats:
+    """Noise, bias and runout of the sensors at given times, shape (time, sensor)."""
+    angle = rig.rotation.angle_at(time)
+    errors = rng.normal(size=(len(time), len(rig.sensors)))
+    for j, sensor in enumerate(rig.sensors):
+        errors[:, j] = sensor.noise * errors[:, j] + sensor.bias + runout_of(sensor, angle)
+    return errors
+
+
+def runout_of(sensor: PositionSensor, angle: Floats) -> Floats:
+    """Return the runout that a sensor reads at angles in rad."""
+    total = np.zeros_like(angle)
+    for part in sensor.runout:
+        total += part.cos * np.cos(part.order * angle) + part.sin * np.sin(part.order * angle)
+    return total
+
+
+def excitation_table(rig: Rig) -> Floats:
+    """Return one period of what is added to the commands, shape (step, input)."""
+    inputs = rig.model.inputs
+    if rig.excitation is None:
+        return np.zeros((1, len(inputs)))
+    played = rig.excitation.samples(1 / rig.controller.period)
+    table = np.zeros((len(played), len(inputs)))
+    for name, column in zip(rig.excitation.names, played.T, strict=True):
+        part = rig.actuators[name]
+        if rig.excitation.unit not in ("N", part.unit):
+            raise InputError(
+                f"an excitation in {rig.excitation.unit}",
+                f"N or {part.unit}",
+                "give forces, or commands in the actuator's unit",
+                place=f"excitation.{name}",
+            )
+        per_newton = part.slopes[0] if rig.excitation.unit == "N" else 1.0
+        table[:, inputs.index(name)] = column / per_newton
+    return table
+
+
+def load_table(rig: Rig, plant: Plant, events: tables.Events) -> Floats:
+    """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
+    if not rig.linear:
+        return np.zeros((0, 0))
+    patterns = np.arange(events.patterns) - events.settling
+    time = (patterns[:, None] * events.duration + events.offset).ravel()
+    turns = rig.rotation.angle_at(time)[:, None] * plant.harmonics
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
+
+
+def log_table(rig: Rig, samples: int) -> tables.Log:
+    """Return the empty log."""
+    inputs = len(rig.model.inputs)
+    widths = (2 * len(rig.model.coordinates), len(rig.sensors), inputs, inputs, inputs)
+    return tables.Log(*(np.zeros((samples, width)) for width in widths))

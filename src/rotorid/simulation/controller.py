@@ -1,0 +1,243 @@
+"""Sampled controllers: decentralized PID, or any discrete transfer function or state space."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg, signal
+
+from rotorid.errors import InputError
+from rotorid.record import Complexes, Floats
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A discrete state space from positions (m) to commands (A or N).
+
+    ``state[k+1] = A state[k] + B y[k]``, ``u[k] = C state[k] + D y[k]``: the sign of the feedback
+    is in the matrices, so a controller that pulls back has a negative gain.
+
+    Parameters
+    ----------
+    A, B, C, D : array
+        Shapes (state, state), (state, position), (command, state), (command, position).
+    period : float
+        Time in s between samples.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit or numbers that are not finite.
+
+    Examples
+    --------
+    >>> gain = Controller([], [], [], [[-1e4]], period=1e-4)
+    >>> gain.states, gain.positions, gain.commands
+    (0, 1, 1)
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    period: float
+
+    def __post_init__(self) -> None:
+        D = np.atleast_2d(np.asarray(self.D, dtype=float))
+        commands, positions = D.shape
+        A = np.asarray(self.A, dtype=float)
+        n = 0 if A.size == 0 else len(np.atleast_2d(A))
+        shapes = {"A": (n, n), "B": (n, positions), "C": (commands, n)}
+        object.__setattr__(self, "D", D)
+        for name, shape in shapes.items():
+            given = np.asarray(getattr(self, name), dtype=float)
+            if given.size != shape[0] * shape[1] or (
+                given.ndim == 2 and n and given.shape != shape
+            ):
+                raise InputError(
+                    f"{name} of shape {given.shape}", f"{shape}", "correct the controller"
+                )
+            object.__setattr__(self, name, given.reshape(shape))
+        if not all(np.isfinite(getattr(self, name)).all() for name in "ABCD"):
+            raise InputError("numbers that are not finite", "finite matrices", "correct them")
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise InputError(f"a period of {self.period} s", "more than 0 s", "correct it")
+
+    @property
+    def states(self) -> int:
+        """Number of states."""
+        return len(self.A)
+
+    @property
+    def positions(self) -> int:
+        """Number of positions that it reads."""
+        return int(self.D.shape[1])
+
+    @property
+    def commands(self) -> int:
+        """Number of commands that it gives."""
+        return int(self.D.shape[0])
+
+    def response(self, omega: ArrayLike) -> Complexes:
+        """Return the transfer matrix at exp(i omega period), shape (line, command, position)."""
+        z = np.exp(1j * np.asarray(omega, dtype=float) * self.period)[:, None, None]
+        states = np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j * z)
+        return np.asarray(self.C @ states + self.D)
+
+    def on_each(self, axes: int) -> Controller:
+        """Return a controller of one position and one command, repeated on several axes.
+
+        Raises
+        ------
+        InputError
+            Where it has more than one position or command.
+        """
+        return side_by_side([self] * axes)
+
+
+def side_by_side(controllers: Sequence[Controller]) -> Controller:
+    """Return one controller of several that do not know of one another: decentralized.
+
+    Raises
+    ------
+    InputError
+        For controllers of more than one position and command, or of different periods.
+    """
+    for controller in controllers:
+        if (controller.positions, controller.commands) != (1, 1):
+            raise InputError(
+                f"a controller of {controller.positions} positions, {controller.commands} commands",
+                "one of each to repeat on every axis",
+                "give one controller for all axes, or one axis",
+            )
+        if controller.period != controllers[0].period:
+            raise InputError(
+                f"periods {controller.period} s and {controllers[0].period} s",
+                "one period",
+                "discretize all at one rate",
+            )
+    blocks = {name: linalg.block_diag(*(getattr(c, name) for c in controllers)) for name in "ABCD"}
+    return Controller(**blocks, period=controllers[0].period)
+
+
+def pid(
+    proportional: float,
+    integral: float,
+    derivative: float,
+    filter_frequency: float,
+    period: float,
+) -> Controller:
+    """Return a sampled PID of one axis with derivative filter, fed back negatively.
+
+    u = -(P y + I int y dt + D dy/dt filtered by a first-order low-pass): the integral by the
+    forward rule, the derivative as first-order hold through the filter, so that
+    ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
+
+    Parameters
+    ----------
+    proportional, integral, derivative : float
+        Command per m, per m s, per m/s.
+    filter_frequency : float
+        Corner of the derivative's filter in Hz.
+    period : float
+        T in s.
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    InputError
+        For a filter frequency that is not positive.
+
+    Examples
+    --------
+    >>> pid(1e4, 0.0, 10.0, 2000.0, 1e-4).D.round(1)
+    array([[-81539.]])
+    """
+    if not (np.isfinite(filter_frequency) and filter_frequency > 0):
+        raise InputError(
+            f"{filter_frequency} Hz", "more than 0 Hz", "correct it", place="filter_frequency"
+        )
+    a = np.exp(-2 * np.pi * filter_frequency * period)
+    slope = derivative * (1 - a) / period
+    # States: the integral of y; the filtered derivative less slope * y.
+    return Controller(
+        A=np.array([[1.0, 0.0], [0.0, a]]),
+        B=np.array([[period], [(a - 1) * slope]]),
+        C=np.array([[-integral, -1.0]]),
+        D=np.array([[-(proportional + slope)]]),
+        period=period,
+    )
+
+
+def as_controller(system: Any, period: float) -> Controller:
+    """Return a controller from an object of python-control or scipy.signal.
+
+    Parameters
+    ----------
+    system : Controller, control.StateSpace, control.TransferFunction, scipy.signal.dlti, ...
+        Discrete, from positions to commands, the sign of the feedback in it.
+    period : float
+        Period in s of the controller's clock, for systems that do not tell theirs.
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    InputError
+        For a continuous system, another period, or something else.
+
+    Examples
+    --------
+    >>> lead = signal.dlti([-2e4, 1.9e4], [1.0, -0.5], dt=1e-4)
+    >>> as_controller(lead, 1e-4).states
+    1
+    """
+    if isinstance(system, Controller):
+        return _of_period(system, system.period, period)
+    dt = getattr(system, "dt", None)
+    if dt is None or (dt == 0 and dt is not True):
+        raise InputError(
+            f"a continuous {type(system).__name__}" if hasattr(system, "dt") else repr(system)[:60],
+            "a discrete system",
+            "discretize it at the controller's period first (control.c2d, scipy's cont2discrete)",
+        )
+    space = _state_space(system)
+    matrices = {name: np.atleast_2d(getattr(space, name)) for name in "ABCD"}
+    known = period if dt is True else float(dt)
+    return _of_period(Controller(**matrices, period=known), known, period)
+
+
+def _of_period(controller: Controller, found: float, period: float) -> Controller:
+    if abs(found - period) > 1e-9 * period:
+        raise InputError(
+            f"a controller sampled every {found:g} s",
+            f"{period:g} s, the period of the controller's clock",
+            "discretize it at that period",
+        )
+    return controller
+
+
+def _state_space(system: Any) -> Any:
+    """Return the state space of a system of scipy or of python-control, neither imported here."""
+    if isinstance(system, signal.dlti):
+        return system.to_ss()
+    control = sys.modules.get("control")
+    if control is not None and isinstance(system, control.lti.LTI):
+        return control.ss(system)
+    if all(hasattr(system, name) for name in "ABCD"):
+        return system
+    raise InputError(
+        f"a {type(system).__name__}",
+        "a system of python-control or scipy.signal, or a Controller",
+        "convert it to one",
+    )

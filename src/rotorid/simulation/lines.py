@@ -1,0 +1,152 @@
+"""Periodic records straight from their lines, for statistics over many seeds.
+
+White noise on samples is white noise on every line of every period: independent, circular, of
+variance s^2 / samples. Drawing it there, on the kept lines only, gives records that no test could
+tell from sampled ones, a hundred times faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.errors import InputError
+from rotorid.models import Model
+from rotorid.record import Channel, Complexes, Floats, PeriodicRecord
+from rotorid.signals.spectrum import line_spectra, synthesize
+
+
+def line_record(
+    model: Model,
+    values: ArrayLike,
+    forces: ArrayLike,
+    *,
+    harmonics: Sequence[int],
+    fundamental: float,
+    sample_rate: float,
+    periods: int,
+    speed: float = 0.0,
+    phase: float = 0.0,
+    sensors: Sequence[Channel | str] | None = None,
+) -> PeriodicRecord:
+    """Return the noise-free record of a linear model in steady state, lines only.
+
+    Parameters
+    ----------
+    model : Model
+        Linear in its coordinates.
+    values : array, shape (parameter,)
+        SI.
+    forces : complex array, shape (line, input)
+        Lines of the inputs, ``mean(F exp(-i omega t))``: half the amplitude of a cosine.
+    harmonics : sequence of int
+        Increasing; the multiples of the fundamental that the lines are.
+    fundamental, sample_rate : float
+        Hz.
+    periods : int
+    speed : float
+        rad/s; a whole number of revolutions fits the period.
+    phase : float
+        Rotor angle in rad at t = 0.
+    sensors : sequence of Channel or str, optional
+        What is read; every coordinate where not given.
+
+    Returns
+    -------
+    PeriodicRecord
+        Channels: the inputs, then the sensors.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, a sensor of no coordinate, or an undamped resonance.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> model = load_model("jeffcott")
+    >>> record = line_record(
+    ...     model, model.values(model.nominal), np.full((1, 2), 500.0), harmonics=[0],
+    ...     fundamental=1.0, sample_rate=100.0, periods=2)
+    >>> record.mean_spectrum.real  # k x = F
+    array([[5.e+02, 5.e+02, 5.e-04, 5.e-04]])
+    """
+    lines, force = np.array(harmonics, dtype=np.int64), np.asarray(forces, dtype=np.complex128)
+    if force.shape != (len(lines), len(model.inputs)):
+        raise InputError(
+            f"forces of shape {force.shape}",
+            f"({len(lines)}, {len(model.inputs)}): (line, input)",
+            "give one line per harmonic",
+        )
+    samples = round(sample_rate / fundamental)
+    channels = _channels(model, model.coordinates if sensors is None else sensors)
+    time = np.arange(periods * samples).reshape(periods, samples) / sample_rate
+    linear, mu = model.require_linear(), model.monomial_values(np.asarray(values, dtype=float))
+    omega = 2 * np.pi * lines * sample_rate / samples
+    load = linear.load_columns(time[0], speed * time[0] + phase, speed) @ mu
+    right = force @ linear.input_matrix(mu).T + line_spectra(load, lines)
+    motion = linear.response(omega, np.asarray(values, dtype=float), speed, right)
+    reads = np.array(
+        [
+            [c.combination.get(q, 0.0) for q in model.coordinates]
+            for c in channels[len(model.inputs) :]
+        ]
+    )
+    mean = np.concatenate([force, motion @ reads.T], axis=1)
+    return PeriodicRecord(
+        channels=channels,
+        sample_rate=sample_rate,
+        harmonics=lines,
+        spectra=np.repeat(mean[None], periods, axis=0),
+        variance=np.zeros((samples, len(channels))),
+        mean=synthesize(mean, lines, samples),
+        speed=speed,
+        time=time,
+        angle=speed * time + phase,
+        source="simulation",
+    )
+
+
+def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, ...]:
+    read = [Channel(s, model.units.get(s, "")) if isinstance(s, str) else s for s in sensors]
+    for channel in read:
+        strange = [name for name in channel.combination if name not in model.coordinates]
+        if strange:
+            raise InputError(
+                f"a sensor of {strange[0]!r}",
+                f"one of {', '.join(model.coordinates)}",
+                "correct the name",
+            )
+    return (*(Channel(name, model.units[name]) for name in model.inputs), *read)
+
+
+def add_noise(
+    record: PeriodicRecord, deviation: Mapping[str, float], rng: np.random.Generator
+) -> PeriodicRecord:
+    """Return a record with white noise on its channels.
+
+    Parameters
+    ----------
+    record : PeriodicRecord
+    deviation : mapping of channel name to float
+        Standard deviation per sample, in SI; channels left out have none.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    PeriodicRecord
+    """
+    std = np.array([deviation.get(name, 0.0) for name in record.names])
+    noise = _unit_noise(record, rng) * (std / np.sqrt(record.samples))
+    return replace(record, spectra=record.spectra + noise, variance=record.variance + std**2)
+
+
+def _unit_noise(record: PeriodicRecord, rng: np.random.Generator) -> Complexes:
+    """Return circular noise of variance one; real on DC and on the Nyquist line."""
+    drawn: Floats = rng.standard_normal((*record.spectra.shape, 2))
+    real = record.multiplicity == 1.0
+    parts = np.where(real[:, None, None], np.array([1.0, 0.0]), np.sqrt(0.5))
+    return np.asarray((drawn * parts).view(np.complex128)[..., 0])

@@ -1,0 +1,235 @@
+"""What the logger of a rig leaves: columns, a record as a reader makes it, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.actuators.reading import ForceReading, as_channels, forces
+from rotorid.record import Channel, Drive, Floats, Record
+from rotorid.simulation.marks import encoder_counts, keyphasor_pulses, read_mark
+from rotorid.simulation.parts import Actuator, Encoder, Keyphasor
+from rotorid.simulation.plant import Plant
+
+if TYPE_CHECKING:
+    from rotorid.simulation.rig import Rig
+    from rotorid.simulation.tables import Log
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the logger in SI, and how its samples relate to the quantity, as in `Channel`."""
+
+    name: str
+    unit: str
+    samples: Floats
+    hold: bool = False
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What no logger sees.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+    time, angle, speed : array, shape (sample,)
+        s, rad, rad/s.
+    position, velocity : array, shape (sample, coordinate)
+    current, force : array, shape (sample, input)
+        In the coils and on the rotor, at the instant of the sample; where a command takes effect
+        then, just after it. Without force law the current is the commanded force.
+    """
+
+    parameters: Mapping[str, float]
+    time: Floats
+    angle: Floats
+    speed: Floats
+    position: Floats
+    velocity: Floats
+    current: Floats
+    force: Floats
+
+
+@dataclass(frozen=True)
+class RigRecord(Record):
+    """A `Record` from a rig, with the logger's columns and the truth.
+
+    Channels of linear actuators hold the currents, with their `Drive`;
+    `rotorid.actuators.forces` turns them into forces. Those of other actuators are forces.
+    """
+
+    columns: tuple[Column, ...] = ()
+    truth: Truth | None = field(default=None, repr=False)
+
+
+def label(name: str, part: Actuator, kind: str = "i") -> str:
+    """Return the column of an input: F_x1 for a force, i_x1, b1_x1, b2_x1 for what it comes from.
+
+    Examples
+    --------
+    >>> label("F_x1", Actuator(Linear(ki=100.0))), label("F_x1", Actuator())
+    ('i_x1', 'F_x1')
+    """
+    return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
+
+
+def how_recorded(rig: Rig, part: Actuator) -> tuple[bool, float]:
+    """Return hold and delay of the recorded command or current of an actuator.
+
+    The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
+    they are by d + T/2 + lag on average; the column by their mean age at the samples. A column
+    that changes only when it is sampled is held from sample to sample, exactly: a command logged
+    as often as it is computed or a whole number of times more, and so the current of an amplifier
+    without lag.
+    """
+    schedule, period, lag = rig.schedule, rig.controller.period, part.time_constant
+    theta = schedule.offset[schedule.log >= 0] % period  # since the last tick of the controller
+    command = rig.logger.current == "command"
+    age = theta.mean() if command else np.mean([_age(t, period, rig.delay, lag) for t in theta])
+    held = schedule.controls == 1 and (command or lag == 0)
+    half = 0.5 / rig.logger.sample_rate if held else 0.0
+    delay = age - (rig.delay + period / 2 + lag) + half
+    return held, round(float(delay) * 1e12) / 1e12 + 0.0
+
+
+def _age(theta: float, period: float, delay: float, lag: float) -> float:
+    """Return the mean age of the commands in the current, theta after the controller's last tick.
+
+    The step response s gives the command m ticks ago the weight
+    s(m T + theta - d) - s((m - 1) T + theta - d), so the age is
+    theta + T sum_m (1 - s(m T + theta - d)).
+    """
+    ticks = np.arange(int((delay + 50 * lag) / period) + 3)
+    since = ticks * period + theta - delay
+    begun = since > -1e-9 * period
+    rest = np.exp(-np.where(begun, since, 0.0) / lag) if lag > 0 else np.zeros(len(ticks))
+    return float(theta + period * np.where(begun, rest, 1.0).sum())
+
+
+def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> RigRecord:
+    """Return the record of a run; the noise of its recording is drawn here."""
+    rate = rig.logger.sample_rate
+    time = np.arange(len(log.state)) / rate
+    count = len(rig.model.coordinates)
+    truth = Truth(
+        parameters=dict(rig.values),
+        time=time,
+        angle=rig.rotation.angle_at(time),
+        speed=rig.rotation.speed_at(time),
+        position=log.state[:, :count],
+        velocity=log.state[:, count:],
+        current=log.current,
+        force=log.force,
+    )
+    positions = [
+        Column(sensor.name, rig.model.units[next(iter(sensor.combination))], reading)
+        for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
+    ]
+    drives = _drive_columns(rig, plant, log, rng)
+    mark = _mark_column(rig, time, rng)
+    columns = (*drives, *positions, *([] if mark is None else [mark]))
+    angle = read_mark(rig.logger.angle, None if mark is None else mark.samples, rate)
+    record = _as_read(
+        rig,
+        plant,
+        columns,
+        truth.angle if angle is None else angle.angle,
+        float(truth.speed.mean()) if angle is None else angle.speed,
+    )
+    return RigRecord(**vars(record), columns=columns, truth=truth)
+
+
+def _drive_columns(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
+    """Return the columns of forces or currents, and of flux densities."""
+    found = []
+    shown = log.command if rig.logger.current == "command" else log.current
+    position = log.state[:, : plant.displacement.shape[1]] @ plant.displacement.T
+    for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        hold, delay = how_recorded(rig, part)
+        samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
+        found.append(Column(label(name, part), part.unit, samples, hold, delay))
+        if part.flux is not None and isinstance(part.law, Differential):
+            densities = part.flux.law.densities(part.law, log.current[:, j], position[:, j])
+            for kind, flux in zip(("b1", "b2"), densities, strict=True):
+                samples = flux + part.flux.noise * rng.normal(size=len(flux))
+                found.append(Column(label(name, part, kind), "T", samples))
+    return found
+
+
+def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | None:
+    match rig.logger.angle:
+        case Encoder() as mark:
+            return Column("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))
+        case Keyphasor() as mark:
+            return Column("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))
+    return None
+
+
+def force_reading(rig: Rig, plant: Plant, index: int) -> ForceReading:
+    """Return how a reader gets the force of an actuator with a law from the columns.
+
+    Raises
+    ------
+    InputError
+        Where no sensors give the displacement in the actuator.
+    """
+    name, part = rig.model.inputs[index], rig.parts[index]
+    if part.flux is not None:
+        return ForceReading(part.flux.law, (label(name, part, "b1"), label(name, part, "b2")))
+    if part.law is None:
+        raise ValueError(f"{name} has no force law")
+    place = as_channels(sensor_channels(rig), actuator_position(rig, plant, index))
+    return ForceReading(part.law, (label(name, part),), place)
+
+
+def actuator_position(rig: Rig, plant: Plant, index: int) -> dict[str, float]:
+    """Return the displacement in an actuator as a combination of coordinates."""
+    row = zip(rig.model.coordinates, plant.displacement[index].tolist(), strict=True)
+    return {name: value for name, value in row if value}
+
+
+def sensor_channels(rig: Rig) -> list[Channel]:
+    """Return the channels of the position sensors."""
+    units = rig.model.units
+    return [Channel(s.name, units[next(iter(s.combination))], reads=s.reads) for s in rig.sensors]
+
+
+def _as_read(
+    rig: Rig, plant: Plant, columns: tuple[Column, ...], angle: Floats, speed: float
+) -> Record:
+    """Return the record that a reader makes of the columns."""
+    by_name = {column.name: column for column in columns}
+    channels: list[Channel] = []
+    readings: dict[str, ForceReading] = {}
+    for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        first = by_name[label(name, part)]
+        channel = Channel(name, first.unit, hold=first.hold, delay=first.delay)
+        if isinstance(part.law, Differential):
+            readings[name] = force_reading(rig, plant, j)
+            sources = [by_name[source] for source in readings[name].channels]
+            channels += [Channel(c.name, c.unit, hold=c.hold, delay=c.delay) for c in sources]
+        elif isinstance(part.law, Linear):
+            place = actuator_position(rig, plant, j)
+            channels.append(replace(channel, drive=Drive(part.law.ki, part.law.ks, place)))
+        else:
+            channels.append(channel)
+    sources = [
+        by_name[label(c.name, rig.actuators[c.name]) if c.drive else c.name] for c in channels
+    ]
+    channels += sensor_channels(rig)
+    sources += [by_name[sensor.name] for sensor in rig.sensors]
+    record = Record(
+        channels=tuple(channels),
+        samples=np.stack([column.samples for column in sources], axis=1),
+        sample_rate=rig.logger.sample_rate,
+        speed=speed,
+        angle=angle,
+        source=f"rig {rig.model.name}",
+    )
+    return forces(record, readings, drives=False) if readings else record

@@ -1,0 +1,256 @@
+"""Parts of a rig: actuators, sensors, marks of the rotor angle, the logger. All are values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from rotorid.actuators.flux import Flux
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.errors import InputError
+
+
+def _check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
+    """Refuse values that are not positive, or negative, where they must not be."""
+    for names, strict in ((positive, True), (zero, False)):
+        for name in names:
+            value = getattr(part, name)
+            if value is None or value > 0 or (value == 0 and not strict):
+                continue
+            raise InputError(
+                f"{name} = {value}",
+                "more than 0" if strict else "0 or more",
+                "correct it",
+                place=name,
+            )
+
+
+@dataclass(frozen=True)
+class FluxSensors:
+    """Hall sensors under both magnets of an actuator.
+
+    Parameters
+    ----------
+    law : Flux
+        How the reader turns them into the force.
+    noise : float
+        Standard deviation in T.
+    """
+
+    law: Flux
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self, zero=("noise",))
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One axis of a magnetic bearing with its amplifier.
+
+    Parameters
+    ----------
+    law : Linear or Differential or None
+        From current and displacement to force; without one the command is the force itself.
+    limit : float
+        Largest command, A (N without law).
+    bandwidth : float or None
+        Of the amplifier, first order, in Hz; without it the current follows at once.
+    slew : float
+        Largest slope of the current in A/s: supply voltage over coil inductance.
+    noise : float
+        Standard deviation of the recorded current in A (of the force in N without law).
+    flux : FluxSensors, optional
+
+    Raises
+    ------
+    InputError
+        For a limit beyond the bias, a slew limit without bandwidth, flux sensors without a
+        differential law, or negative values.
+
+    Examples
+    --------
+    >>> Actuator(Linear(ki=120.0, ks=2e5), limit=3.0).slopes
+    (120.0, 200000.0)
+    """
+
+    law: Linear | Differential | None = None
+    limit: float = np.inf
+    bandwidth: float | None = None
+    slew: float = np.inf
+    noise: float = 0.0
+    flux: FluxSensors | None = None
+
+    def __post_init__(self) -> None:
+        _check(self, positive=("limit", "bandwidth", "slew"), zero=("noise",))
+        if isinstance(self.law, Differential) and self.law.bias < self.limit < np.inf:
+            raise InputError(
+                f"a current limit of {self.limit:g} A beyond the bias of {self.law.bias:g} A",
+                "a limit of the bias at most",
+                "beyond it one magnet would have to push; lower the limit or raise the bias",
+                place="limit",
+            )
+        if np.isfinite(self.slew) and self.bandwidth is None:
+            raise InputError(
+                "a slew limit without bandwidth",
+                "the amplifier's bandwidth beside it",
+                "give the bandwidth",
+                place="slew",
+            )
+        if self.flux is not None and not isinstance(self.law, Differential):
+            raise InputError(
+                "flux sensors on an actuator without magnets",
+                "a differential law",
+                "give bias and gap, or leave the sensors out",
+                place="flux",
+            )
+
+    @property
+    def unit(self) -> str:
+        """Unit of the command."""
+        return "N" if self.law is None else "A"
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Return k_i and k_s at the centre; 1 and 0 where the command is the force."""
+        if self.law is None:
+            return 1.0, 0.0
+        slope = self.law.linearize()
+        return slope.ki, slope.ks
+
+    @property
+    def time_constant(self) -> float:
+        """Lag of the amplifier in s."""
+        return 0.0 if self.bandwidth is None else 1 / (2 * np.pi * self.bandwidth)
+
+
+@dataclass(frozen=True)
+class Runout:
+    """What a sensor reads of the shaft's surface: cos cos(n phi) + sin sin(n phi), in m."""
+
+    order: int
+    cos: float = 0.0
+    sin: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.order < 1:
+            raise InputError(f"order {self.order}", "1 or more", "correct it", place="order")
+
+
+@dataclass(frozen=True)
+class PositionSensor:
+    """A sensor of a coordinate, or of a combination of some.
+
+    Parameters
+    ----------
+    name : str
+        A coordinate's name, or a new one where it reads several.
+    reads : mapping of str to float, optional
+        ``{coordinate: coefficient}``.
+    noise, bias, quantum : float
+        Standard deviation, offset and least step in m (rad for an angle).
+    runout : sequence of Runout
+
+    Raises
+    ------
+    InputError
+        For negative values.
+    """
+
+    name: str
+    reads: Mapping[str, float] | None = None
+    noise: float = 0.0
+    bias: float = 0.0
+    quantum: float = 0.0
+    runout: tuple[Runout, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check(self, zero=("noise", "quantum"))
+
+    @property
+    def combination(self) -> Mapping[str, float]:
+        """What it reads, as ``{coordinate: coefficient}``."""
+        return {self.name: 1.0} if self.reads is None else self.reads
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """A disc with lines; the logger reads a counter.
+
+    Parameters
+    ----------
+    lines : int
+        Counts per revolution.
+    jitter : float
+        Standard deviation of each reading before it is counted, in rad.
+    """
+
+    lines: int
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self, positive=("lines",), zero=("jitter",))
+
+
+@dataclass(frozen=True)
+class Keyphasor:
+    """A mark that passes a sensor once per revolution, at phi = 0.
+
+    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them.
+
+    Parameters
+    ----------
+    jitter : float
+        Standard deviation of the pulses' times in s.
+    noise : float
+        Standard deviation of the samples; a pulse is 1 high.
+    width : float
+        Part of a revolution that the mark lasts.
+    """
+
+    jitter: float = 0.0
+    noise: float = 0.0
+    width: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check(self, positive=("width",), zero=("jitter", "noise"))
+
+
+@dataclass(frozen=True)
+class Logger:
+    """What is recorded, and how often.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Hz.
+    current : {"command", "measured"}
+        The controller's command, or the coil's current.
+    angle : Encoder or Keyphasor, optional
+        Without one the speed is taken as known.
+    """
+
+    sample_rate: float
+    current: Literal["command", "measured"] = "command"
+    angle: Encoder | Keyphasor | None = None
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Random forces on the rotor, white, held over each period of the controller.
+
+    Parameters
+    ----------
+    std : mapping of str to float
+        Input or coordinate (the equation of it) to standard deviation in N (N m for an angle).
+    """
+
+    std: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, value in self.std.items():
+            if not value >= 0:
+                raise InputError(f"{value}", "0 or more", "correct it", place=name)

@@ -1,0 +1,270 @@
+"""The rotor of a rig: accelerations from positions, velocities, forces and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import polynomial
+from scipy import linalg
+
+from rotorid.errors import ModelError
+from rotorid.models.linear import LinearForm
+from rotorid.models.model import Model
+from rotorid.record import Floats, Integers
+from rotorid.simulation.schedule import Schedule
+from rotorid.simulation.speed import Rotation
+
+_DEGREE = 4
+_ANGLES = 64
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A linear rotor whose matrices are polynomials of the speed.
+
+    ``q'' = sum_d s^d (motion[d] [q; q'] + sum_h load[d, h] [cos h phi; sin h phi]) + force F``
+    with ``s = (Omega - centre) / width``; at constant speed d = 0 alone.
+
+    Parameters
+    ----------
+    motion : array, shape (degree, coordinate, 2 coordinate)
+    load : array, shape (degree, harmonic, coordinate, 2)
+        Acceleration by the loads: cosine and sine of the harmonics of the rotor angle.
+    harmonics : int array, shape (harmonic,)
+    force : array, shape (coordinate, input)
+        Acceleration per force.
+    inverse_mass : array, shape (coordinate, row)
+    displacement : array, shape (input, coordinate)
+        What each actuator's displacement is made of.
+    centre, width : float
+        rad/s.
+    """
+
+    motion: Floats
+    load: Floats
+    harmonics: Integers
+    force: Floats
+    inverse_mass: Floats
+    displacement: Floats
+    centre: float
+    width: float
+
+    def at(self, speed: float) -> Plant:
+        """Return the plant with its matrices at one speed in rad/s."""
+        powers = ((speed - self.centre) / self.width) ** np.arange(len(self.motion))
+        load_powers = ((speed - self.centre) / self.width) ** np.arange(len(self.load))
+        return replace(
+            self,
+            motion=np.tensordot(powers, self.motion, 1)[None],
+            load=np.tensordot(load_powers, self.load, 1)[None],
+        )
+
+
+def rotor_plant(
+    model: Model, values: Floats, rotation: Rotation, end: float, displacement: Floats | None = None
+) -> Plant:
+    """Return the plant of a model for a run until `end` (s).
+
+    Parameters
+    ----------
+    model : Model
+    values : array, shape (parameter,)
+    rotation : Rotation
+    end : float
+    displacement : array, shape (input, coordinate), optional
+        B' where it is not given: the displacement that does work with the force.
+
+    Returns
+    -------
+    Plant
+
+    Raises
+    ------
+    ModelError
+        For a model that is not linear, has no mass somewhere, or loads that are not periodic
+        in the rotor angle.
+    """
+    linear = model.require_linear()
+    low, high = rotation.range_until(end)
+    centre, width = (low + high) / 2, (high - low) / 2 or 1.0
+    nodes = [centre] if rotation.constant else list(centre + width * _chebyshev(_DEGREE + 1))
+    mass = _mass(linear, values, nodes)
+    inverse = np.asarray(np.linalg.inv(mass), dtype=float)
+    matrices = [linear.matrices(values, speed) for speed in nodes]
+    motion = [
+        -inverse @ np.hstack([m.K, m.D + speed * m.G])
+        for m, speed in zip(matrices, nodes, strict=True)
+    ]
+    harmonics, loads = _load_harmonics(linear, values, nodes)
+    return Plant(
+        motion=_in_speed(np.array(motion)),
+        load=_in_speed(np.einsum("cr,nhrp->nhcp", inverse, loads)),
+        harmonics=harmonics,
+        force=inverse @ matrices[0].B,
+        inverse_mass=inverse,
+        displacement=_work_displacement(mass, matrices[0].B)
+        if displacement is None
+        else displacement,
+        centre=centre,
+        width=width,
+    )
+
+
+def _chebyshev(count: int) -> Floats:
+    return np.asarray(np.cos(np.pi * (np.arange(count) + 0.5) / count))
+
+
+def _in_speed(values: Floats) -> Floats:
+    """Turn values at the Chebyshev nodes into coefficients of a polynomial."""
+    count = len(values)
+    if count == 1:
+        return values
+    flat = values.reshape(count, -1)
+    coefficients = polynomial.polyfit(_chebyshev(count), flat, count - 1)
+    coefficients[np.abs(coefficients) < 1e-11 * np.abs(flat).max(initial=0.0)] = 0.0
+    used = np.flatnonzero(coefficients.any(axis=1))
+    degree = int(used[-1]) + 1 if used.size else 1
+    return np.asarray(coefficients[:degree].reshape(degree, *values.shape[1:]))
+
+
+def _mass(linear: LinearForm, values: Floats, nodes: Sequence[float]) -> Floats:
+    masses = [linear.matrices(values, speed).M for speed in nodes]
+    first = masses[0]
+    if first.shape[0] != first.shape[1]:
+        raise ModelError(
+            f"{first.shape[0]} equations of {first.shape[1]} coordinates",
+            "as many equations as coordinates",
+            "complete the model",
+        )
+    scale = np.abs(first).max(initial=0.0)
+    if any(np.abs(mass - first).max(initial=0.0) > 1e-12 * scale for mass in masses):
+        raise ModelError(
+            "a mass that depends on the speed",
+            "constant masses where the speed changes",
+            "run at constant speed",
+        )
+    diagonal = np.sqrt(np.abs(first).max(axis=1, initial=0.0))
+    balanced = first / np.where(diagonal > 0, diagonal, 1)[:, None]
+    balanced = balanced / np.where(diagonal > 0, diagonal, 1)
+    if not np.isfinite(first).all() or np.linalg.cond(balanced) > 1e12:
+        raise ModelError(
+            "a coordinate without mass",
+            "a mass matrix that can be inverted",
+            "give every coordinate a mass, or eliminate it",
+        )
+    return first
+
+
+def _work_displacement(mass: Floats, B: Floats) -> Floats:
+    if np.abs(mass - mass.T).max() > 1e-9 * np.abs(mass).max():
+        raise ModelError(
+            "a mass matrix that is not symmetric",
+            "each equation the balance of the forces that do work on its coordinate",
+            "order and scale the equations so, or say what displaces each actuator",
+        )
+    return B.T
+
+
+def _load_harmonics(
+    linear: LinearForm, values: Floats, nodes: Sequence[float]
+) -> tuple[Integers, Floats]:
+    """Return the harmonics of the rotor angle in g, and g, shape (node, harmonic, row, 2)."""
+    mu = linear.monomial_values(values)
+    angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
+    spectra = []
+    for speed in nodes:
+        load = linear.load_columns(np.zeros(_ANGLES), angle, speed) @ mu
+        again = linear.load_columns(np.full(_ANGLES, 1.2345), angle + 6 * np.pi, speed) @ mu
+        spectrum = np.fft.rfft(load, axis=0, norm="forward")
+        largest = np.abs(load).max(initial=0.0)
+        rough = np.abs(spectrum[_ANGLES // 4 :]).max(initial=0.0) > 1e-9 * largest
+        if rough or np.abs(load - again).max(initial=0.0) > 1e-9 * largest:
+            raise ModelError(
+                "a load that is no smooth function of the rotor angle and the speed alone",
+                "loads such as m*xi*Omega^2*cos(phi), or constants",
+                "leave the load out; give it to the rig as excitation",
+            )
+        spectrum[np.abs(spectrum) < 1e-13 * largest] = 0.0
+        spectra.append(spectrum)
+    stacked = np.array(spectra)
+    harmonics = np.flatnonzero(np.abs(stacked).max(axis=(0, 2), initial=0.0) > 0)
+    weight = np.where(harmonics == 0, 1.0, 2.0)[:, None]
+    kept = stacked[:, harmonics] * weight
+    return harmonics.astype(np.int64), np.stack([kept.real, -kept.imag], axis=-1)
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """Exact steps of the linear rig from each event of the pattern to the next.
+
+    ``x[+] = state x + command c + noise w + load e`` with x = [q, q', lagging currents], c the
+    held commands, w the held random forces, e = [cos h phi, sin h phi, ...] at the event.
+
+    Parameters
+    ----------
+    state : array, shape (event, state, state)
+    command : array, shape (event, state, input)
+    noise : array, shape (event, state, noise)
+    load : array, shape (event, state, 2 harmonic)
+    """
+
+    state: Floats
+    command: Floats
+    noise: Floats
+    load: Floats
+
+
+def transitions(
+    plant: Plant,
+    schedule: Schedule,
+    speed: float,
+    ki: Floats,
+    ks: Floats,
+    time_constant: Floats,
+    noise: Floats,
+) -> Transitions:
+    """Return the exact steps of the rig at constant speed (matrix exponential).
+
+    Parameters
+    ----------
+    plant : Plant
+    schedule : Schedule
+    speed : float
+        rad/s.
+    ki, ks, time_constant : array, shape (input,)
+        Force laws, and lag of the amplifiers in s; 0 where they follow at once.
+    noise : array, shape (coordinate, noise)
+        Acceleration per random force.
+
+    Returns
+    -------
+    Transitions
+    """
+    n, inputs = plant.force.shape
+    lagging = np.flatnonzero(time_constant > 0)
+    states, harmonics = 2 * n + len(lagging), len(plant.harmonics)
+    size = states + inputs + noise.shape[1] + 2 * harmonics
+    a = np.zeros((size, size))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, : 2 * n] = plant.motion[0]
+    a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
+    per_current = plant.force * ki
+    a[n : 2 * n, 2 * n : states] = per_current[:, lagging]
+    rates = 1.0 / time_constant[lagging]
+    a[2 * n : states, 2 * n : states] = -np.diag(rates)
+    command = np.zeros((states, inputs))
+    command[n : 2 * n] = np.where(time_constant > 0, 0.0, per_current)
+    command[2 * n + np.arange(len(lagging)), lagging] = rates
+    first, last = states + inputs, size - 2 * harmonics
+    a[:states, states:first] = command
+    a[n : 2 * n, first:last] = noise
+    a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
+    for h, multiple in enumerate(plant.harmonics):
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
+        a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
+    step = {length: linalg.expm(a * length) for length in set(schedule.length)}
+    steps = np.array([step[length] for length in schedule.length])[:, :states]
+    cuts = np.split(steps, [states, first, last], axis=2)
+    return Transitions(*(np.ascontiguousarray(block) for block in cuts))

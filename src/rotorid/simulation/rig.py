@@ -1,0 +1,201 @@
+"""`Rig`: a levitated rotor in closed loop, run as a machine is and recorded as a logger does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.actuators.laws import Differential
+from rotorid.errors import InputError
+from rotorid.models.model import Model
+from rotorid.record import Floats
+from rotorid.signals.multisine import Multisine
+from rotorid.simulation import assembly, faults, kernel
+from rotorid.simulation.controller import Controller
+from rotorid.simulation.logger import RigRecord, record_of
+from rotorid.simulation.parts import Actuator, Logger, PositionSensor, ProcessNoise
+from rotorid.simulation.plant import Plant, rotor_plant
+from rotorid.simulation.schedule import Schedule, merge_clocks
+from rotorid.simulation.speed import Rotation
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A rotor on magnetic bearings, its controller and its logger.
+
+    Parameters
+    ----------
+    model : Model
+        Linear; each equation the balance of the forces on its coordinate.
+    values : mapping of str to float
+        Parameters (SI).
+    rotation : Rotation
+    actuators : mapping of str to Actuator
+        One for each input.
+    sensors : sequence of PositionSensor
+    controller : Controller
+        From the sensors fed back to the inputs.
+    feedback : sequence of str
+        Names of the sensors that it reads.
+    logger : Logger
+    excitation : Multisine, optional
+        Forces in N (or currents in A, by its unit), added to the commands; its t = 0 is the first
+        sample of the record.
+    process_noise : ProcessNoise
+    clearance : float
+        Radius in m at which the rotor touches the auxiliary bearing, at each actuator.
+    delay : float
+        Time in s from the controller's sample until its command takes effect.
+    settling : float
+        Time in s that the rig runs before the record begins.
+    tolerance : float
+        Relative error of a step, for what is integrated.
+
+    Raises
+    ------
+    InputError
+        For parts that do not fit together.
+
+    Notes
+    -----
+    The displacement of an actuator is B'q, the one that does work with its force. While the speed
+    changes, the loads follow it as the model says; the angular acceleration adds nothing.
+    """
+
+    model: Model
+    values: Mapping[str, float]
+    rotation: Rotation
+    actuators: Mapping[str, Actuator]
+    sensors: tuple[PositionSensor, ...]
+    controller: Controller
+    feedback: tuple[str, ...]
+    logger: Logger
+    excitation: Multisine | None = None
+    process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+    clearance: float = np.inf
+    delay: float = 0.0
+    settling: float = 1.0
+    tolerance: float = 1e-9
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "feedback", tuple(self.feedback))
+        inputs, coordinates = self.model.inputs, self.model.coordinates
+        missing = [name for name in inputs if name not in self.actuators]
+        if missing:
+            raise InputError(
+                f"no actuator of {missing[0]}", "one for each input", "add it", place="actuators"
+            )
+        _known("actuators", self.actuators, inputs)
+        _known("feedback", self.feedback, [sensor.name for sensor in self.sensors])
+        _known("process_noise", self.process_noise.std, inputs + coordinates)
+        for sensor in self.sensors:
+            _known(f"sensors.{sensor.name}", sensor.combination, coordinates)
+        if self.excitation is not None:
+            _known("excitation", self.excitation.names, inputs)
+        sizes = (self.controller.positions, self.controller.commands)
+        if sizes != (len(self.feedback), len(inputs)):
+            raise InputError(
+                f"a controller from {sizes[0]} positions to {sizes[1]} commands",
+                f"from {len(self.feedback)} to {len(inputs)}",
+                "match the sensors fed back and the inputs",
+                place="controller",
+            )
+        for name in ("clearance", "tolerance", "delay", "settling"):
+            value = getattr(self, name)
+            if not (value >= 0 if name in ("delay", "settling") else value > 0):
+                raise InputError(f"{value}", "more than 0", "correct it", place=name)
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """The clocks of controller and logger, merged."""
+        return merge_clocks(1 / self.controller.period, self.logger.sample_rate, self.delay)
+
+    @cached_property
+    def parameters(self) -> Floats:
+        """Parameter values in the order of the model, shape (parameter,)."""
+        return self.model.values(self.values)
+
+    @property
+    def parts(self) -> tuple[Actuator, ...]:
+        """The actuators in the order of the inputs."""
+        return tuple(self.actuators[name] for name in self.model.inputs)
+
+    @property
+    def linear(self) -> bool:
+        """Whether every step between events can be exact."""
+        magnets = any(isinstance(part.law, Differential) for part in self.parts)
+        slow = any(np.isfinite(part.slew) for part in self.parts)
+        return self.rotation.constant and not magnets and not slow
+
+    def plant(self, duration: float) -> Plant:
+        """Return the rotor's accelerations for a run of a duration in s."""
+        return rotor_plant(self.model, self.parameters, self.rotation, duration)
+
+    def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
+        """Run the rig and record it.
+
+        Parameters
+        ----------
+        duration : float
+            Length of the record in s.
+        rng : np.random.Generator
+            Source of all noise.
+
+        Returns
+        -------
+        RigRecord
+            A record as a reader gives it, with the truth and the logger's columns.
+
+        Raises
+        ------
+        RigError
+            For a loop that is unstable, a rotor that touches its auxiliary bearing, a current
+            beyond the bias: what, when, and where.
+        InputError
+            For a duration of less than one sample, or an excitation that does not fit the clocks.
+        """
+        samples = round(duration * self.logger.sample_rate)
+        if samples < 1:
+            raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
+        plant = self.plant(duration)
+        self._require_stable(plant, duration)
+        events = assembly.event_table(self, samples)
+        log = assembly.log_table(self, samples)
+        code, axis, time, size = kernel.run(
+            events,
+            assembly.step_table(self, plant),
+            bearings := assembly.bearing_table(self, plant),
+            assembly.rotor_table(self, plant),
+            assembly.loop_table(self, events, samples, rng),
+            assembly.load_table(self, plant, events),
+            log,
+        )
+        since = time + events.settling * events.duration
+        name = self.model.inputs[axis]
+        if code == kernel.TOUCH:
+            raise faults.touched(name, since, float(bearings.clearance[axis]))
+        if code == kernel.BEYOND_BIAS:
+            raise faults.beyond_bias(name, since, size, float(bearings.bias[axis]))
+        if code == kernel.STUCK:
+            raise faults.stuck(since, self.tolerance)
+        return record_of(self, plant, log, rng)
+
+    def _require_stable(self, plant: Plant, duration: float) -> None:
+        """Refuse a loop that grows at any speed of the run."""
+        for speed in dict.fromkeys(self.rotation.range_until(duration)):
+            rate, frequency, axis = assembly.growth(self, plant, speed)
+            if rate >= 0:
+                raise faults.unstable(axis, speed, frequency, rate)
+
+
+def _known(place: str, names: Iterable[str], known: Iterable[str]) -> None:
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"{name!r}", f"one of {', '.join(known)}", "correct the name", place=place
+            )

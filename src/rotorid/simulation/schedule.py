@@ -1,0 +1,111 @@
+"""What happens when: the clocks of controller and logger merged into one repeating pattern."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.record import Floats, Integers
+
+MAX_EVENTS = 20_000
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """One pattern of events, repeated for ever.
+
+    The events of one instant happen in this order: the controller reads and computes; commands
+    whose delay is over take effect; the logger records.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the pattern in s.
+    offset, length : array, shape (event,)
+        Time in s of each event in the pattern, and until the next one.
+    control, apply, log : int array, shape (event,)
+        Number within the pattern of the control step, of the command that takes effect and of
+        the logged sample; -1 where the event is none of the kind.
+    controls, logs : int
+        Control steps and logged samples of the pattern.
+    lag : int
+        Control steps after which a command takes effect; 0 where it does in the same one.
+    """
+
+    duration: float
+    offset: Floats
+    length: Floats
+    control: Integers
+    apply: Integers
+    log: Integers
+    controls: int
+    logs: int
+    lag: int
+
+
+def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Schedule:
+    """Merge the clocks of controller and logger; both tick at t = 0.
+
+    Parameters
+    ----------
+    control_rate, sample_rate : float
+        Hz; one must be the other times a ratio of small whole numbers.
+    delay : float
+        Time in s from the controller's sample until its command takes effect.
+
+    Returns
+    -------
+    Schedule
+
+    Raises
+    ------
+    InputError
+        For rates that are not positive or have no such ratio, or a negative delay.
+
+    Examples
+    --------
+    >>> both = merge_clocks(10e3, 5e3, 50e-6)
+    >>> both.control.tolist(), both.apply.tolist(), both.log.tolist()
+    ([0, -1, 1, -1], [-1, 0, -1, 1], [0, -1, -1, -1])
+    """
+    for name, value in (("rate", control_rate), ("sample_rate", sample_rate)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{value} Hz", "more than 0 Hz", "correct it", place=name)
+    if not (np.isfinite(delay) and delay >= 0):
+        raise InputError(f"{delay} s", "0 s or more", "correct it", place="delay")
+    ratio = Fraction(sample_rate / control_rate).limit_denominator(MAX_EVENTS)
+    logs, controls = ratio.numerator, ratio.denominator
+    close = abs(float(ratio) * control_rate / sample_rate - 1) < 1e-12
+    if not close or logs + controls > MAX_EVENTS:
+        raise InputError(
+            f"a controller at {control_rate:.12g} Hz and samples at {sample_rate:.12g} Hz",
+            f"a ratio of whole numbers, at most {MAX_EVENTS} together",
+            "choose rates of a simpler ratio",
+            place="sample_rate",
+        )
+    steps = Fraction(delay * control_rate).limit_denominator(10**6)
+    control = {Fraction(k, controls): k for k in range(controls)}
+    log = {Fraction(k, logs): k for k in range(logs)}
+    whole, part = divmod(steps, 1)
+    apply = {Fraction(k + part, controls): k for k in range(controls)}
+    times = sorted({*control, *log, *apply})
+    duration = controls / control_rate
+    ends = [*times[1:], Fraction(1)]
+
+    def numbers(events: dict[Fraction, int]) -> Integers:
+        return np.array([events.get(t, -1) for t in times], dtype=np.int64)
+
+    return Schedule(
+        duration=duration,
+        offset=np.array([float(t) * duration for t in times]),
+        length=np.array([float(b - a) * duration for a, b in zip(times, ends, strict=True)]),
+        control=numbers(control),
+        apply=numbers(apply),
+        log=numbers(log),
+        controls=controls,
+        logs=logs,
+        lag=int(whole),
+    )
