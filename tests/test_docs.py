@@ -5,7 +5,12 @@ import re
 import tomllib
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
+
+import rotorid as rid
+from rotorid.units import si_factor
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -55,3 +60,79 @@ def test_names_lead_to_code(page: Path) -> None:
 def test_toml_blocks_parse(page: Path) -> None:
     for text in blocks(page, "toml"):
         assert tomllib.loads(text)
+
+
+def forces(wave: np.ndarray, model: rid.Model) -> np.ndarray:
+    """Return different forces on every input, shape (sample, input)."""
+    return wave[:, None] * np.array([0.5, 1.0, 1.0, -0.5])[: len(model.inputs)]
+
+
+def simulated(name: str) -> rid.Record:
+    """Return a record as the pages assume it: 5 kHz, 8400 rpm, odd harmonics of 20 Hz."""
+    model = rid.load_model(name)
+    angle = 2 * np.pi * np.outer(np.arange(250) / 250, [1, 3, 5, 7, 9, 11])
+    wave = 10 * (np.sin(angle) + np.cos(angle)).sum(axis=1)
+    return rid.simulate(
+        model,
+        model.values(model.nominal),
+        forces(wave, model),
+        sample_rate=5000.0,
+        periods=40,
+        speed=2 * np.pi * 140,
+        noise={name: 0.1 for name in model.inputs} | {name: 1e-8 for name in model.coordinates},
+        rng=np.random.default_rng(7),
+    )
+
+
+def write(record: rid.Record, path: Path, columns: dict[str, tuple[str, float]]) -> None:
+    """Write a record as a logger would, each channel under a column's name and in its unit."""
+    table = {column: record.column(name) / unit for name, (column, unit) in columns.items()}
+    if path.suffix == ".csv":
+        text = np.column_stack(list(table.values()))
+        np.savetxt(path, text, delimiter=",", header=",".join(table), comments="", fmt="%.12g")
+    else:
+        with h5py.File(path, "w") as file:
+            for column, samples in table.items():
+                file[column] = samples
+
+
+def columns_of(experiment: str) -> dict[str, tuple[str, float]]:
+    channels = tomllib.loads(experiment)["channels"]
+    return {name: (c["column"], si_factor(c["unit"])) for name, c in channels.items()}
+
+
+def test_python_of_the_readme_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = simulated("three-mass")
+    write(record, tmp_path / "run-140hz.h5", {name: (name, 1.0) for name in record.names})
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks(ROOT / "README.md", "python")
+    assert len([line for line in code.splitlines() if line]) <= 10
+    found: dict[str, object] = {}
+    exec(code, found)
+    assert "m2" in capsys.readouterr().out
+    assert rid.load_estimate("run-140hz.json").value("m2") == pytest.approx(11.322, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("page", "file"), [("README.md", "run7.csv"), ("docs/experiments.md", "run-140hz.h5")]
+)
+def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: Path) -> None:
+    (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t)
+    name = tomllib.loads(text)["model"]
+    (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
+    write(simulated(name), tmp_path / file, columns_of(text))
+    experiment = rid.load_experiment(tmp_path / "experiment.toml")
+    estimate = rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    assert estimate.status == "ok"
+
+
+def test_model_of_the_page_is_one() -> None:
+    (text,) = blocks(ROOT / "docs" / "models.md", "toml")
+    assert rid.parse_model(text).base.names == ("m", "k", "Fc")
+
+
+def test_python_of_the_models_page_runs() -> None:
+    for code in blocks(ROOT / "docs" / "models.md", "python"):
+        exec(code, {})
