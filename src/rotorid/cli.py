@@ -11,17 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
 from rotorid import __version__
-from rotorid.errors import NotConvergedError, NotIdentifiableError
+from rotorid.demo import DemoResult, run_demo
+from rotorid.errors import InputError, NotConvergedError, NotIdentifiableError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.experiment import load_experiment
 from rotorid.identify import identify as identify_model
 from rotorid.io.output import check_target, write_files
 from rotorid.models import load_model, shipped_models
 from rotorid.report import text
+from rotorid.validation import predict
 
 OK, NO_ANSWER, WRONG_INPUT, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 141, 130
 _FILE = click.Path(path_type=Path)
@@ -66,6 +69,20 @@ def cli() -> None:
 
 
 @cli.command()
+@click.option("--seeds", default=60, show_default=True, help="Records, each with its own noise.")
+@_output_options
+@_debug_option
+def demo(seeds: int, json: Path | None, report: Path | None) -> int:
+    """Simulate the seed's example, identify it, and print its Table 1 beside the seed's."""
+    _check(json, report)
+    with _progress("simulating and identifying") as progress:
+        result = run_demo(seeds, rng=np.random.default_rng(2026), progress=progress)
+    _write((json, result.save), (report, partial(_write_demo_report, result)))
+    _print(text.demo_tables(result))
+    return OK
+
+
+@cli.command()
 @click.argument("experiment", type=_FILE)
 @click.option("--method", type=click.Choice(["ls", "batch", "sequential", "ml"]))
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
@@ -75,9 +92,7 @@ def identify(
     experiment: Path, method: Any, strict: bool, json: Path | None, report: Path | None
 ) -> int:
     """Estimate the parameters of a machine from the records that EXPERIMENT names."""
-    targets = [path for path in (json, report) if path is not None]
-    for path in targets:
-        check_target(path)
+    _check(json, report)
     with _progress("reading"):
         plan = load_experiment(experiment)
         estimator, records = plan.estimator(method), plan.records()
@@ -88,16 +103,33 @@ def identify(
             if error.estimate is None:
                 raise
             estimate = error.estimate
-    writers: dict[Path, Callable[[Path], object]] = {}
-    if json is not None:
-        writers[json] = estimate.save
-    if report is not None:
-        from rotorid.report.html import write_estimate_report
-
-        writers[report] = partial(write_estimate_report, estimate, plan.model, records)
-    write_files(writers)
+        except InputError as error:
+            raise error if error.file else error.at(file=str(experiment)) from None
+    _write((json, estimate.save), (report, partial(_write_estimate_report, estimate)))
     _print(text.estimate_tables(estimate))
     return _exit_code(estimate, strict)
+
+
+def _check(*targets: Path | None) -> None:
+    for path in targets:
+        if path is not None:
+            check_target(path)
+
+
+def _write(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
+    write_files({path: write for path, write in outputs if path is not None})
+
+
+def _write_estimate_report(estimate: Estimate, path: Path) -> None:
+    from rotorid.report.html import write_estimate_report  # plots take their time to load
+
+    write_estimate_report(estimate, path)
+
+
+def _write_demo_report(result: DemoResult, path: Path) -> None:
+    from rotorid.report.html import write_demo_report
+
+    write_demo_report(result, path)
 
 
 def _exit_code(estimate: Estimate, strict: bool) -> int:
@@ -111,8 +143,6 @@ def _exit_code(estimate: Estimate, strict: bool) -> int:
 @_debug_option
 def validate(result: Path, experiment: Path) -> int:
     """Predict the forces of the records in EXPERIMENT with RESULT, a file of identify --json."""
-    from rotorid.validation.prediction import predict
-
     estimate = load_estimate(result)
     with _progress("reading"):
         plan = load_experiment(experiment)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from rotorid.demo import DemoResult, findings
+from rotorid.demo.paper import TABLE, printed_error
 from rotorid.estimate import Estimate, Prediction
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
@@ -46,6 +48,41 @@ def prediction_table(errors: Iterable[Mapping[str, Prediction | None]]) -> Rende
     names = dict.fromkeys(name for record in records for name in record)
     rows = [(name, *(_error(record.get(name)) for record in records)) for name in names]
     return _table(("relative", *headings), rows)
+
+
+def demo_tables(result: DemoResult) -> RenderableType:
+    """Return the seed's Table 1 beside the errors of all seeds here, and what they show."""
+    names = result.estimators
+    rows = {row.base: row for row in TABLE}
+    beside: list[tuple[str, ...]] = []
+    spread: list[tuple[str, ...]] = []
+    for i, base in enumerate(result.names):
+        errors = [printed_error(rows[base], n) if base in rows else None for n in names]
+        printed = ["" if error is None else f"{error:.3f}" for error in errors]
+        median = [f"{result.median(name)[i]:.3f}" for name in names]
+        rms = [f"{result.rms(name)[i]:.3f}" for name in names]
+        bias = [f"{result.bias(name)[i]:+.3f}" for name in names]
+        truth = (base, result.units[i], f"{result.truth[i]:.5g}")
+        beside.append((*truth, *_paired(printed, median)))
+        spread.append((base, *_paired(rms, bias)))
+    return Group(
+        Text("Table 1, |error| in %: of one run, as the paper prints it;"),
+        Text(f"and beside it the median of {result.seeds} records here"),
+        Text(""),
+        _table(("parameter", "unit", "true", *_headings(names, "median")), beside),
+        Text(f"\nError in %: root mean square of {result.seeds} records; and its mean, the bias\n"),
+        _table(("parameter", *_headings(names, "bias")), spread),
+        Text(""),
+        Text(" ".join(findings(result))),
+    )
+
+
+def _paired(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
+    return tuple(text for pair in zip(first, second, strict=True) for text in pair)
+
+
+def _headings(names: Sequence[str], second: str) -> tuple[str, ...]:
+    return _paired(names, [second] * len(names))
 
 
 def model_list(models: Iterable[Model]) -> RenderableType:
@@ -128,20 +165,12 @@ def _error(prediction: Prediction | None) -> str:
     return "zero" if prediction is None else f"{100 * prediction.relative_error:.3g} %"
 
 
-def _table(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Table:
+def _table(headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
+    """Return a table; columns that hold a number in every row that says something to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    numeric = {
-        "value",
-        "std",
-        "std %",
-        "inflated",
-        "nominal",
-        "coordinates",
-        "inputs",
-        "base parameters",
-    }
-    for heading in headings:
-        table.add_column(Text(heading), justify="right" if heading in numeric else "left")
+    for heading, *cells in zip(headings, *rows, strict=True):
+        numeric = all(cell == "" or cell[0] in "+-.0123456789" for cell in cells)
+        table.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table
