@@ -19,7 +19,7 @@ from rotorid.errors import InputError
 
 MAX_LENGTH = 64
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?(?![\d.,])")
-_POWER = re.compile(r"(?:\^|\*\*)\s*-?[1-9](?!\s*(?:\^|\*\*|[\d.]))")
+_POWER = re.compile(r"(?:\^|\*\*)\s*-?[1-9]\d?(?!\s*(?:\^|\*\*|[\d.]))")
 _FACTORS = re.compile(r"(?:[A-Za-z_°%µμΩ]+|\b1\b|[\s*/()])*")
 _SPELLING = str.maketrans({"·": "*", "⋅": "*", "²": "^2", "³": "^3"})
 # Atoms of SI texts, in the order in which they are written.
@@ -68,7 +68,7 @@ def _parse(text: str) -> pint.Unit:
     """Return the unit of a text; ValueError says why there is none.
 
     pint multiplies and exponentiates what it reads, so it gets unit names, the number 1 and
-    one-digit powers only.
+    powers of two digits at most.
     """
     spelled = text.translate(_SPELLING)
     if len(text) > MAX_LENGTH or not _FACTORS.fullmatch(_POWER.sub(" ", spelled)):
@@ -76,12 +76,15 @@ def _parse(text: str) -> pint.Unit:
     try:
         unit = _registry().parse_units(spelled)
         origin = _registry().Quantity(0.0, unit).to_base_units().magnitude
+        size = _factor(unit)
     except pint.UndefinedUnitError as error:
         raise ValueError(f"unknown name {''.join(error.unit_names)}") from None
     except Exception:  # pint's parser raises whatever its operators do
         raise ValueError("no product of units") from None
     if origin != 0.0:
         raise ValueError("its zero is not zero in SI")
+    if not (size > 0 and math.isfinite(size)):
+        raise ValueError("too large or too small")
     return unit
 
 
@@ -272,7 +275,7 @@ def _atoms(unit: pint.Unit) -> dict[str, int]:
         if base in _ATOMS:
             parts = {_ATOMS[base]: 1}
         else:
-            parts = _shortest(_base_symbols(_registry().Unit(name)))
+            parts = _with_force(_base_symbols(_registry().Unit(name)))
         for atom, power in parts.items():
             atoms[atom] = atoms.get(atom, 0) + power * exponent
     return {atom: power for atom, power in atoms.items() if power}
@@ -288,14 +291,13 @@ def _powers(unit: Any) -> dict[str, int]:
     return {name: int(float(power)) for name, power in unit._units.items()}
 
 
-def _shortest(base: dict[str, int]) -> dict[str, int]:
-    """Write kg m/s^2 as N where that makes the unit shorter, or shows a force per something."""
+def _with_force(base: dict[str, int]) -> dict[str, int]:
+    """Write a mass over a time as a force: kg m/s^2 as N, kg/s as N s/m."""
     mass, time = base.get("kg", 0), base.get("s", 0)
     if abs(mass) != 1 or mass * time >= 0:
         return base
     force = {**base, "N": mass, "kg": 0, "m": base.get("m", 0) - mass, "s": time + 2 * mass}
-    force = {atom: power for atom, power in force.items() if power}
-    return force if len(force) <= len(base) else base
+    return {atom: power for atom, power in force.items() if power}
 
 
 def _write(atoms: dict[str, int], *, angle: bool) -> str:
@@ -305,7 +307,7 @@ def _write(atoms: dict[str, int], *, angle: bool) -> str:
     if not angle:
         atoms.pop("rad", None)
     text = " * ".join(f"{atom}^{power}" for atom, power in atoms.items())
-    canonical = _shortest(_base_symbols(_registry().parse_units(text or "1")))
+    canonical = _with_force(_base_symbols(_registry().parse_units(text or "1")))
     if len(canonical) < len(atoms):
         atoms = canonical
     ordered = sorted(atoms.items(), key=lambda item: _ORDER.get(item[0], len(_ORDER)))
