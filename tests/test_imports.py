@@ -27,6 +27,7 @@ FORBIDDEN = {
     "identify": {"io", "experiment", "report", "cli", "simulation"},
     "validation": {"io", "experiment", "report", "cli"},
     "simulation": {"estimators", "estimate", "identify", "validation", "report", "cli"},
+    "demo": {"io", "experiment", "report", "cli"},
     "io": {"models", "estimators", "estimate", "identify", "experiment", "report", "cli"},
     "report": {"io", "experiment", "cli"},
     "experiment": {"report", "cli"},
