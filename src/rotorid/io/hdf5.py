@@ -118,7 +118,7 @@ def _opened(file: str) -> Iterator[h5py.File]:
             yield data
     except MemoryError:
         raise too_large(file) from None
-    except (OSError, RuntimeError, KeyError, TypeError) as error:  # what h5py raises for damage
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:  # for damage
         raise ReadError(
             f"damaged HDF5 data ({error})", "a whole HDF5 file", "write it again", file=file
         ) from error

@@ -233,17 +233,19 @@ def _sources(
         return {name: _as_source(column) for name, column in columns.items()}
     if columns is not None:
         return {name: Source(name) for name in columns}
-    axis = None if timing is None else table.find(timing.column)
+    axis = None if timing is None else _find(table, timing, _TIME)
     return {name: Source(name) for name in table.names if table.find(name) != axis}
 
 
+def _find(table: Table, source: Source, name: str) -> str:
+    try:
+        return table.find(source.column)
+    except InputError as error:
+        raise error.at(place=_place(name, "column")) from None
+
+
 def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
-    found = {}
-    for name, source in sources.items():
-        try:
-            found[name] = table.find(source.column)
-        except InputError as error:
-            raise error.at(place=_place(name, "column")) from None
+    found = {name: _find(table, source, name) for name, source in sources.items()}
     columns = table.read(list(dict.fromkeys(found.values())))
     return {name: columns[key] for name, key in found.items()}
 

@@ -1,0 +1,105 @@
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rotorid.errors import ReadError
+from rotorid.io.hdf5 import open_hdf5
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as data:
+        data["force/x"] = np.arange(5.0)
+        data["force/x"].attrs["units"] = "kN"
+        data["position/x"] = np.arange(5, dtype=np.int16)
+        data["position/y"] = np.arange(5, dtype=np.float32)[:, None]
+        data["adc"] = np.arange(15.0).reshape(5, 3)
+        data["adc"].attrs["units"] = ["N", "mm", "V"]
+        data["gain"] = 2.5
+        data["gain2"] = np.array([[3.5]])
+        data["label"] = "run 7"
+        data["complex"] = np.arange(5) * 1j
+        data["cube"] = np.zeros((5, 2, 2))
+        data["short"] = np.arange(3.0)
+        data.create_dataset("packed", data=np.arange(5.0), compression="gzip", chunks=(2,))
+    return path
+
+
+def test_columns(path: Path) -> None:
+    opened = open_hdf5(path)
+    wanted = ["force/x", "/position/x", "y", "adc[0]", "adc[2]", "packed"]
+    found = [opened.find(name) for name in wanted]
+    assert found == ["force/x", "position/x", "position/y", "adc[0]", "adc[2]", "packed"]
+    columns = opened.read(found)
+    assert [columns[name].unit for name in found] == ["kN", None, None, "N", "V", None]
+    for name in ("force/x", "position/x", "position/y", "packed"):
+        assert columns[name].values.dtype == np.float64
+        assert columns[name].values.tolist() == [0, 1, 2, 3, 4]
+    assert columns["adc[0]"].values.tolist() == [0, 3, 6, 9, 12]
+    assert columns["adc[2]"].values.tolist() == [2, 5, 8, 11, 14]
+    only = opened.read(["adc[1]"])["adc[1]"]
+    assert (only.values.tolist(), only.unit) == ([1, 4, 7, 10, 13], "mm")
+
+
+def test_names(path: Path) -> None:
+    assert sorted(open_hdf5(path).names) == ["force/x", "packed", "position/x", "short", "y"]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("x", "'x' 2 times .*write the whole path"),
+        ("adc", r"'adc' of size 5 x 3.*name\[0\]"),
+        ("adc[3]", "of size 5 x 3"),
+        ("force/x[0]", "of size 5"),
+        ("gain", "a scalar"),
+        ("cube", "5 x 2 x 2"),
+        ("label", "no column 'label'"),
+        ("complex", "no column 'complex'"),
+        ("force", "no column 'force'"),
+        ("packd", "did you mean 'packed'"),
+        ("adc[99999999999]", "no column"),
+    ],
+)
+def test_names_that_are_no_columns(path: Path, name: str, message: str) -> None:
+    with pytest.raises(ReadError, match=message):
+        open_hdf5(path).find(name)
+
+
+def test_scalars(path: Path) -> None:
+    opened = open_hdf5(path)
+    assert (opened.scalar("gain"), opened.scalar("gain2")) == (2.5, 3.5)
+    with pytest.raises(ReadError, match=r"no scalar variable 'gian'.*did you mean 'gain'"):
+        opened.scalar("gian")
+
+
+def test_files_that_are_no_hdf5(tmp_path: Path, path: Path) -> None:
+    text = tmp_path / "text.h5"
+    text.write_text("t,x\n1,2\n")
+    with pytest.raises(ReadError, match=r"found text; expected HDF5 data, as the ending .h5 says"):
+        open_hdf5(text)
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(ReadError, match="damaged HDF5 data"):
+        open_hdf5(cut)
+    with pytest.raises(ReadError, match="no such file"):
+        open_hdf5(tmp_path / "none.h5")
+
+
+def test_damage_inside(path: Path) -> None:
+    """Bytes that changed make a wrong number or a ReadError, nothing else."""
+    whole = path.read_bytes()
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        damaged = bytearray(whole)
+        for place in rng.integers(8, len(whole), size=4):
+            damaged[place] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            opened = open_hdf5(path)
+            opened.read([opened.find(name) for name in opened.names])
+        except ReadError as error:
+            assert error.file == str(path)  # noqa: PT017

@@ -1,0 +1,184 @@
+"""From files to records in SI units."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+import rotorid as rid
+from rotorid.errors import InputError, ReadError
+from rotorid.io import Source
+from rotorid.io.reading import rate_of
+
+T = np.arange(8) / 1000.0
+X = np.array([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0, -8.0])
+
+
+def write(folder: Path, ending: str) -> Path:
+    """Write t in s, x in um and f in N, its units said by the file where it can."""
+    path = folder / f"run{ending}"
+    if ending == ".csv":
+        rows = "".join(f"{t},{x},{2 * x}\n" for t, x in zip(T, X, strict=True))
+        path.write_text("t [s],x [um],f [N]\n" + rows)
+    elif ending == ".mat":
+        scipy.io.savemat(path, {"t": T, "x": X, "f": 2 * X, "half": 0.5})
+    else:
+        with h5py.File(path, "w") as data:
+            for name, values, unit in (("t", T, "s"), ("x", X, "um"), ("f", 2 * X, "N")):
+                data[name] = values
+                data[name].attrs["units"] = unit
+            data["half"] = 0.5
+    return path
+
+
+@pytest.mark.parametrize("ending", [".csv", ".h5", ".hdf5", ".mat"])
+def test_formats_agree(tmp_path: Path, ending: str) -> None:
+    path = write(tmp_path, ending)
+    channels = {"F": Source("f", unit="N", expected="N"), "x": Source("x", unit="um")}
+    record = rid.read_record(path, columns=channels, time="t", speed="8400 rpm", phase="90 deg")
+    assert record.names == ("F", "x")
+    assert [channel.unit for channel in record.channels] == ["N", "m"]
+    np.testing.assert_allclose(record.samples, np.column_stack([2 * X, 1e-6 * X]), rtol=1e-15)
+    assert record.sample_rate == pytest.approx(1000.0, rel=1e-12)
+    assert record.speed == pytest.approx(2 * np.pi * 140)
+    np.testing.assert_allclose(record.rotor_angle(), np.pi / 2 + record.speed * T)
+    assert record.source == str(path)
+
+
+def test_units_of_the_file(tmp_path: Path) -> None:
+    record = rid.read_record(write(tmp_path, ".h5"), sample_rate="1 kHz")
+    assert record.names == ("f", "t", "x")
+    assert [channel.unit for channel in record.channels] == ["N", "s", "m"]
+    np.testing.assert_allclose(record.column("x"), 1e-6 * X)
+    assert record.angle is None
+
+
+def test_time_is_no_channel(tmp_path: Path) -> None:
+    assert rid.read_record(write(tmp_path, ".mat"), time="t").names == ("x", "f")
+
+
+def test_columns_of_another_length_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"x": X, "short": X[:3]})
+    assert rid.read_record(path, sample_rate=1e3).names == ("x",)
+    with pytest.raises(ReadError, match=r"channels.short.column: found 3 samples where .* have 8"):
+        rid.read_record(path, sample_rate=1e3, columns=["x", "short"])
+
+
+@pytest.mark.parametrize(("scale", "value"), [(0.5, 0.5), ("half", 0.5), (-2, -2.0)])
+def test_scale(tmp_path: Path, scale: float | str, value: float) -> None:
+    """Value = column x scale, in unit: the unit of the column itself does not matter."""
+    channels = {"F": Source("x", unit="kN", scale=scale)}
+    record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
+    np.testing.assert_allclose(record.column("F"), 1e3 * value * X)
+    assert record.channels[0].unit == "N"
+
+
+def test_how_a_channel_was_recorded(tmp_path: Path) -> None:
+    source = Source("x", hold=True, delay=5e-5, gain_std=0.01, reads={"a": 2.0})
+    record = rid.read_record(write(tmp_path, ".h5"), columns={"s": source}, sample_rate=1e3)
+    (channel,) = record.channels
+    assert (channel.hold, channel.delay, channel.gain_std) == (True, 5e-5, 0.01)
+    assert channel.combination == {"a": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (Source("xx"), "channels.q.column: found no column 'xx'.*did you mean 'x'"),
+        (Source("x", unit="mm"), "channels.q.unit: found unit 'mm', where the file says 'um'"),
+        (Source("x", expected="N"), "channels.q.unit: found unit 'um'; .* converts to N"),
+        (Source("x", unit="V", scale=2, expected="m"), "found unit 'V'; .* converts to m"),
+        (Source("x", scale=2, expected="m"), "channels.q.unit: found no unit"),
+        (Source("x", unit="m", scale="gtau"), "channels.q.scale: found no scalar .* 'gtau'"),
+    ],
+)
+def test_refused_channels(tmp_path: Path, source: Source, message: str) -> None:
+    path = write(tmp_path, ".h5")
+    with pytest.raises(InputError, match=message) as caught:
+        rid.read_record(path, columns={"q": source}, sample_rate=1e3)
+    assert caught.value.file == str(path)
+
+
+def test_a_stated_unit_can_be_overruled(tmp_path: Path) -> None:
+    channels = {"q": Source("x", unit="mm", scale=1)}
+    record = rid.read_record(write(tmp_path, ".h5"), columns=channels, sample_rate=1e3)
+    np.testing.assert_allclose(record.column("q"), 1e-3 * X)
+
+
+def test_one_source_of_time(tmp_path: Path) -> None:
+    path = write(tmp_path, ".h5")
+    with pytest.raises(InputError, match="one of sample_rate and time"):
+        rid.read_record(path)
+    with pytest.raises(InputError, match="found both"):
+        rid.read_record(path, sample_rate=1.0, time="t")
+    with pytest.raises(InputError, match="time: found no column 'tt'"):
+        rid.read_record(path, time="tt")
+    with pytest.raises(InputError, match=r"time.*found unit 'um'; expected .* converts to s"):
+        rid.read_record(path, time="x")
+
+
+def test_time_in_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t [ms],x\n0,1\n2,1\n4,1\n")
+    assert rid.read_record(path, time="t").sample_rate == pytest.approx(500.0)
+    path.write_text("t,x\n0,1\n2,1\n4,1\n")
+    assert rid.read_record(path, time="t").sample_rate == pytest.approx(0.5)
+    assert rid.read_record(path, time=Source("t", unit="us")).sample_rate == pytest.approx(5e5)
+
+
+def test_jitter_of_the_time_stamps_does_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(1001) / 1000.0
+    time[1:-1] += rng.uniform(-2e-4, 2e-4, 999)
+    assert rate_of(time) == pytest.approx(1000.0, rel=1e-12)
+    assert rate_of(np.round(np.arange(1001) / 400.0, 3)) == pytest.approx(400.0)  # in whole ms
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        ([0, 1, 2, 4, 5, 6], r"a step of 2 s after sample 2 \(t = 2 s\); expected steps of 1 s"),
+        ([0, 1, 2, 5, 6, 7, 8, 10, 11], "2 such in all"),
+        ([0, 1, 2, 2, 3, 4], "a step of 0 s after sample 2"),
+        ([0, 1, 2, 1, 2, 3], "a step of -1 s after sample 2"),
+        ([3, 2, 1, 0], "a step of -1 s after sample 0"),
+        ([0, 0, 0], "a step of 0 s"),
+        ([0, 1, np.nan, 3], "not finite"),
+        ([0], "a single sample"),
+    ],
+)
+def test_dropped_samples(time: list[float], message: str) -> None:
+    with pytest.raises(ReadError, match=message):
+        rate_of(np.array(time, dtype=float))
+
+
+def test_samples_that_are_not_finite(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("x,y\n0,1\n2,nan\n4,1\n")
+    with pytest.raises(InputError, match="found nan in sample 1 of channel 'y'") as caught:
+        rid.read_record(path, sample_rate=1.0)
+    assert caught.value.file == str(path)
+    assert rid.read_record(path, sample_rate=1.0, columns=["x"]).names == ("x",)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("run.parquet", b"PAR1", "found Parquet data, ending .parquet; expected .* .csv, .h5"),
+        ("run", b"x,y", "found text, no ending"),
+        ("run.csv", b"", "an empty file"),
+        ("run.csv", b"x,y\n", "no samples"),
+    ],
+)
+def test_files_without_samples(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ReadError, match=message):
+        rid.read_record(tmp_path / name, sample_rate=1.0)
+
+
+def test_endings_in_capitals(tmp_path: Path) -> None:
+    (tmp_path / "RUN.CSV").write_text("x\n1\n2\n")
+    assert rid.read_record(tmp_path / "RUN.CSV", sample_rate=1.0).column("x").tolist() == [1, 2]
