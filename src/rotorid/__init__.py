@@ -12,7 +12,14 @@ from rotorid.errors import (
     ReadError,
 )
 from rotorid.estimate import Estimate, load_estimate
-from rotorid.estimators import Batch, Constraint, Estimator, LeastSquares, Sequential
+from rotorid.estimators import (
+    Batch,
+    Constraint,
+    Estimator,
+    LeastSquares,
+    MaximumLikelihood,
+    Sequential,
+)
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
 from rotorid.io import read_record
@@ -30,6 +37,7 @@ __all__ = [
     "Experiment",
     "InputError",
     "LeastSquares",
+    "MaximumLikelihood",
     "Model",
     "ModelError",
     "NotConvergedError",

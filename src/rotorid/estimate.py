@@ -45,6 +45,16 @@ class Misfit:
 
 
 @dataclass(frozen=True)
+class LineMisfit:
+    """The cost of one line of one record (counted from 0) against what noise would leave."""
+
+    record: int
+    frequency_hz: float
+    cost: float
+    expected: float
+
+
+@dataclass(frozen=True)
 class Suspect:
     """A term missing from the model, and the drop of the cost if it were there."""
 
@@ -84,6 +94,8 @@ class Estimate:
     warnings : sequence of str
     condition_number : float or None
         Of the scaled least-squares problem.
+    line_misfit : sequence of LineMisfit
+        The misfit line by line, for methods with a likelihood.
 
     Examples
     --------
@@ -113,6 +125,7 @@ class Estimate:
     periods: int = 0
     warnings: tuple[str, ...] = ()
     condition_number: float | None = None
+    line_misfit: tuple[LineMisfit, ...] = ()
 
     def __getitem__(self, name: str) -> Value:
         """Return a parameter, nuisance or derived quantity by name.
@@ -357,4 +370,5 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         periods=data["periods"],
         warnings=tuple(data["warnings"]),
         condition_number=data.get("condition_number"),
+        line_misfit=tuple(LineMisfit(**row) for row in data.get("line_misfit", ())),
     )

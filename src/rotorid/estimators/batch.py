@@ -9,9 +9,9 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
-from rotorid.estimators.family import LinearEstimator, force_variance, pose
+from rotorid.estimators.family import LinearEstimator, Problem, force_variance, pose
 from rotorid.estimators.regression import Regression
-from rotorid.estimators.weighted import Block, solve
+from rotorid.estimators.weighted import Block, Solution, solve
 from rotorid.models import Model
 from rotorid.record import Floats, PeriodicRecord
 
@@ -58,12 +58,23 @@ class Batch(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
+        problem, solution = self.solve(model, records)
+        return problem.summarize("batch", solution)
+
+    def solve(self, model: Model, records: Sequence[PeriodicRecord]) -> tuple[Problem, Solution]:
+        """Return the regression and its solution, without statistics.
+
+        Raises
+        ------
+        InputError
+            As `estimate`.
+        """
         problem = pose(model, records, self.fixed, self.constraints)
         blocks = [
             Block(r.record, *problem.free_equations(r), self._variance(r))
             for r in problem.regressions
         ]
-        return problem.summarize("batch", solve(blocks))
+        return problem, solve(blocks)
 
     def _variance(self, regression: Regression) -> Floats:
         variance = force_variance(regression)

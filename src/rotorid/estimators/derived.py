@@ -51,7 +51,7 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
     """
     if not np.isfinite(base).all():
         return ()
-    start = _start(model, base)
+    start = physical_start(model, base)
     whitener = _Whitener(base, covariance)
     size = np.where(start != 0, np.abs(start), 1.0)
     determined = _determined(whitener(model.base_jacobian(start) * size))
@@ -100,7 +100,7 @@ class _Whitener:
         return np.asarray(scipy.linalg.solve_triangular(self.factor, scaled, lower=True))
 
 
-def _start(model: Model, base: Floats) -> Floats:
+def physical_start(model: Model, base: Floats) -> Floats:
     """Solve the base parameters one by one for the single parameter still unknown in each."""
     nominal = model.nominal
     values = np.array([nominal.get(name, 1.0) for name in model.parameter_names])

@@ -1,0 +1,1 @@
+"""Maximum likelihood: cost, solver, inference, nuisances, identifiability, suspects, bound."""

@@ -1,0 +1,347 @@
+"""The likelihood of one record: whitened residual, its derivative, and their kernel.
+
+Notation (theory, section 3), for one line; rows and coordinates are scaled, see `scaling`:
+
+    z = [u; y]         measured mean, covariance C = F F^H
+    E                  calibration of the channels: true = E z (gain, delay)
+    q = R v + H w      v: what the sensors read, true, v = E_y y - r; w: hidden coordinates
+    P = -Z             the dynamic stiffness, negative
+    s = L z + h        equation error without w: L = [B, P R] E, h = g - P R r
+    N                  orthonormal basis of the left null space of P H, by QR
+    e = N^H s          with covariance V = N^H (L C L^H + sigma^2 S) N = U^H U
+    eps = U^-H e       the whitened residual; J = sum c |eps|^2
+
+Where the sensors outnumber what they can read, the contradictions among them are further rows of
+s: ``X^H v``, X a basis of the left null space of the sensor matrix. With sigma = 0, J is the
+likelihood with the true line amplitudes profiled out; no log-determinant is left.
+
+Derivative. With dN^H = -N^H dP H (P H)^+ and dV the exact gradient is
+
+    dJ = 2 Re sum c eps^H U^-H N^H [dL zh + dh + dP H wh],
+
+zh = z - C L^H N V^-1 e and wh = -(P H)^+ (s - T N V^-1 e), T = V before the projection: the
+measured lines corrected, and hidden coordinates to go with them, so that the corrected lines
+satisfy the equations of motion exactly. (The terms of dV are those that make the correction.) The
+bracket, whitened, is therefore the Jacobian in one gauge of the whitening, and the Gauss-Newton
+matrix that follows from it is the Fisher information at the corrected lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rotorid.estimators.likelihood.calibration import Calibration
+from rotorid.estimators.likelihood.noise import Noise
+from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.record import Complexes, Floats, Integers
+
+
+@dataclass(frozen=True)
+class Entries:
+    """Entries of ``[P, B]``, sums of ``weight * mu[monomial]``, one weight per line.
+
+    Parameters
+    ----------
+    row, column, monomial : int array, shape (term,)
+        Columns are the coordinates, then the inputs.
+    weight : complex array, shape (line, term)
+    """
+
+    row: Integers
+    column: Integers
+    monomial: Integers
+    weight: Complexes
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Sums terms into a dense array: sorted once, one `add.reduceat` for each use."""
+
+    order: Integers
+    starts: Integers
+    targets: Integers
+
+    @classmethod
+    def by(cls, key: Integers) -> Scatter:
+        """Build from the flat index of each term."""
+        order = np.argsort(key, kind="stable")
+        targets, starts = np.unique(key[order], return_index=True)
+        return cls(order, starts, targets)
+
+    def into(self, out: Complexes, terms: Complexes) -> None:
+        """Add terms, shape (line, term), in sorted order, to `out`, shape (line, flat)."""
+        if len(self.starts):
+            out[:, self.targets] += np.add.reduceat(terms, self.starts, axis=1)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What the sensors tell of the coordinates: ``q = right @ v + hidden @ w``.
+
+    Parameters
+    ----------
+    right : array, shape (coordinate, sensor)
+    hidden : array, shape (coordinate, hidden)
+    redundancy : array, shape (contradiction, sensor)
+        ``redundancy @ v = 0`` for what the sensors can read.
+    reads : array, shape (sensor, coordinate)
+        C, with ``v = reads @ q``.
+    """
+
+    right: Floats
+    hidden: Floats
+    redundancy: Floats
+    reads: Floats
+
+
+class Likelihood:
+    """The whitened residual of one record as a function of the unknowns.
+
+    Parameters
+    ----------
+    entries : Entries
+    monomials : Monomials
+        Of all unknowns.
+    load : complex array, shape (order, line, row, monomial)
+        Columns of g for each order of the rotor angle, see `Calibration.phase_orders`.
+    rows : int
+        Number of equations.
+    sensing : Sensing
+    calibration : Calibration
+    data : complex array, shape (line, channel)
+        Mean lines, inputs first, then sensors.
+    noise : Noise
+        Covariance C of the mean lines, factored as F F^H.
+    multiplicity : array, shape (line,)
+        c: 2, or 1 for the real lines.
+    """
+
+    def __init__(
+        self,
+        entries: Entries,
+        monomials: Monomials,
+        load: Complexes,
+        rows: int,
+        sensing: Sensing,
+        calibration: Calibration,
+        data: Complexes,
+        noise: Noise,
+        multiplicity: Floats,
+    ) -> None:
+        self.entries, self.monomials, self.load = entries, monomials, load
+        self.sensing, self.calibration = sensing, calibration
+        self.data, self.noise, self.multiplicity = data, noise, multiplicity
+        self.factor = noise.factor
+        self.rows = rows
+        self.coordinates = sensing.right.shape[0]
+        self.inputs = data.shape[1] - sensing.right.shape[1]
+        self.all_rows = rows + len(sensing.redundancy)
+        self.equations = self.all_rows - sensing.hidden.shape[1]
+        width = self.coordinates + self.inputs
+        self._matrix = Scatter.by(entries.row * width + entries.column)
+        count = load.shape[3]
+        self._columns = Scatter.by(entries.row * count + entries.monomial)
+        self._matrix_weight = entries.weight[:, self._matrix.order]
+        self._matrix_monomial = entries.monomial[self._matrix.order]
+        self._columns_weight = entries.weight[:, self._columns.order]
+        self._columns_column = entries.column[self._columns.order]
+        real = np.where(multiplicity == 1.0, 0.0, np.sqrt(multiplicity))
+        self._parts = np.stack([np.sqrt(multiplicity), real], axis=1)
+
+    @property
+    def lines(self) -> int:
+        """Number of lines."""
+        return int(self.data.shape[0])
+
+    def evaluate(self, unknowns: Floats, relaxation: float = 0.0) -> Evaluation:
+        """Evaluate at the unknowns, shape (unknown,).
+
+        Parameters
+        ----------
+        unknowns : array, shape (unknown,)
+        relaxation : float
+            sigma: standard deviation of an error granted to every equation of motion, in units of
+            its row.
+        """
+        return Evaluation(self, unknowns, relaxation)
+
+
+class Evaluation:
+    """Residual and Jacobian of one record at one point; real parts over imaginary ones.
+
+    Attributes
+    ----------
+    stiffness, inputs, sensors, columns : complex array, shape (line, row, ...)
+        P, B, the columns of what the sensors read, and L.
+    null_h : complex array or None
+        N^H; None where no coordinate is hidden.
+    whitener : complex array, shape (line, equation, equation)
+        U, upper triangular.
+    whitened : complex array, shape (line, equation)
+        eps.
+    line_costs : array, shape (line,)
+    cost : float
+        J.
+    """
+
+    def __init__(self, problem: Likelihood, unknowns: Floats, relaxation: float) -> None:
+        self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
+        self.mu = problem.monomials.values(unknowns)
+        self.state = problem.calibration.at(unknowns)
+        self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        self._set_columns()
+        self._set_projection()
+        gain = self._projected(self.columns) @ problem.factor
+        root = gain.conj().transpose(0, 2, 1)
+        if relaxation > 0:
+            root = np.concatenate([root, relaxation * self._granted()], axis=1)
+        self._gain = gain
+        self.whitener = _complex(np.linalg.qr(root, mode="r"))
+        self.lower = self.whitener.conj().transpose(0, 2, 1)
+        self._set_whitened(self._white(self._projected(self._error[:, :, None]))[:, :, 0])
+
+    def _set_columns(self) -> None:
+        p, n = self.problem, self.problem.coordinates
+        matrix = np.zeros((p.lines, p.all_rows, n + p.inputs), dtype=np.complex128)
+        p._matrix.into(matrix.reshape(p.lines, -1), p._matrix_weight * self.mu[p._matrix_monomial])
+        self.stiffness, self.inputs = matrix[:, :, :n], matrix[:, :, n:]
+        self.sensors = self.stiffness @ p.sensing.right
+        self.sensors[:, p.rows :] = p.sensing.redundancy
+        self.columns = np.concatenate([self.inputs, self.sensors], axis=2)
+        self.columns *= self.state.factors[:, None, :]
+        error = (self.columns @ p.data[:, :, None])[:, :, 0]
+        error[:, : p.rows] += self.load @ self.mu
+        error -= (self.sensors @ self.state.runout[:, :, None])[:, :, 0]
+        self._error = error
+
+    def _set_projection(self) -> None:
+        hidden = self.problem.sensing.hidden
+        self.null_h: Complexes | None = None
+        self._seen: tuple[Complexes, Complexes] | None = None
+        if hidden.shape[1]:
+            basis, triangle = np.linalg.qr(self.stiffness @ hidden, mode="complete")
+            adjoint = basis.conj().transpose(0, 2, 1)
+            count = hidden.shape[1]
+            self.null_h = adjoint[:, count:]
+            self._seen = adjoint[:, :count], triangle[:, :count]
+
+    def _projected(self, rows: Complexes) -> Complexes:
+        return rows if self.null_h is None else _complex(self.null_h @ rows)
+
+    def _white(self, projected: Complexes) -> Complexes:
+        return _complex(np.linalg.solve(self.lower, projected))
+
+    def _granted(self) -> Complexes:
+        """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
+        p = self.problem
+        if self.null_h is None:
+            every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
+            return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
+        return _complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+
+    def affine_directions(self, affine: Integers) -> Complexes:
+        """Return d(rows of s) / d unknowns on which s depends linearly and V not at all.
+
+        Loads and runout are such: shape (line, row, affine unknown).
+        """
+        p = self.problem
+        columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
+        columns[:, : p.rows] = self.load @ p.monomials.jacobian(self.unknowns)[:, affine]
+        p.calibration.add_runout(columns, self, affine)
+        return columns
+
+    def shift(self, affine: Integers, change: Floats, columns: Complexes) -> None:
+        """Move the affine unknowns, given the columns of their `affine_directions`."""
+        self.unknowns = self.unknowns.copy()
+        self.unknowns[affine] += change
+        self.mu = self.problem.monomials.values(self.unknowns)
+        self.state = self.problem.calibration.at(self.unknowns)
+        moved = columns @ change
+        self._error = self._error + moved
+        if self.null_h is not None:
+            moved = (self.null_h @ moved[:, :, None])[:, :, 0]
+        self._set_whitened(self.whitened + np.linalg.solve(self.lower, moved[:, :, None])[:, :, 0])
+
+    def _set_whitened(self, whitened: Complexes) -> None:
+        self.whitened = whitened
+        size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
+        self.line_costs = self.problem.multiplicity * size
+        self.cost = float(self.line_costs.sum())
+
+    @property
+    def residual(self) -> Floats:
+        """The real residual, shape (line * 2 * equation,); J is its squared length."""
+        return self._stack(self.whitened[:, :, None])[:, 0]
+
+    def _stack(self, whitened: Complexes) -> Floats:
+        parts = self.problem._parts
+        stacked = np.concatenate(
+            [whitened.real * parts[:, :1, None], whitened.imag * parts[:, 1:, None]], axis=1
+        )
+        return stacked.reshape(-1, whitened.shape[2])
+
+    def period_residual(self, spectra: Complexes) -> Complexes:
+        """Return the whitened residual of each period, shape (period, line, equation).
+
+        Parameters
+        ----------
+        spectra : complex array, shape (period, line, channel)
+            Lines of each period, channels in the order of this record's data.
+        """
+        deviation = (spectra - self.problem.data).transpose(1, 2, 0)
+        rows = self._white(self._projected(_complex(self.columns @ deviation)))
+        return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
+
+    def corrected(self) -> tuple[Complexes, Complexes]:
+        """Return the corrected lines: channels (line, channel) and coordinates (line, n).
+
+        They satisfy the equations of motion exactly (with sigma = 0), and are what the
+        likelihood takes for the truth behind the measured lines.
+        """
+        p, sensing = self.problem, self.problem.sensing
+        multiplier = np.linalg.solve(self.whitener, self.whitened[:, :, None])
+        correction = p.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
+        data = p.data - correction[:, :, 0]
+        true = self.state.factors * data
+        reading = true[:, p.inputs :] - self.state.runout
+        motion = reading @ sensing.right.T
+        if self._seen is not None:
+            adjoint, triangle = self._seen
+            left = self._error - (self.columns @ correction)[:, :, 0]
+            if self._relaxation > 0:
+                granted = (self._granted() @ multiplier)[:, :, 0]
+                left[:, : p.rows] -= self._relaxation**2 * granted
+            hidden = -np.linalg.solve(triangle, adjoint @ left[:, :, None])[:, :, 0]
+            motion = motion + hidden @ sensing.hidden.T
+        return data, motion
+
+    def directions(self) -> Complexes:
+        """Return d(rows of s) / d unknowns, shape (line, row, unknown), before the projection."""
+        p = self.problem
+        data, motion = self.corrected()
+        forces = self.state.factors[:, : p.inputs] * data[:, : p.inputs]
+        sources = np.concatenate([motion, forces], axis=1)
+        monomial_columns = np.zeros((p.lines, p.all_rows, p.load.shape[3]), dtype=np.complex128)
+        monomial_columns[:, : p.rows] = self.load
+        p._columns.into(
+            monomial_columns.reshape(p.lines, -1),
+            p._columns_weight * sources[:, p._columns_column],
+        )
+        jacobian = _complex(monomial_columns @ p.monomials.jacobian(self.unknowns))
+        p.calibration.add_directions(jacobian, self, data)
+        return jacobian
+
+    def whiten(self, rows: Complexes) -> Floats:
+        """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
+        return self._stack(self._white(self._projected(rows)))
+
+    def jacobian(self) -> Floats:
+        """Return the Jacobian of the residual, shape (line * 2 * equation, unknown)."""
+        return self.whiten(self.directions())
+
+
+def _complex(array: Any) -> Complexes:
+    return np.asarray(array, dtype=np.complex128)

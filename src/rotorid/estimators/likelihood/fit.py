@@ -1,0 +1,195 @@
+"""From records to the minimum of their likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimators.batch import Batch
+from rotorid.estimators.derived import physical_start
+from rotorid.estimators.likelihood.assembly import assemble, channel_order
+from rotorid.estimators.likelihood.inference import Inference, infer
+from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
+from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.solver import STAGES, Solution, solve
+from rotorid.estimators.likelihood.unknowns import Layout, Nuisances, physical_factors
+from rotorid.models import Model
+from rotorid.record import Floats, PeriodicRecord
+from rotorid.signals.covariance import (
+    LineCovariance,
+    correlated_covariance,
+    is_correlated,
+    white_covariance,
+)
+
+CovarianceChoice = Literal["auto", "white", "correlated"]
+FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
+SUSPICIOUS = 1e-6
+"""Below this p-value a finer homotopy is tried: the minimum may be a local one."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The minimum and what it tells.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    solution : Solution
+    inference : Inference
+    covariances : sequence of LineCovariance
+        Of each record.
+    """
+
+    prepared: Prepared
+    solution: Solution
+    inference: Inference
+    covariances: tuple[LineCovariance, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.solution.point.problem
+
+
+def fit(
+    model: Model,
+    records: Sequence[PeriodicRecord],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    base: bool = False,
+    covariance: CovarianceChoice = "auto",
+    neighbours: int | None = None,
+) -> Fit:
+    """Minimize the likelihood of one record or several.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of PeriodicRecord
+    knowledge : Knowledge
+    nuisances : Nuisances
+    base : bool
+        Estimate the base parameters.
+    covariance : {"auto", "white", "correlated"}
+    neighbours : int, optional
+        Of the correlated covariance.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        For records or knowledge that do not fit the model.
+    """
+    guess = starting_values(model, records, knowledge, base)
+    prepared = prepare(model, records, knowledge, nuisances, base, guess)
+    if covariance == "correlated":
+        covariances = [correlated_covariance(r.spectra, neighbours) for r in records]
+    else:
+        covariances = [white_covariance(r.spectra) for r in records]
+    solution, inference = _solve(prepared, records, covariances, prepared.layout.start, STAGES)
+    if inference.expectation.p_value(solution.point.cost) < SUSPICIOUS or not solution.converged:
+        finer = _solve(prepared, records, covariances, prepared.layout.start, FINE_STAGES)
+        if finer[0].point.cost < solution.point.cost:
+            solution, inference = finer
+    if covariance == "auto":
+        chosen = _chosen(solution, records, covariances, neighbours)
+        if chosen != covariances:
+            covariances = chosen
+            start = solution.point.unknowns
+            solution, inference = _solve(prepared, records, covariances, start, (0.0,))
+    return Fit(prepared, solution, inference, tuple(covariances))
+
+
+def _solve(
+    prepared: Prepared,
+    records: Sequence[PeriodicRecord],
+    covariances: Sequence[LineCovariance],
+    start: Floats,
+    stages: Sequence[float],
+) -> tuple[Solution, Inference]:
+    likelihoods = tuple(
+        assemble(prepared.layout, record, covariance, number)
+        for number, (record, covariance) in enumerate(zip(records, covariances, strict=True))
+    )
+    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    solution = solve(problem, start, stages)
+    return solution, infer(solution.point, problem.exact)
+
+
+def _chosen(
+    solution: Solution,
+    records: Sequence[PeriodicRecord],
+    covariances: Sequence[LineCovariance],
+    neighbours: int | None,
+) -> list[LineCovariance]:
+    """Take the correlated covariance where the residual of one period resembles the next."""
+    layout, chosen = solution.point.problem.layout, []
+    for record, at, white in zip(records, solution.point.records, covariances, strict=True):
+        residual = at.period_residual(record.spectra[:, :, channel_order(layout.model, record)])
+        if is_correlated(residual):
+            chosen.append(correlated_covariance(record.spectra, neighbours))
+        else:
+            chosen.append(white)
+    return chosen
+
+
+def starting_values(
+    model: Model, records: Sequence[PeriodicRecord], knowledge: Knowledge, base: bool
+) -> dict[str, float]:
+    """Return starting values by name: from batch where it applies, else the nominal ones.
+
+    What only loads hold, the unbalance, is left to start from zero.
+    """
+    told = {*knowledge.fixed, *knowledge.known, *knowledge.start}
+    physical = model.nominal
+    loads = {
+        model.parameter_names[i]
+        for i in Layout(model, (), physical_factors(model), False).load_only()
+    }
+    if base:
+        held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
+        return _base_guess(model.substitute(held), records, knowledge, physical)
+    if not set(model.parameter_names) - loads <= told:
+        found = _batch(model, records)
+        if found is not None:
+            values = physical_start(*found)
+            for parameter, value in zip(model.parameters, values, strict=True):
+                if np.isfinite(value) and (value > 0 or not parameter.positive):
+                    physical[parameter.name] = float(value)
+    return {name: value for name, value in physical.items() if name not in loads}
+
+
+def _base_guess(
+    model: Model,
+    records: Sequence[PeriodicRecord],
+    knowledge: Knowledge,
+    physical: Mapping[str, float],
+) -> dict[str, float]:
+    if set(model.base.names) <= set(knowledge.start):
+        return {}
+    found = _batch(model, records)
+    if found is not None:
+        return dict(zip(model.base.names, found[1].tolist(), strict=True))
+    known = {**physical, **{n: v for n, v in knowledge.start.items() if n in model.parameter_names}}
+    values = [known.get(name, np.nan) for name in model.parameter_names]
+    return dict(zip(model.base.names, model.base_values(values).tolist(), strict=True))
+
+
+def _batch(model: Model, records: Sequence[PeriodicRecord]) -> tuple[Model, Floats] | None:
+    """Return the base parameters by batch, or None where it does not apply."""
+    if any(channel.drive is not None for record in records for channel in record.channels):
+        return None
+    try:
+        _, solution = Batch().solve(model, records)
+    except InputError:
+        return None
+    return (model, solution.values) if np.isfinite(solution.values).all() else None

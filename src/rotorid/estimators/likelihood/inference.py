@@ -1,0 +1,166 @@
+"""What the cost should be, and how far off the estimate may be, with few periods.
+
+C is estimated with n complex degrees of freedom, so V is too, and neither is J chi-squared nor
+the inverse information the covariance. Line by line, ``e^H V^-1 e`` is Hotelling's T^2 of the
+t dimensions that the parameters leave free: 2 n t / (n - t + 1) times an F variable with 2 t and
+2 (n - t + 1) degrees of freedom, or half as many on a real line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.relations import Relations
+from rotorid.estimators.likelihood.solver import RANK, relation_jacobian
+from rotorid.record import Floats
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """Mean and variance of a cost, and the chance of one at least as large."""
+
+    mean: float
+    variance: float
+    dof: int
+
+    def p_value(self, cost: float) -> float:
+        """Return the chance that noise alone gives this cost or more."""
+        if self.dof <= 0 or self.mean <= 0:
+            return 1.0
+        spread = self.variance / self.mean**2
+        excess = spread * self.dof - 2
+        if excess < 1e-9:  # C is known: chi-squared
+            return float(stats.chi2.sf(cost / self.mean * self.dof, self.dof))
+        nu = (2 * self.dof - 4 + 4 * spread * self.dof) / excess
+        if nu <= 4:
+            nu = 4.0 + 1e-6
+        return float(stats.f.sf(cost / self.mean * nu / (nu - 2), self.dof, nu))
+
+
+def line_moments(left: Floats, dof: float, multiplicity: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance of each line's cost.
+
+    Parameters
+    ----------
+    left : array, shape (line,)
+        t: equations of each line less what the parameters take up, in complex dimensions.
+    dof : float
+        n.
+    multiplicity : array, shape (line,)
+    """
+    t = np.maximum(left, 0.0)
+    if np.isinf(dof):
+        return multiplicity * t, 2 * multiplicity * t
+    c = multiplicity
+    a = c * t
+    b = c * (dof - t + 1)
+    b = np.maximum(b, 4.0 + 1e-3)  # fewer have no variance
+    scale = c * dof * t / np.maximum(dof - t + 1, 1e-9)
+    safe = np.maximum(a, 1e-300)
+    variance = scale**2 * 2 * b**2 * (a + b - 2) / (safe * (b - 2) ** 2 * (b - 4))
+    return scale * b / (b - 2), np.where(a > 0, variance, 0.0)
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Covariance of the free unknowns and expectation of the cost.
+
+    Parameters
+    ----------
+    covariance : array, shape (free, free)
+        Along the directions that the record determines.
+    null : array, shape (free, direction)
+        Orthonormal in scaled unknowns: what it does not determine.
+    scale : array, shape (free,)
+        The scale of the unknowns there.
+    expectation : Expectation
+    condition_number : float
+        Of the scaled Jacobian, over the determined directions.
+    line_means : sequence of array, shape (line,)
+        Expected cost of each line of each record.
+    """
+
+    covariance: Floats
+    null: Floats
+    scale: Floats
+    expectation: Expectation
+    condition_number: float
+    line_means: tuple[Floats, ...]
+
+    @property
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Which free unknowns the records do not determine, shape (free,)."""
+        return np.asarray((np.abs(self.null) > 1e-6).any(axis=1))
+
+
+def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
+    """Sum real rows line by line; the last entry holds the relations, unsummed."""
+    sums, first = [], 0
+    for likelihood in point.problem.likelihoods:
+        size = likelihood.lines * 2 * likelihood.equations
+        sums.append(per_row[first : first + size].reshape(likelihood.lines, -1).sum(axis=1))
+        first += size
+    return [*sums, per_row[first:]]
+
+
+def infer(point: Point, exact: Relations) -> Inference:
+    """Return covariance, null space and expected cost at a minimum.
+
+    Parameters
+    ----------
+    point : Point
+    exact : Relations
+        Relations that were eliminated.
+
+    Returns
+    -------
+    Inference
+    """
+    free = point.problem.layout.free
+    jacobian = point.jacobian
+    size = np.sqrt((jacobian**2).sum(axis=0))
+    typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
+    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
+    basis = np.eye(len(free))
+    if len(exact):
+        normal = relation_jacobian(exact, point) * scale
+        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
+        basis = np.linalg.qr(normal.T, mode="complete")[0][:, len(exact) :]
+    scaled = jacobian * scale @ basis
+    left, values, right = np.linalg.svd(scaled, full_matrices=False)
+    kept = values > RANK * values.max(initial=0.0)
+    leverage = _line_sums(point, (left[:, kept] ** 2).sum(axis=1))
+    means, variances, weights = [], [], []
+    for likelihood, taken in zip(point.problem.likelihoods, leverage, strict=False):
+        c, dof = likelihood.multiplicity, likelihood.noise.dof
+        t = likelihood.equations - taken / c
+        mean, variance = line_moments(t, dof, c)
+        means.append(mean)
+        variances.append(float(variance.sum()))
+        ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
+        weights.append(np.repeat(ratio, 2 * likelihood.equations))
+    rest = 1 - leverage[-1]
+    weights.append(np.ones(len(rest)))
+    dof = point.problem.real_equations - int(kept.sum())
+    determined = right[kept].T
+    weighted = np.concatenate(weights)[:, None] * (scaled @ determined)
+    _, spread, turned = np.linalg.svd(weighted, full_matrices=False)
+    root = scale[:, None] * (basis @ determined @ turned.T) / spread
+    top = values.max(initial=0.0)
+    return Inference(
+        root @ root.T,
+        basis @ right[~kept].T,
+        scale,
+        Expectation(
+            float(sum(mean.sum() for mean in means) + rest.sum()),
+            sum(variances) + 2 * float(rest.sum()),
+            dof,
+        ),
+        float(top / values[kept].min()) if kept.any() else np.inf,
+        tuple(means),
+    )

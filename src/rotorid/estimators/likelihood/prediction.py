@@ -1,0 +1,78 @@
+"""How well an estimate predicts its own records: inputs, or outputs with hidden coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.estimate import Prediction
+from rotorid.estimators.likelihood.cost import Evaluation
+from rotorid.record import Complexes
+
+
+def predict_channels(
+    evaluations: Sequence[Evaluation], inputs: Sequence[str], sensors: Sequence[Sequence[str]]
+) -> dict[str, Prediction | None]:
+    """Return the relative error of each channel, all records together.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        At the estimate.
+    inputs : sequence of str
+    sensors : sequence of sequence of str
+        Names of the sensors of each record.
+
+    Returns
+    -------
+    dict of channel name to Prediction
+        Inputs where no coordinate is hidden in any record, else sensors; ``None`` for a channel
+        that is zero.
+    """
+    hidden = any(e.problem.sensing.hidden.shape[1] for e in evaluations)
+    wrong: dict[str, float] = {}
+    size: dict[str, float] = {}
+    for evaluation, names in zip(evaluations, sensors, strict=True):
+        predicted, measured = (_outputs if hidden else _inputs)(evaluation)
+        weight = evaluation.problem.multiplicity
+        for j, name in enumerate(names if hidden else inputs):
+            error = float(weight @ np.abs(predicted[:, j] - measured[:, j]) ** 2)
+            wrong[name] = wrong.get(name, 0.0) + error
+            power = float(weight @ np.abs(measured[:, j]) ** 2)
+            size[name] = size.get(name, 0.0) + power
+    return {
+        name: Prediction(float(np.sqrt(wrong[name] / size[name]))) if size[name] > 0 else None
+        for name in wrong
+    }
+
+
+def _inputs(at: Evaluation) -> tuple[Complexes, Complexes]:
+    """Predict the inputs from the motion, the seed's (12); rows without input have no say."""
+    p = at.problem
+    true = at.state.factors * p.data
+    motion = (true[:, p.inputs :] - at.state.runout) @ p.sensing.right.T
+    force = (at.stiffness[:, : p.rows] @ motion[:, :, None])[:, :, 0] + at.load @ at.mu
+    matrix = at.inputs[:, : p.rows]
+    driven = np.abs(matrix).any(axis=(0, 2))
+    if not driven.any():
+        return true[:, : p.inputs], true[:, : p.inputs]
+    predicted = -np.stack(
+        [
+            np.linalg.lstsq(b[driven], f[driven], rcond=None)[0]
+            for b, f in zip(matrix, force, strict=True)
+        ]
+    )
+    return predicted, true[:, : p.inputs]
+
+
+def _outputs(at: Evaluation) -> tuple[Complexes, Complexes]:
+    """Predict the readings from the inputs, y = C Z^-1 (B u + g) + r."""
+    p = at.problem
+    true = at.state.factors * p.data
+    right = (at.inputs[:, : p.rows] @ true[:, : p.inputs, None])[:, :, 0] + at.load @ at.mu
+    stiffness = -at.stiffness[:, : p.rows]
+    motion = np.stack(
+        [np.linalg.lstsq(z, f, rcond=None)[0] for z, f in zip(stiffness, right, strict=True)]
+    )
+    return motion @ p.sensing.reads.T + at.state.runout, true[:, p.inputs :]

@@ -1,0 +1,284 @@
+"""From a model, records and what is known beforehand to the `Layout` and its relations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimators.knowledge import Constraint, constraint_polynomial, eliminate
+from rotorid.estimators.likelihood.relations import Polynomial, Relations
+from rotorid.estimators.likelihood.unknowns import (
+    Layout,
+    Nuisances,
+    Unknown,
+    base_factors,
+    nuisance_unknowns,
+    physical_factors,
+)
+from rotorid.models import Model
+from rotorid.record import Floats, PeriodicRecord
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known before the records are looked at; all in SI.
+
+    Parameters
+    ----------
+    fixed : mapping of name to float
+        Exact values, of parameters or nuisances.
+    known : mapping of name to (value, std)
+        Values with a deviation.
+    start : mapping of name to float
+        Where to start; never biases the estimate.
+    constraints : sequence of Constraint
+        Polynomials in the parameters, exact or with a deviation.
+    bounds : mapping of expression to (lower, upper)
+        Polynomials in the parameters that are kept within bounds; ``None`` for no bound.
+    """
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    constraints: tuple[Constraint, ...] = ()
+    bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Unknowns and the relations among them; what was put into the model is in `substituted`."""
+
+    layout: Layout
+    exact: Relations
+    known: Relations
+    bounds: Relations
+    substituted: Mapping[str, float] = field(default_factory=dict)
+
+
+def prepare(
+    model: Model,
+    records: Sequence[PeriodicRecord],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    base: bool,
+    guess: Mapping[str, float],
+) -> Prepared:
+    """Lay out the unknowns and write what is known as relations.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of PeriodicRecord
+    knowledge : Knowledge
+    nuisances : Nuisances
+    base : bool
+        Estimate the base parameters, what is fixed being put into the model.
+    guess : mapping of name to float
+        Starting values for what `knowledge` says nothing about.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    InputError
+        For names that do not exist, values that contradict one another, or no start.
+    """
+    extra = nuisance_unknowns(model, records, nuisances)
+    _check_names(model, extra, knowledge, base)
+    held: dict[str, float] = {}
+    if base:
+        held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
+        model = model.substitute(held)
+        names = zip(model.base.names, model.base.units, strict=True)
+        parameters = [Unknown(name, unit, guess.get(name, np.nan)) for name, unit in names]
+        factors: Sequence[tuple[int, ...] | None] = base_factors(model)
+    else:
+        parameters = [
+            Unknown(p.name, p.unit, guess.get(p.name, np.nan), positive=p.positive)
+            for p in model.parameters
+        ]
+        factors = physical_factors(model)
+    unknowns = tuple(_informed(unknown, knowledge) for unknown in (*parameters, *extra))
+    layout = Layout(model, unknowns, tuple(factors), base)
+    layout = _started(layout)
+    exact, known = _relations(layout, knowledge)
+    bounds = _bounds(layout, knowledge)
+    _check_relations(layout, exact)
+    return Prepared(layout, exact, known, bounds, held)
+
+
+def _informed(unknown: Unknown, knowledge: Knowledge) -> Unknown:
+    name = unknown.name
+    if name in knowledge.fixed:
+        return replace(unknown, start=float(knowledge.fixed[name]), std=0.0)
+    if name in knowledge.known:
+        value, std = (float(x) for x in knowledge.known[name])
+        unknown = replace(unknown, prior=value, std=std, start=value)
+    if name in knowledge.start:
+        unknown = replace(unknown, start=float(knowledge.start[name]))
+    return unknown
+
+
+def _started(layout: Layout) -> Layout:
+    """Put the unbalance to zero where nothing else is said, and ask for the starts that lack."""
+    loads = layout.load_only()
+    unknowns = tuple(
+        replace(u, start=0.0) if i in loads and np.isnan(u.start) else u
+        for i, u in enumerate(layout.unknowns)
+    )
+    missing = [u.name for u in unknowns if np.isnan(u.start)]
+    if missing:
+        raise InputError(
+            f"no start of {', '.join(missing)}",
+            "a starting value of every parameter, where some coordinates are not measured",
+            "give start (in the experiment file) or nominal (in the model file)",
+            place=f"parameters.{missing[0]}",
+        )
+    wrong = [u.name for u in unknowns if u.positive and not u.fixed and u.start <= 0]
+    if wrong:
+        raise InputError(
+            f"a start of {wrong[0]} that is not positive",
+            "a positive number, as the model declares",
+            "correct it",
+            place=f"parameters.{wrong[0]}",
+        )
+    return replace(layout, unknowns=unknowns)
+
+
+def _check_names(model: Model, extra: Sequence[Unknown], knowledge: Knowledge, base: bool) -> None:
+    parameters = model.parameter_names
+    names = {*parameters, *(unknown.name for unknown in extra)}
+    for key in ("fixed", "known", "start"):
+        for name, value in getattr(knowledge, key).items():
+            if name not in names and not (base and key == "start"):  # names of base parameters
+                raise InputError(
+                    f"{name!r} in {key}",
+                    f"one of {', '.join(sorted(names))}",
+                    "correct the name",
+                    place=key,
+                )
+            numbers = np.atleast_1d(np.asarray(value, dtype=float))
+            if not np.isfinite(numbers).all():
+                raise InputError(f"{value} for {name}", "finite numbers", "correct it", place=key)
+            if key == "known" and (len(numbers) != 2 or numbers[1] <= 0):
+                raise InputError(
+                    f"{value} for {name}",
+                    "a value and a deviation of more than 0",
+                    "give both, or fix the value",
+                    place=key,
+                )
+    twice = set(knowledge.fixed) & set(knowledge.known)
+    if twice:
+        raise InputError(
+            f"{sorted(twice)[0]} both fixed and with a deviation", "one of them", "drop one"
+        )
+    if base and knowledge.known.keys() & set(parameters):
+        raise InputError(
+            f"a deviation of {sorted(knowledge.known.keys() & set(parameters))[0]}",
+            "fixed values, where base parameters are asked for",
+            "estimate the physical parameters",
+        )
+
+
+def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relations]:
+    count = len(layout.unknowns)
+    exact: list[tuple[Polynomial, float, str]] = []
+    known: list[tuple[Polynomial, float, str]] = []
+    for i, unknown in enumerate(layout.unknowns):
+        if unknown.std is not None and unknown.std > 0:
+            known.append((_single(i, count, unknown.prior), unknown.std, unknown.name))
+    if layout.base:
+        return _base_relations(layout, knowledge), Relations.build(known, count)
+    for constraint in knowledge.constraints:
+        polynomial = _padded(layout, constraint)
+        text = f"{constraint.expression} = {constraint.value:g}"
+        if constraint.std > 0:
+            known.append((polynomial, constraint.std, text))
+        else:
+            exact.append((polynomial, 1.0, text))
+    return Relations.build(exact, count), Relations.build(known, count)
+
+
+def _single(index: int, count: int, value: float) -> Polynomial:
+    alone = tuple(int(i == index) for i in range(count))
+    return {alone: 1.0, (0,) * count: -value}
+
+
+def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], float]:
+    """Return ``expression - value`` over all unknowns."""
+    rest = (0,) * (len(layout.unknowns) - layout.parameters)
+    found = constraint_polynomial(layout.model, constraint)
+    polynomial = {(*powers, *rest): c for powers, c in found.items()}
+    constant = (0,) * len(layout.unknowns)
+    polynomial[constant] = polynomial.get(constant, 0.0) - constraint.value
+    return polynomial
+
+
+def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
+    """Return the constraints, linear in the base parameters, that `eliminate` solves."""
+    count, size = len(layout.unknowns), layout.parameters
+    elimination = eliminate(layout.model, knowledge.constraints)
+    gone = [i for i in range(size) if not _is_unit(elimination.basis[i])]
+    rows: list[tuple[Polynomial, float, str]] = []
+    kept = [int(column.argmax()) for column in elimination.basis.T]
+    for i in gone:
+        polynomial = dict(_single(i, count, float(elimination.origin[i])))
+        for j, coefficient in zip(kept, elimination.basis[i], strict=True):
+            if coefficient:
+                polynomial[tuple(int(k == j) for k in range(count))] = -float(coefficient)
+        rows.append((polynomial, 1.0, layout.unknowns[i].name))
+    return Relations.build(rows, count)
+
+
+def _is_unit(row: Floats) -> bool:
+    return bool((row == 1).sum() == 1 and (row != 0).sum() == 1)
+
+
+def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:
+    count = len(layout.unknowns)
+    rows: list[tuple[Polynomial, float, str]] = []
+    for i, unknown in enumerate(layout.unknowns):
+        if unknown.positive and not unknown.fixed:
+            rows.append((_single(i, count, 0.0), 1.0, f"{unknown.name} >= 0"))
+    if layout.base:
+        if knowledge.bounds:
+            raise InputError("bounds", "none, where base parameters are asked for", "drop them")
+        return Relations.build(rows, count)
+    for expression, (lower, upper) in knowledge.bounds.items():
+        for limit, sign in ((lower, 1.0), (upper, -1.0)):
+            if limit is None:
+                continue
+            polynomial = _padded(layout, Constraint(expression, limit))
+            signed = {powers: sign * c for powers, c in polynomial.items()}
+            relation = ">=" if sign > 0 else "<="
+            rows.append((signed, 1.0, f"{expression} {relation} {limit:g}"))
+    return Relations.build(rows, count)
+
+
+def _check_relations(layout: Layout, exact: Relations) -> None:
+    if not len(exact):
+        return
+    anywhere = np.where(layout.start != 0, layout.start, 1.0)
+    normal = (exact.jacobian(anywhere) * np.abs(anywhere))[:, layout.free]
+    length = np.sqrt((normal**2).sum(axis=1))
+    idle = np.flatnonzero(length == 0)
+    if idle.size:
+        raise InputError(
+            f"the constraint {exact.texts[idle[0]]!r}, which holds no free parameter",
+            "a relation between free parameters",
+            "drop it, or free one of its parameters",
+            place="constraints",
+        )
+    values = np.linalg.svd(normal / length[:, None], compute_uv=False)
+    if len(exact) > normal.shape[1] or values[-1] < 1e-9 * values[0]:
+        raise InputError(
+            "constraints that repeat or contradict one another",
+            "independent constraints",
+            "drop one",
+            place="constraints",
+        )

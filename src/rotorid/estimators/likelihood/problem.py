@@ -1,0 +1,118 @@
+"""All records and all knowledge as one least-squares problem in the unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.estimators.likelihood.cost import Evaluation, Likelihood
+from rotorid.estimators.likelihood.relations import Relations
+from rotorid.estimators.likelihood.unknowns import Layout
+from rotorid.record import Floats, Integers
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Minimize the sum of the records' costs and of the squared relations with a deviation.
+
+    Parameters
+    ----------
+    layout : Layout
+    likelihoods : sequence of Likelihood
+        One per record.
+    exact : Relations
+        h = 0.
+    known : Relations
+        h of deviation one.
+    bounds : Relations
+        h >= 0.
+    """
+
+    layout: Layout
+    likelihoods: tuple[Likelihood, ...]
+    exact: Relations
+    known: Relations
+    bounds: Relations
+
+    def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
+        """Evaluate at all unknowns, shape (unknown,)."""
+        records = [likelihood.evaluate(unknowns, relaxation) for likelihood in self.likelihoods]
+        return Point(self, unknowns, records, self.known.values(unknowns))
+
+    def best_at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
+        """Evaluate with the affine unknowns at their best for the others.
+
+        The residual is linear in them, so one linear regression finds it. It also takes the
+        solver through points where a load loses its factor (I_t - I_p = 0 for the dynamic
+        unbalance), which no path of steps in all unknowns could cross.
+        """
+        affine = self.affine
+        if not len(affine):
+            return self.at(unknowns, relaxation)
+        records = [likelihood.evaluate(unknowns, relaxation) for likelihood in self.likelihoods]
+        columns = [record.affine_directions(affine) for record in records]
+        known = self.known.values(unknowns)
+        slopes = self.known.jacobian(unknowns)[:, affine]
+        matrix = np.concatenate(
+            [*(r.whiten(c) for r, c in zip(records, columns, strict=True)), slopes]
+        )
+        residual = np.concatenate([*(record.residual for record in records), known])
+        size = np.sqrt((matrix**2).sum(axis=0))
+        scale = 1 / np.where(size > 0, size, 1.0)
+        change = -scale * np.linalg.lstsq(matrix * scale, residual, rcond=1e-10)[0]
+        for record, column in zip(records, columns, strict=True):
+            record.shift(affine, change, column)
+        moved = unknowns.copy()
+        moved[affine] += change
+        return Point(self, moved, records, known + slopes @ change)
+
+    @cached_property
+    def affine(self) -> Integers:
+        """Unknowns on which the residual depends linearly, and its whitening not at all."""
+        layout = self.layout
+        loads = layout.load_only()
+        held = {int(i) for i in layout.free}
+        for relations in (self.exact, self.bounds):
+            held -= {int(i) for i in relations.monomials.factors.ravel()}
+        linear = [i for i in self.known.linear_in() if i in held]
+        runout = {i for name, i in layout.index.items() if name.startswith("runout[")}
+        return np.array([i for i in linear if i in loads or i in runout], dtype=np.int64)
+
+    @property
+    def real_equations(self) -> int:
+        """Real equations of all lines, and one per relation with a deviation."""
+        lines: float = sum(
+            float(likelihood.multiplicity.sum()) * likelihood.equations
+            for likelihood in self.likelihoods
+        )
+        return round(lines) + len(self.known)
+
+
+@dataclass(frozen=True)
+class Point:
+    """The problem at one point."""
+
+    problem: Problem
+    unknowns: Floats
+    records: Sequence[Evaluation]
+    known: Floats
+
+    @cached_property
+    def cost(self) -> float:
+        """J: the squared length of `residual`."""
+        return sum(record.cost for record in self.records) + float(self.known @ self.known)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """Whitened residual of the records in order, then of the relations."""
+        return np.concatenate([*(record.residual for record in self.records), self.known])
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """Derivative of `residual` by the unknowns that are not fixed."""
+        free = self.problem.layout.free
+        blocks = [record.jacobian()[:, free] for record in self.records]
+        return np.concatenate([*blocks, self.problem.known.jacobian(self.unknowns)[:, free]])

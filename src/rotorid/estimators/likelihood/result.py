@@ -1,0 +1,149 @@
+"""From a fit to its `Estimate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.estimate import Estimate, LineMisfit, Misfit, Status, Value
+from rotorid.estimators.derived import base_from_physical, physical_from_base
+from rotorid.estimators.likelihood.fit import Fit
+from rotorid.estimators.likelihood.prediction import predict_channels
+from rotorid.estimators.likelihood.unknowns import sensor_channels
+from rotorid.models import Model
+from rotorid.record import Floats, PeriodicRecord
+
+REJECTED = 1e-6
+"""The p-value below which the data reject the model."""
+
+
+def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Estimate:
+    """Return the estimate of a fit.
+
+    Parameters
+    ----------
+    model : Model
+        As given, before anything was put in.
+    records : sequence of PeriodicRecord
+    fit : Fit
+
+    Returns
+    -------
+    Estimate
+    """
+    layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
+    cost, expectation = point.cost, inference.expectation
+    p_value = expectation.p_value(cost)
+    inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
+    std = _deviations(fit)
+    values = [
+        Value(
+            u.name,
+            u.unit,
+            float(x) if np.isfinite(s) else np.nan,
+            float(s),
+            float(s * inflation),
+            u.fixed,
+        )
+        for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
+    ]
+    count = layout.parameters
+    sensors = [[s.name for s in sensor_channels(layout.model, r)] for r in records]
+    held = [
+        Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
+        for name, value in fit.prepared.substituted.items()
+    ]
+    return Estimate(
+        model=model.name,
+        method="ml",
+        status=_status(fit, p_value),
+        parameters=(*values[:count], *held),
+        nuisance=tuple(v for v in values[count:] if not v.fixed),
+        derived=_derived(model, fit),
+        covariance=inference.covariance,
+        misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
+        prediction=predict_channels(point.records, layout.model.inputs, sensors),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
+        periods=min(r.periods for r in records),
+        warnings=tuple(_warnings(records, fit, p_value)),
+        condition_number=inference.condition_number,
+        line_misfit=tuple(_line_misfits(records, fit)),
+    )
+
+
+def _deviations(fit: Fit) -> Floats:
+    """Deviation of every unknown: 0 where fixed, NaN where the records do not determine it."""
+    layout, inference = fit.prepared.layout, fit.inference
+    std = np.zeros(len(layout.unknowns))
+    spread = np.sqrt(np.diag(inference.covariance).clip(0))
+    spread[inference.undetermined] = np.nan
+    std[layout.free] = spread
+    return std
+
+
+def _status(fit: Fit, p_value: float) -> Status:
+    if fit.inference.null.shape[1]:
+        return "not_identifiable"
+    if not fit.solution.converged:
+        return "not_converged"
+    return "rejected" if p_value < REJECTED else "ok"
+
+
+def _line_misfits(records: Sequence[PeriodicRecord], fit: Fit) -> list[LineMisfit]:
+    found = []
+    for number, (record, at, expected) in enumerate(
+        zip(records, fit.solution.point.records, fit.inference.line_means, strict=True)
+    ):
+        for hz, cost, mean in zip(record.frequency, at.line_costs, expected, strict=True):
+            found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
+    return found
+
+
+def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
+    """Return base parameters from physical ones, or the other way round."""
+    layout, inference = fit.prepared.layout, fit.inference
+    count, free = layout.parameters, layout.free
+    inner = free < count
+    covariance = np.zeros((count, count))
+    covariance[np.ix_(free[inner], free[inner])] = inference.covariance[np.ix_(inner, inner)]
+    values = fit.solution.point.unknowns[:count]
+    if layout.base:
+        if inference.undetermined[inner].any():
+            return ()
+        return physical_from_base(layout.model, values, covariance)
+    found = base_from_physical(model, values, covariance)
+    slopes = model.base_jacobian(values)[:, free[inner]] * inference.scale[inner]
+    length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
+    along = slopes / np.where(length > 0, length, 1.0) @ inference.null[inner]
+    unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
+    return tuple(
+        Value(v.name, v.unit, np.nan, np.nan) if lost else v
+        for v, lost in zip(found, unknown, strict=True)
+    )
+
+
+def _warnings(records: Sequence[PeriodicRecord], fit: Fit, p_value: float) -> list[str]:
+    point, expected = fit.solution.point, fit.inference.expectation.mean
+    found = [warning for record in records for warning in record.warnings]
+    for number, at in enumerate(point.records):
+        noise = at.problem.noise
+        if noise.shrunk > 0:
+            where = f"record {number + 1}: " if len(records) > 1 else ""
+            found.append(
+                f"{where}too few periods for the covariance of {at.problem.equations} equations "
+                f"per line ({noise.dof:g} degrees of freedom, {2 * at.problem.equations} needed): "
+                f"it was mixed with its diagonal ({100 * noise.shrunk:.0f} %); deviations and "
+                "p-value are rough; record more periods"
+            )
+    for bound in fit.solution.active:
+        text = fit.problem.bounds.texts[bound]
+        found.append(f"the bound {text} holds with equality; deviations are those without it")
+    if not fit.solution.converged:
+        found.append("the iteration did not converge; give a nearer start")
+    if p_value < REJECTED:
+        found.append(
+            f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "
+            f"(p = {p_value:.1g}); see the suspects; std_inflated allows for the misfit"
+        )
+    return found

@@ -1,0 +1,250 @@
+"""Levenberg-Marquardt on the whitened residual, led by a homotopy.
+
+Far from the truth the likelihood has local minima. Granting every equation of motion an error of
+its own, ``V + sigma^2 S`` with S scaled per row, smooths them away: with a large sigma the cost
+is that of an ordinary regression. Each stage starts where the last one ended, with sigma a tenth
+of the last, and none in the end.
+
+Exact relations are eliminated: steps are taken in the null space of their derivative, and Newton
+steps lead back to them. A bound that stops a step becomes an exact relation until the cost would
+fall by leaving it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.estimators.likelihood.problem import Point, Problem
+from rotorid.estimators.likelihood.relations import Relations
+from rotorid.record import Floats, Integers
+
+STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
+"""sigma of each stage, in units of the mean force."""
+RANK = 1e-10
+"""Singular values below this share of the largest count as zero."""
+SLACK = 0.1
+"""Share of the distance to a bound that a single step leaves."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the solver ended.
+
+    Parameters
+    ----------
+    point : Point
+    converged : bool
+    iterations : int
+        Evaluations of the Jacobian, over all stages.
+    active : sequence of int
+        Bounds that hold with equality.
+    """
+
+    point: Point
+    converged: bool
+    iterations: int
+    active: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The scaled directions in which the exact relations do not change.
+
+    Parameters
+    ----------
+    scale : array, shape (free,)
+        Unit of each unknown.
+    basis : array, shape (free, direction)
+        Directions in those units.
+    values, right : arrays
+        Singular values and right singular vectors of the scaled Jacobian along `basis`.
+    projected : array
+        The residual along the left singular vectors.
+    """
+
+    scale: Floats
+    basis: Floats
+    values: Floats
+    right: Floats
+    projected: Floats
+
+    def step(self, damping: float) -> Floats:
+        """Return the Levenberg-Marquardt step of the free unknowns."""
+        kept = self.values > RANK * self.values.max(initial=0.0)
+        size = np.where(kept, self.values, 1.0)
+        share = np.where(kept, size / (size**2 + damping), 0.0)
+        return np.asarray(self.scale * (self.basis @ (self.right.T @ (-share * self.projected))))
+
+    @property
+    def decrease(self) -> float:
+        """The drop of the cost that a full Gauss-Newton step would bring."""
+        kept = self.values > RANK * self.values.max(initial=0.0)
+        return float((self.projected[kept] ** 2).sum())
+
+
+def relation_jacobian(exact: Relations, point: Point) -> Floats:
+    """Return dh by the free unknowns, each row of length about one in relative changes."""
+    free = point.problem.layout.free
+    return exact.jacobian(point.unknowns)[:, free]
+
+
+def tangent(point: Point, exact: Relations) -> Tangent:
+    """Linearize the problem at a point, in the null space of the exact relations."""
+    jacobian, free = point.jacobian, point.problem.layout.free
+    size = np.sqrt((jacobian**2).sum(axis=0))
+    typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
+    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
+    scaled = jacobian * scale
+    basis = np.eye(len(free))
+    if len(exact):
+        normal = relation_jacobian(exact, point) * scale
+        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
+        orthogonal, _ = np.linalg.qr(normal.T, mode="complete")
+        basis = orthogonal[:, len(exact) :]
+        scaled = scaled @ basis
+    rows = np.column_stack([scaled, point.residual])
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    width = scaled.shape[1]
+    left, values, right = np.linalg.svd(triangle[:width, :width])
+    return Tangent(scale, basis, values, right, left.T @ triangle[:width, width])
+
+
+def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -> Floats | None:
+    """Return the nearest point that satisfies the exact relations, or None where none is near."""
+    x = unknowns.copy()
+    for _ in range(30):
+        gap = exact.values(x)
+        if (np.abs(gap) <= 1e-14 * exact.sizes(x)).all():
+            return x
+        derivative = exact.jacobian(x)[:, free] * scale
+        change = scale * np.linalg.lstsq(derivative, gap, rcond=1e-12)[0]
+        x[free] -= change
+        if not np.isfinite(x).all():
+            return None
+        if (np.abs(change) <= 1e-15 * np.abs(x[free])).all():
+            return x
+    return x if (np.abs(exact.values(x)) <= 1e-10 * exact.sizes(x)).all() else None
+
+
+class _Walk:
+    """One descent: the current point and the bounds that hold it."""
+
+    def __init__(self, problem: Problem, unknowns: Floats) -> None:
+        self.problem, self.unknowns = problem, unknowns
+        self.active: list[int] = []
+        self.iterations = 0
+
+    @property
+    def exact(self) -> Relations:
+        if not self.active:
+            return self.problem.exact
+        return self.problem.exact.joined(self.problem.bounds.subset(np.array(self.active)))
+
+    def _within(self, old: Floats, step: Floats) -> tuple[Floats, int | None]:
+        """Shorten a step to keep away from the bounds; name the bound that is all but reached."""
+        free, bounds = self.problem.layout.free, self.problem.bounds
+        new = old.copy()
+        new[free] += step
+        if not len(bounds):
+            return new, None
+        before, after = bounds.values(old), bounds.values(new)
+        watched = np.ones(len(bounds), dtype=bool)
+        watched[self.active] = False
+        crossed = watched & (after < SLACK * before)
+        if not crossed.any():
+            return new, None
+        reach = np.where(crossed, (1 - SLACK) * before / np.where(crossed, before - after, 1), 1.0)
+        nearest = int(np.argmin(reach))
+        new = old.copy()
+        new[free] += reach[nearest] * step
+        hit = before[nearest] < 1e-6 * bounds.sizes(old)[nearest]
+        return new, nearest if hit else None
+
+    def _release(self, point: Point, where: Tangent) -> bool:
+        """Drop a bound whose multiplier says that the cost falls on its inner side."""
+        if not self.active:
+            return False
+        free = self.problem.layout.free
+        gradient = (point.jacobian.T @ point.residual) * where.scale
+        normal = relation_jacobian(self.exact, point) * where.scale
+        multiplier = np.linalg.lstsq(normal.T, gradient, rcond=1e-12)[0]
+        inner = multiplier[len(self.problem.exact) :]
+        worst = int(np.argmin(inner))
+        size = np.abs(normal).max() * max(len(free), 1)
+        if inner[worst] * size >= -1e-9 * np.sqrt(max(point.cost, 1e-300)):
+            return False
+        del self.active[worst]
+        return True
+
+    def descend(self, relaxation: float, tolerance: float, limit: int) -> tuple[Point, bool]:
+        """Minimize at one relaxation."""
+        problem, free = self.problem, self.problem.layout.free
+        point, damping = problem.best_at(self.unknowns, relaxation), 0.0
+        for _ in range(limit):
+            where = tangent(point, self.exact)
+            self.iterations += 1
+            floor = 1e-14 if relaxation > 0 else 1.0
+            if where.decrease <= tolerance * max(point.cost, floor):
+                if self._release(point, where):
+                    continue
+                return point, True
+            top = where.values.max(initial=0.0) ** 2
+            for _attempt in range(25):
+                aimed, hit = self._within(point.unknowns, where.step(damping))
+                if hit is not None:
+                    self.active.append(hit)
+                exact = self.exact
+                target = retract(aimed, free, exact, where.scale) if len(exact) else aimed
+                trial = None if target is None else _evaluated(problem, target, relaxation)
+                if trial is not None and (trial.cost < point.cost or hit is not None):
+                    damping = 0.0 if damping < 1e-6 * top else damping / 10
+                    break
+                damping = max(1e-3 * top, 8 * damping)
+            else:
+                # No step helps: rounding, if what was left to gain is next to nothing.
+                return point, where.decrease <= 1e-6 * max(point.cost, floor)
+            point = trial
+            self.unknowns = point.unknowns
+        return point, False
+
+
+def _evaluated(problem: Problem, unknowns: Floats, relaxation: float) -> Point | None:
+    """Evaluate, or return None where the point has no finite cost."""
+    try:
+        point = problem.best_at(unknowns, relaxation)
+    except np.linalg.LinAlgError:
+        return None
+    return point if np.isfinite(point.cost) else None
+
+
+def solve(problem: Problem, start: Floats, stages: Sequence[float] = STAGES) -> Solution:
+    """Minimize the cost from a start.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : array, shape (unknown,)
+    stages : sequence of float
+        sigma of each stage of the homotopy; the last is 0.
+
+    Returns
+    -------
+    Solution
+    """
+    free, x = problem.layout.free, start
+    if len(problem.exact):
+        scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
+        moved = retract(start, free, problem.exact, scale)
+        x = start if moved is None else moved
+    walk = _Walk(problem, x)
+    point, converged = None, False
+    for relaxation in stages:
+        last = relaxation == stages[-1]
+        point, converged = walk.descend(
+            relaxation, tolerance=1e-10 if last else 1e-2, limit=100 if last else 30
+        )
+    assert point is not None
+    return Solution(point, converged, walk.iterations, tuple(walk.active))

@@ -1,0 +1,120 @@
+"""Maximum likelihood with noise in forces and positions, from any set of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.preparation import Knowledge
+from rotorid.estimators.likelihood.result import summarize
+from rotorid.estimators.likelihood.unknowns import Nuisances
+from rotorid.models import Model
+from rotorid.record import PeriodicRecord
+
+
+@dataclass(frozen=True)
+class MaximumLikelihood:
+    """``min sum_k c_k e_k^H V_k^-1 e_k`` over the lines: efficient, with error bars that hold.
+
+    Forces and positions carry noise whose covariance is taken from the record itself; the true
+    lines are profiled out, coordinates without a sensor are projected out. The parameters are the
+    physical ones, or the base ones on request.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float
+        Exact values (SI), of parameters or of nuisances.
+    constraints : sequence of Constraint
+        Polynomials in the parameters that are known: exactly, and then eliminated, or with a
+        deviation.
+    known : mapping of str to (value, std)
+        Values known with a deviation.
+    start : mapping of str to float
+        Where to start; else from batch, where every coordinate is measured, or from the nominal
+        values, with the unbalance from zero.
+    bounds : mapping of str to (lower, upper)
+        Expressions such as ``"2*I_t - I_p"`` kept within bounds; parameters that the model calls
+        positive are kept so anyway.
+    runout : bool
+        Each position sensor reads an unknown 1x runout, common to all records.
+    gains : sequence of {"ki", "ks", "ks*"}
+        Constants of the force laws to estimate: the force per current of each input; the force
+        per displacement, one for all or one per input.
+    delays : sequence of {"force", "position"}
+        One unknown delay common to all channels of the kind.
+    base : bool
+        Estimate the base parameters.
+    covariance : {"auto", "white", "correlated"}
+        Of the mean lines: from the scatter between periods, from neighbouring lines, or whichever
+        the residual asks for.
+    neighbours : int, optional
+        Lines on each side for the correlated covariance.
+
+    References
+    ----------
+    Pintelon and Schoukens, System Identification: A Frequency Domain Approach; see the chapter on
+    maximum likelihood in the documentation.
+
+    Examples
+    --------
+    >>> MaximumLikelihood(fixed={"L1": 0.3}).fixed
+    {'L1': 0.3}
+    """
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    constraints: tuple[Constraint, ...] = ()
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    runout: bool = False
+    gains: tuple[str, ...] = ()
+    delays: tuple[str, ...] = ()
+    base: bool = False
+    covariance: Literal["auto", "white", "correlated"] = "auto"
+    neighbours: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.covariance not in ("auto", "white", "correlated"):
+            raise InputError(
+                f"covariance {self.covariance!r}", "auto, white or correlated", "correct it"
+            )
+        for name in ("constraints", "gains", "delays"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        _ = self.nuisances
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What is known beforehand."""
+        return Knowledge(self.fixed, self.known, self.start, self.constraints, self.bounds)
+
+    @property
+    def nuisances(self) -> Nuisances:
+        """Which constants of the measurement are unknown."""
+        return Nuisances(self.runout, self.gains, self.delays)
+
+    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+        """Return the estimate.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, knowledge that contradicts itself, or no start.
+        ModelError
+            Where the model is not linear in its coordinates.
+        """
+        model.require_linear() if model.linear is None else None
+        found = fit(
+            model,
+            records,
+            self.knowledge,
+            self.nuisances,
+            base=self.base,
+            covariance=self.covariance,
+            neighbours=self.neighbours,
+        )
+        return summarize(model, records, found)

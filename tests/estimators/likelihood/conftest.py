@@ -1,0 +1,194 @@
+"""The seed's rotor at the demo's noise, line by line, and Monte-Carlo figures of an estimator."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from rotorid.estimate import Estimate
+from rotorid.estimators import MaximumLikelihood
+from rotorid.identify import identify
+from rotorid.models import Model, load_model
+from rotorid.record import Channel, Floats, PeriodicRecord
+from rotorid.simulation.lines import add_noise, line_record
+
+HARMONICS = (1, 3, 5, 7, 9, 11)
+BEARINGS = ("x1", "y1", "x3", "y3")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A rotor with its excitation and its noise."""
+
+    model: Model
+    truth: Mapping[str, float]
+    shares: Sequence[float] = (0.5, 1.0, 1.0, -0.5)
+    force_noise: float = 1.0
+    position_noise: float = 22e-6
+    harmonics: Sequence[int] = HARMONICS
+    fundamental: float = 20.0
+
+    @property
+    def values(self) -> Floats:
+        return self.model.values(self.truth)
+
+    def forces(self) -> np.ndarray:
+        """Lines of 10 sin + 10 cos on every harmonic, shared out among the inputs."""
+        return np.full((len(self.harmonics), 1), 5 - 5j) * np.array(self.shares)
+
+    def record(
+        self,
+        sensors: Sequence[Channel | str] | None = None,
+        *,
+        hertz: float = 140.0,
+        periods: int = 260,
+        amplitude: float = 1.0,
+        phase: float = 0.0,
+        harmonics: Sequence[int] | None = None,
+    ) -> PeriodicRecord:
+        """Return the record without noise."""
+        lines = self.harmonics if harmonics is None else harmonics
+        forces = np.full((len(lines), 1), 5 - 5j) * np.array(self.shares)
+        return line_record(
+            self.model,
+            self.values,
+            forces * amplitude,
+            harmonics=lines,
+            fundamental=self.fundamental,
+            sample_rate=5000.0,
+            periods=periods,
+            speed=2 * np.pi * hertz,
+            phase=phase,
+            sensors=sensors,
+        )
+
+    def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:
+        inputs = set(self.model.inputs)
+        noise = {
+            c.name: (self.force_noise if c.name in inputs else self.position_noise)
+            for c in record.channels
+        }
+        return add_noise(record, noise, rng)
+
+    def start(self, rng: np.random.Generator, spread: float = 0.4) -> dict[str, float]:
+        """Return starts within +-spread of the truth, of what is not unbalance."""
+        unbalance = {"xi", "zeta", "mu", "eta"}
+        return {
+            name: value * (1 + spread * rng.uniform(-1, 1))
+            for name, value in self.truth.items()
+            if name not in unbalance
+        }
+
+
+@dataclass
+class Statistics:
+    """What many estimates say about an estimator."""
+
+    names: list[str] = field(default_factory=list)
+    truth: list[float] = field(default_factory=list)
+    errors: list[Floats] = field(default_factory=list)
+    stds: list[Floats] = field(default_factory=list)
+    distances: list[float] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)
+    expected: list[float] = field(default_factory=list)
+    p_values: list[float] = field(default_factory=list)
+    statuses: list[str] = field(default_factory=list)
+
+    def add(self, estimate: Estimate, truth: Mapping[str, float]) -> None:
+        free = estimate.free
+        self.names = [value.name for value in free]
+        self.truth = [truth[name] for name in self.names]
+        error = np.array([value.value - truth[value.name] for value in free])
+        std = np.sqrt(np.diag(estimate.covariance))
+        scaled = estimate.covariance / np.outer(std, std)
+        self.errors.append(error)
+        self.stds.append(std)
+        self.distances.append(float(error / std @ np.linalg.solve(scaled, error / std)))
+        assert estimate.misfit is not None
+        self.costs.append(estimate.misfit.cost)
+        self.expected.append(estimate.misfit.expected)
+        self.p_values.append(estimate.misfit.p_value)
+        self.statuses.append(estimate.status)
+
+    @property
+    def rms(self) -> Floats:
+        return np.sqrt((np.array(self.errors) ** 2).mean(axis=0))
+
+    @property
+    def stated(self) -> Floats:
+        return np.sqrt((np.array(self.stds) ** 2).mean(axis=0))
+
+    @property
+    def coverage(self) -> Floats:
+        """Share of the 95 % intervals that hold the truth."""
+        return (np.abs(self.errors) < 1.959964 * np.array(self.stds)).mean(axis=0)
+
+    @property
+    def cost_deviation(self) -> float:
+        """Mean of J less its expectation, in standard errors."""
+        difference = np.array(self.costs) - np.array(self.expected)
+        return float(difference.mean() / (difference.std(ddof=1) / np.sqrt(len(difference))))
+
+    @property
+    def distance_deviation(self) -> float:
+        """Mean of (estimate - truth)' C^-1 (estimate - truth) less its expectation, likewise."""
+        distance = np.array(self.distances)
+        error = distance.std(ddof=1) / np.sqrt(len(distance))
+        return float((distance.mean() - len(self.names)) / error)
+
+    @property
+    def rejected(self) -> float:
+        """Share that a 5 % test rejects."""
+        return float((np.array(self.p_values) < 0.05).mean())
+
+    def report(self) -> str:
+        rows = [
+            f"{name:>18} rms {100 * r / abs(t) if t else r:9.4g} stated "
+            f"{100 * s / abs(t) if t else s:9.4g} ratio {r / s:.3f} cover {100 * c:.1f}"
+            for name, t, r, s, c in zip(
+                self.names, self.truth, self.rms, self.stated, self.coverage, strict=True
+            )
+        ]
+        head = (
+            f"{len(self.costs)} seeds, J {np.mean(self.costs):.2f} expected "
+            f"{np.mean(self.expected):.2f} ({self.cost_deviation:+.2f} se), distance "
+            f"{np.mean(self.distances):.3f} of {len(self.names)} "
+            f"({self.distance_deviation:+.2f} se), rejected {100 * self.rejected:.1f} %, "
+            f"statuses { {s: self.statuses.count(s) for s in set(self.statuses)} }"
+        )
+        return "\n".join([head, *rows])
+
+
+Draw = Callable[[np.random.Generator], tuple[Sequence[PeriodicRecord], MaximumLikelihood]]
+
+
+@dataclass(frozen=True)
+class MonteCarlo:
+    """Runs an estimator over seeds; every generator follows from one number."""
+
+    def __call__(
+        self, model: Model, truth: Mapping[str, float], draw: Draw, seeds: int, seed: int
+    ) -> Statistics:
+        statistics = Statistics()
+        for sequence in np.random.SeedSequence(seed).spawn(seeds):
+            records, estimator = draw(np.random.default_rng(sequence))
+            statistics.add(identify(model, records, estimator), truth)
+        print(statistics.report())
+        return statistics
+
+
+@pytest.fixture(scope="session")
+def demo() -> Machine:
+    model = load_model("three-mass")
+    return Machine(model, model.nominal)
+
+
+@pytest.fixture(scope="session")
+def bearings() -> tuple[str, ...]:
+    return BEARINGS
+
+
+@pytest.fixture(scope="session")
+def monte_carlo() -> MonteCarlo:
+    return MonteCarlo()

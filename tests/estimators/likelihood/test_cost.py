@@ -1,0 +1,188 @@
+"""The kernel: gradient, invariance, agreement with the output-error likelihood."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.cost import Likelihood
+from rotorid.estimators.likelihood.unknowns import (
+    Layout,
+    Nuisances,
+    Unknown,
+    nuisance_unknowns,
+    physical_factors,
+)
+from rotorid.models import load_model
+from rotorid.record import Channel, Drive, PeriodicRecord
+from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
+
+
+def extrapolated(function: Callable[[float], float], step: float, levels: int = 6) -> float:
+    """Return the derivative at zero: central differences, extrapolated to step zero."""
+    table = [[(function(h) - function(-h)) / (2 * h)] for h in step / 2.0 ** np.arange(levels)]
+    for i in range(1, levels):
+        for m in range(1, i + 1):
+            table[i].append((4**m * table[i][m - 1] - table[i - 1][m - 1]) / (4**m - 1))
+    steps = [abs(table[i][i] - table[i - 1][i - 1]) for i in range(1, levels)]
+    return table[int(np.argmin(steps)) + 1][int(np.argmin(steps)) + 1]
+
+
+def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
+    model = load_model("three-mass")
+    parameters = [Unknown(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
+    extra = nuisance_unknowns(model, [record], nuisances or Nuisances())
+    return Layout(model, (*parameters, *extra), physical_factors(model), False)
+
+
+def likelihood(record: PeriodicRecord) -> Likelihood:
+    return assemble(layout_of(record), record, white_covariance(record.spectra))
+
+
+def everything_unknown(record: PeriodicRecord) -> PeriodicRecord:
+    """Turn forces into currents, and let every calibration constant be unknown."""
+    position = {"F_x1": "x1", "F_y1": "y1", "F_x3": "x3", "F_y3": "y3"}
+    channels = []
+    for channel in record.channels:
+        drive = None
+        if channel.name in position:
+            drive = Drive(120.0, 2e5, {position[channel.name]: 1.0})
+        channels.append(replace(channel, drive=drive, gain_std=0.01, delay_std=1e-5))
+    return replace(record, channels=tuple(channels), phase_known=False)
+
+
+@pytest.mark.parametrize("relaxation", [0.0, 0.01, 10.0])
+@pytest.mark.parametrize("sensors", [None, "bearings", "combination", "redundant"])
+def test_gradient_agrees_with_differences(demo, bearings, sensors, relaxation):
+    chosen = {
+        None: None,
+        "bearings": bearings,
+        "combination": [
+            "x1",
+            "y1",
+            Channel("a", "m", reads={"x2": 1.0, "theta_y": 0.05}),
+            Channel("b", "m", reads={"y3": 1.0, "x3": -0.2}),
+        ],
+        "redundant": [*bearings, Channel("again", "m", reads={"x1": 1.0})],
+    }[sensors]
+    rng = np.random.default_rng(3)
+    kernel = likelihood(demo.noisy(demo.record(chosen, periods=40), rng))
+    x = demo.values * (1 + 0.2 * rng.uniform(-1, 1, 13))
+    at = kernel.evaluate(x, relaxation)
+    gradient = 2 * at.jacobian().T @ at.residual
+
+    def cost(j: int, h: float) -> float:
+        moved = x.copy()
+        moved[j] *= 1 + h
+        return kernel.evaluate(moved, relaxation).cost
+
+    found = [extrapolated(lambda h, j=j: cost(j, h), 4e-3) for j in range(13)]
+    np.testing.assert_allclose(gradient * x, found, rtol=1e-9, atol=1e-9 * np.abs(found).max())
+
+
+def test_gradient_by_every_nuisance_agrees_with_differences(demo, bearings):
+    rng = np.random.default_rng(4)
+    record = everything_unknown(demo.noisy(demo.record(bearings, periods=40), rng))
+    layout = layout_of(record, Nuisances(True, ("ki", "ks*"), ("force", "position")))
+    kernel = assemble(layout, record, white_covariance(record.spectra))
+    scale = np.where(layout.start != 0, np.abs(layout.start), 1e-6)  # runout in m, delay in s
+    scale[layout.index["phase[0]"]] = 1.0
+    x = layout.start + 0.1 * scale * rng.uniform(-1, 1, len(scale))
+    assert len(x) == 13 + 4 + 4 + 8 + 8 + 2 + 8 + 1
+    at = kernel.evaluate(x)
+    gradient = 2 * at.jacobian().T @ at.residual
+
+    def cost(j: int, h: float) -> float:
+        moved = x.copy()
+        moved[j] += h * scale[j]
+        return kernel.evaluate(moved).cost
+
+    found = [extrapolated(lambda h, j=j: cost(j, h), 4e-3) for j in range(len(x))]
+    np.testing.assert_allclose(gradient * scale, found, rtol=2e-9, atol=1e-9 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("sensors", [None, "bearings"])
+def test_equals_the_output_error_likelihood(demo, bearings, sensors):
+    """J = sum c r^H V^-1 r, r = y - C Z^-1 (B u + g), V its covariance."""
+    rng = np.random.default_rng(5)
+    record = demo.noisy(demo.record(bearings if sensors else None, periods=40), rng)
+    kernel = likelihood(record)
+    x = demo.values * (1 + 0.01 * rng.uniform(-1, 1, 13))
+    model, linear = demo.model, demo.model.require_linear()
+    mu = model.monomial_values(x)
+    stiffness = linear.dynamic_stiffness(record.omega, x, record.speed)
+    reads = np.array([[float(c.name == q) for q in model.coordinates] for c in record.channels[4:]])
+    compliance = reads @ np.linalg.inv(stiffness)
+    transfer = compliance @ linear.input_matrix(mu)
+    gain = np.concatenate(
+        [-transfer, np.broadcast_to(np.eye(len(reads)), (6, len(reads), len(reads)))], axis=2
+    )
+    load = linear.load_columns(record.time[0], record.angle[0], record.speed) @ mu
+    lines = np.fft.fft(load, axis=0)[record.harmonics] / record.samples
+    mean = record.mean_spectrum
+    error = (gain @ mean[:, :, None] - compliance @ lines[:, :, None])[:, :, 0]
+    spread = gain @ white_covariance(record.spectra).matrices @ gain.conj().swapaxes(1, 2)
+    solved = np.linalg.solve(spread, error[:, :, None])[:, :, 0]
+    expected = 2 * (error.conj() * solved).real.sum()
+    np.testing.assert_allclose(kernel.evaluate(x).cost, expected, rtol=1e-9)
+
+
+def test_corrected_lines_satisfy_the_equations_of_motion(demo, bearings):
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(6))
+    kernel = likelihood(record)
+    at = kernel.evaluate(demo.values)
+    data, motion = at.corrected()
+    force = (at.inputs @ data[:, :4, None])[:, :, 0] + at.load @ at.mu
+    left = (at.stiffness @ motion[:, :, None])[:, :, 0] + force
+    assert np.abs(left).max() < 1e-11 * np.abs(force).max()
+    np.testing.assert_allclose(motion @ kernel.sensing.reads.T, data[:, 4:], rtol=1e-9)
+
+
+def test_cost_does_not_see_the_units_of_channels(demo, bearings):
+    """The whole covariance goes with the data: factors cancel."""
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(7))
+    covariance = correlated_covariance(record.spectra)
+    layout = layout_of(record)
+    before = assemble(layout, record, covariance).evaluate(demo.values).cost
+    # The same readings through sensors that read a thousandth.
+    factor = np.array([1.0] * 4 + [1e-3] * 4)
+    channels = tuple(
+        c if i < 4 else replace(c, name=f"s{i}", reads={c.name: 1e-3})
+        for i, c in enumerate(record.channels)
+    )
+    scaled = replace(record, channels=channels, spectra=record.spectra * factor)
+    matrices = covariance.matrices * np.outer(factor, factor)
+    after = assemble(layout, scaled, LineCovariance(matrices, covariance.dof, "correlated"))
+    np.testing.assert_allclose(after.evaluate(demo.values).cost, before, rtol=1e-9)
+
+
+def test_stays_finite_at_a_resonance(demo, bearings):
+    """Z is never inverted: a line at an undamped resonance of the trial values is no harm."""
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(8))
+    kernel = likelihood(record)
+    omega = record.omega[4]
+
+    def determinant(k1: float) -> float:
+        x = demo.values.copy()
+        x[5] = k1
+        z = demo.model.require_linear().dynamic_stiffness([omega], x, record.speed)[0]
+        scale = np.sqrt(np.outer(np.abs(z).max(axis=1), np.abs(z).max(axis=1)))
+        return float(np.linalg.det(z / scale).real)
+
+    grid = np.linspace(4e5, 2e6, 400)
+    signs = np.sign([determinant(k) for k in grid])
+    crossing = int(np.flatnonzero(np.diff(signs))[0])
+    low, high = grid[crossing], grid[crossing + 1]
+    for _ in range(80):
+        middle = (low + high) / 2
+        low, high = (middle, high) if determinant(middle) * determinant(low) > 0 else (low, middle)
+    costs = []
+    for k1 in (low * (1 - 1e-9), low, low * (1 + 1e-9)):
+        x = demo.values.copy()
+        x[5] = k1
+        at = kernel.evaluate(x)
+        assert np.isfinite(at.jacobian()).all()
+        costs.append(at.cost)
+    np.testing.assert_allclose(costs, costs[1], rtol=1e-5)

@@ -1,0 +1,208 @@
+"""The estimator from records to `Estimate`: exact recovery, invariants, what it reports."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorid.errors import InputError, ModelError
+from rotorid.estimate import load_estimate
+from rotorid.estimators import MaximumLikelihood
+from rotorid.identify import identify
+from rotorid.models import Model, load_model, parse_model
+from rotorid.simulation.lines import add_noise, line_record
+
+
+def by_name(estimate):
+    return {v.name: v.value for v in (*estimate.parameters, *estimate.derived)}
+
+
+@pytest.mark.parametrize("base", [False, True])
+@pytest.mark.parametrize("sensors", [None, "bearings"])
+def test_recovers_noise_free_data(demo, bearings, sensors, base):
+    if sensors and base:
+        pytest.skip("the base parameters need L1, which is no base parameter")
+    record = demo.record(bearings if sensors else None)
+    fixed = {"L1": 0.3} if sensors else {}
+    start = demo.start(np.random.default_rng(1))
+    start.pop("L1") if sensors else None
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed=fixed, start=start, base=base))
+    assert estimate.status == "ok"
+    assert estimate.method == "ml"
+    found = by_name(estimate)
+    for name, value in zip(demo.model.parameter_names, demo.values, strict=True):
+        assert found[name] == pytest.approx(value, rel=1e-9)
+    for name, value in zip(demo.model.base.names, demo.model.base_values(demo.values), strict=True):
+        assert found[name] == pytest.approx(value, rel=1e-9)
+
+
+def test_starts_from_batch_without_nominal_values(demo):
+    bare = replace(
+        demo.model, parameters=tuple(replace(p, nominal=None) for p in demo.model.parameters)
+    )
+    record = demo.noisy(demo.record(), np.random.default_rng(2))
+    estimate = identify(bare, record, MaximumLikelihood())
+    assert estimate.status == "ok"
+    assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)
+
+
+def test_asks_for_a_start_where_there_is_none(demo, bearings):
+    bare = replace(
+        demo.model, parameters=tuple(replace(p, nominal=None) for p in demo.model.parameters)
+    )
+    with pytest.raises(InputError, match=r"no start of m1, .*give start"):
+        identify(bare, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
+
+
+def test_nominal_values_never_bias(demo, bearings):
+    record = demo.noisy(demo.record(bearings), np.random.default_rng(3))
+    found = []
+    for seed in range(3):
+        start = demo.start(np.random.default_rng(seed))
+        del start["L1"]
+        estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+        found.append([v.value for v in estimate.free])
+        deviations = [v.std for v in estimate.free]
+    np.testing.assert_allclose(np.std(found, axis=0) / deviations, 0, atol=1e-4)
+
+
+@settings(max_examples=8, deadline=None)
+@given(factor=st.floats(1e-3, 1e3))
+def test_scaling_forces_scales_masses(demo, bearings, factor):
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(4))
+    scale = np.array([factor] * 4 + [1.0] * 4)
+    scaled = replace(record, spectra=record.spectra * scale)
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    one = identify(demo.model, record, estimator)
+    other = identify(demo.model, scaled, estimator)
+    assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
+    for value in one.parameters:
+        powers = {"m1", "m2", "m3", "I_t", "I_p", "k1", "k2"}
+        expected = value.value * (factor if value.name in powers else 1.0)
+        tolerance = 1e-4 * (value.std or 0) * (factor if value.name in powers else 1.0)
+        assert other.value(value.name) == pytest.approx(expected, rel=1e-9, abs=tolerance)
+
+
+@settings(max_examples=6, deadline=None)
+@given(order=st.permutations(range(8)))
+def test_permuting_equations_changes_nothing(demo, bearings, order):
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(5))
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    one = identify(demo.model, record, estimator)
+    other = identify(permuted(demo.model, order), record, estimator)
+    assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
+    for value in one.free:
+        assert other.value(value.name) == pytest.approx(value.value, abs=1e-4 * (value.std or 0))
+
+
+def permuted(model: Model, order) -> Model:
+    place = {row: i for i, row in enumerate(order)}
+    equations = replace(
+        model.equations,
+        left=tuple(replace(p, row=place[p.row]) for p in model.equations.left),
+        right=tuple(replace(p, row=place[p.row]) for p in model.equations.right),
+    )
+    return replace(model, texts=tuple(model.texts[i] for i in order), equations=equations)
+
+
+def test_line_misfits_add_up(demo):
+    record = demo.noisy(demo.record(), np.random.default_rng(6))
+    estimate = identify(demo.model, record, MaximumLikelihood())
+    assert sum(m.cost for m in estimate.line_misfit) == pytest.approx(estimate.misfit.cost)
+    assert sum(m.expected for m in estimate.line_misfit) == pytest.approx(estimate.misfit.expected)
+    assert [m.frequency_hz for m in estimate.line_misfit] == [20, 60, 100, 140, 180, 220]
+
+
+def test_result_survives_its_file(demo, tmp_path):
+    record = demo.noisy(demo.record(), np.random.default_rng(7))
+    estimate = identify(demo.model, record, MaximumLikelihood())
+    estimate.save(tmp_path / "result.json")
+    again = load_estimate(tmp_path / "result.json")
+    assert again.parameters == estimate.parameters
+    assert again.misfit == estimate.misfit
+    assert again.line_misfit == estimate.line_misfit
+    np.testing.assert_array_equal(again.covariance, estimate.covariance)
+    assert estimate.covariance.shape == (13, 13)
+
+
+def test_fixed_parameters_keep_their_place_and_have_no_deviation(demo, bearings):
+    record = demo.noisy(demo.record(bearings), np.random.default_rng(8))
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert [v.name for v in estimate.parameters] == list(demo.model.parameter_names)
+    assert estimate["L1"].fixed
+    assert (estimate.value("L1"), estimate.std("L1")) == (0.3, 0.0)
+    assert estimate.covariance.shape == (12, 12)
+    base = MaximumLikelihood(fixed={"L1": 0.3}, base=True)
+    full = identify(demo.model, demo.noisy(demo.record(), np.random.default_rng(9)), base)
+    assert full["L1"].fixed
+    assert full.value("k2*L2") == pytest.approx(8.8357e5 * 0.3, rel=0.01)
+
+
+def test_fewer_sensors_than_actuators(demo):
+    record = demo.noisy(demo.record(["x1", "y1", "x3"]), np.random.default_rng(10))
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert estimate.status == "ok"
+    assert estimate.value("m2") == pytest.approx(demo.truth["m2"], abs=5 * estimate.std("m2"))
+
+
+def test_dc_line_holds_constants():
+    """A weight on springs: real equations at DC, complex ones above."""
+    model = parse_model(
+        """
+        title = "weight on a spring"
+        equations = ["m*x'' + c*x' + k*x + w = F"]
+        coordinates = { x = "m" }
+        inputs = { F = "N" }
+        [parameters]
+        m = { unit = "kg", nominal = 2.0, positive = true }
+        c = { unit = "N s/m", nominal = 5.0 }
+        k = { unit = "N/m", nominal = 900.0, positive = true }
+        w = { unit = "N", nominal = 3.0 }
+        """
+    )
+    values = model.values(model.nominal)
+    clean = line_record(
+        model,
+        values,
+        np.array([[0.0], [1.0], [2.0]]),
+        harmonics=[0, 1, 4],
+        fundamental=1.0,
+        sample_rate=100.0,
+        periods=50,
+    )
+    estimate = identify(model, clean, MaximumLikelihood())
+    found = [v.value for v in estimate.parameters]
+    np.testing.assert_allclose(found, values, rtol=1e-9)
+    noise = {"F": 0.01, "x": 1e-4}
+    estimate = identify(
+        model, add_noise(clean, noise, np.random.default_rng(0)), MaximumLikelihood()
+    )
+    assert estimate.misfit.dof == 1 + 2 + 2 - 4
+    assert estimate.status == "ok"
+
+
+def test_refuses_what_is_not_linear_in_the_coordinates(demo):
+    with pytest.raises(ModelError, match="equation 1: found the term sign"):
+        identify(load_model("emps"), demo.record(), MaximumLikelihood())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fixed": {"L9": 0.3}}, "'L9' in fixed"),
+        ({"known": {"L1": (0.3, 0.0)}}, "a value and a deviation of more than 0"),
+        ({"start": {"m1": -1.0}}, "a start of m1 that is not positive"),
+        ({"start": {"m1": float("nan")}}, "finite numbers"),
+        ({"gains": ("kx",)}, "gains: found 'kx'"),
+        ({"gains": ("ks", "ks*")}, "both ks and ks"),
+        ({"gains": ("ks",)}, "an unknown ks, but forces instead of currents"),
+        ({"delays": ("current",)}, "delays: found 'current'"),
+        ({"covariance": "diagonal"}, "covariance 'diagonal'"),
+        ({"fixed": {"L1": 0.3}, "known": {"L1": (0.3, 0.1)}}, "L1 both fixed and"),
+    ],
+)
+def test_refuses_contradictory_options(demo, bearings, options, message):
+    with pytest.raises(InputError, match=message):
+        identify(demo.model, demo.record(bearings), MaximumLikelihood(**options))
