@@ -41,7 +41,7 @@ class Multisine:
     --------
     >>> one = Multisine(20.0, [1, 3], [[1.0], [1.0]], ["F"])
     >>> one.samples(160.0)[:3, 0].round(3), one.rms
-    (array([2.   , 0.   , 0.   ]), array([1.]))
+    (array([2., 0., 0.]), array([1.]))
     """
 
     fundamental: float

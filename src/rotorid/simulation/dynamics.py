@@ -15,7 +15,7 @@ from numba import njit
 
 from rotorid.actuators.laws import differential_force
 
-_differential = njit(differential_force)
+_differential = njit(differential_force, error_model="numpy")
 
 # Dormand and Prince 1980: nodes, stages, weights of order 5, and 5 less 4.
 _C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0])
@@ -33,7 +33,7 @@ _B = np.array([35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84])
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def angle_and_speed(rotation: Any, time: float) -> tuple[float, float]:
     """Return phi and Omega as `Rotation.angle_at` and `Rotation.speed_at`."""
     speed, acceleration, drift, period, phase = rotation
@@ -47,7 +47,7 @@ def angle_and_speed(rotation: Any, time: float) -> tuple[float, float]:
     return angle, omega
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def coil_current(start: float, command: float, lag: float, slew: float, time: float) -> float:
     """Return the current of an amplifier of first order with limited slope, in closed form."""
     if lag == 0.0:
@@ -63,7 +63,7 @@ def coil_current(start: float, command: float, lag: float, slew: float, time: fl
     return command - gap * math.exp(-time / lag)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def forces(bearings: Any, position: Any, current: Any, out: Any) -> None:
     """Compute the forces; past the poles the gap stays at a thousandth of itself."""
     for j in range(len(out)):
@@ -79,45 +79,48 @@ def forces(bearings: Any, position: Any, current: Any, out: Any) -> None:
             out[j] = _differential(current[j], x, law[0], law[1], law[2], law[3])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def derivative(
     rotor: Any, bearings: Any, steady: Any, time: float, y: Any, current: Any, force: Any, out: Any
 ) -> None:
     """Compute the derivative of y = [q, q']; steady holds the accelerations that are held."""
-    n = rotor.force.shape[0]
+    n = rotor.force.shape[1]
     angle, omega = angle_and_speed(rotor.rotation, time)
     forces(bearings, y, current, force)
     for r in range(n):
         out[r] = y[n + r]
-        total = steady[r]
-        for j in range(len(force)):
-            total += rotor.force[r, j] * force[j]
-        out[n + r] = total
+        out[n + r] = steady[r]
+    acceleration = out[n:]
+    for j in range(len(force)):
+        for r in range(n):
+            acceleration[r] += rotor.force[j, r] * force[j]
     power = 1.0
     for d in range(rotor.motion.shape[0]):
-        for r in range(n):
-            total = 0.0
-            for k in range(2 * n):
-                total += rotor.motion[d, r, k] * y[k]
-            out[n + r] += power * total
-        power *= (omega - rotor.centre) / rotor.width
-    power = 1.0
-    for d in range(rotor.load.shape[0]):
-        for h in range(len(rotor.harmonics)):
-            c, s = np.cos(rotor.harmonics[h] * angle), np.sin(rotor.harmonics[h] * angle)
+        for k in range(2 * n):
+            factor = power * y[k]
             for r in range(n):
-                out[n + r] += power * (rotor.load[d, h, r, 0] * c + rotor.load[d, h, r, 1] * s)
+                acceleration[r] += rotor.motion[d, k, r] * factor
         power *= (omega - rotor.centre) / rotor.width
+    for h in range(len(rotor.harmonics)):
+        turn = rotor.harmonics[h] * angle
+        c, s = math.cos(turn), math.sin(turn)
+        for d in range(rotor.load.shape[0]):
+            for r in range(n):
+                acceleration[r] += rotor.load[d, h, 0, r] * c + rotor.load[d, h, 1, r] * s
+            c, s = (
+                c * (omega - rotor.centre) / rotor.width,
+                s * (omega - rotor.centre) / rotor.width,
+            )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def currents(bearings: Any, start: Any, held: Any, time: float, out: Any) -> None:
     """Compute the currents, some time after they were start and the commands held began."""
     for j in range(len(out)):
         out[j] = coil_current(start[j], held[j], bearings.time_constant[j], bearings.slew[j], time)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _trial(
     rotor: Any,
     bearings: Any,
@@ -126,6 +129,7 @@ def _trial(
     clock: tuple[float, float, float],
     coil: Any,
     y: Any,
+    peak: Any,
     stages: Any,
     current: Any,
     force: Any,
@@ -137,11 +141,11 @@ def _trial(
     begin, done, h = clock
     for stage in range(1, 7):
         c = _C[stage] if stage < 6 else 1.0
-        for r in range(y.shape[1]):
-            total = 0.0
-            for m in range(stage):
-                total += (_A[stage, m] if stage < 6 else _B[m]) * stages[m, r]
-            y[1, r] = y[0, r] + h * total
+        y[1] = y[0]
+        for m in range(stage):
+            weight = h * (_A[stage, m] if stage < 6 else _B[m])
+            for r in range(y.shape[1]):
+                y[1, r] += weight * stages[m, r]
         currents(bearings, coil, held, done + c * h, current)
         derivative(
             rotor, bearings, steady, begin + done + c * h, y[1], current, force, stages[stage]
@@ -151,12 +155,13 @@ def _trial(
         error = 0.0
         for m in range(7):
             error += _E[m] * stages[m, r]
-        scale = rotor.tolerance * (rotor.floor[r] + max(abs(y[0, r]), abs(y[1, r])))
-        worst = max(worst, abs(h * error) / scale)
-    return worst
+        size = max(abs(y[1, r]), peak[r])
+        peak[r] = size
+        worst = max(worst, abs(h * error) / size)
+    return worst / rotor.tolerance
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def integrate(
     rotor: Any,
     bearings: Any,
@@ -166,13 +171,15 @@ def integrate(
     length: float,
     coil: Any,
     y: Any,
+    peak: Any,
     stages: Any,
     current: Any,
     force: Any,
 ) -> bool:
     """Carry y[0] over an interval of constant inputs; False where no step is small enough.
 
-    coil holds the amplifiers' currents at the beginning and, on return, at the end.
+    coil holds the amplifiers' currents at the beginning and, on return, at the end; peak the
+    largest size of each state so far, to which errors are relative.
     """
     done, h = 0.0, length
     currents(bearings, coil, held, 0.0, current)
@@ -181,7 +188,7 @@ def integrate(
         last = h >= length - done
         h = length - done if last else h
         error = _trial(
-            rotor, bearings, steady, held, (begin, done, h), coil, y, stages, current, force
+            rotor, bearings, steady, held, (begin, done, h), coil, y, peak, stages, current, force
         )
         if error <= 1.0:
             done = length if last else done + h

@@ -17,7 +17,7 @@ from rotorid.simulation.dynamics import currents, forces, integrate
 FINE, TOUCH, BEYOND_BIAS, STUCK = 0, 1, 2, 3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_product(matrix: Any, vector: Any, out: Any) -> None:
     for r in range(matrix.shape[0]):
         total = 0.0
@@ -26,7 +26,7 @@ def _add_product(matrix: Any, vector: Any, out: Any) -> None:
         out[r] += total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _touch(bearings: Any, position: Any) -> int:
     """Return the first axis whose displacement is over the clearance, or -1."""
     n = bearings.displacement.shape[1]
@@ -43,7 +43,7 @@ def _touch(bearings: Any, position: Any) -> int:
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _read(loop: Any, position: Any, error: Any, out: Any) -> None:
     for r in range(len(out)):
         total, quantum = error[r], loop.quantum[r]
@@ -52,7 +52,7 @@ def _read(loop: Any, position: Any, error: Any, out: Any) -> None:
         out[r] = np.rint(total / quantum) * quantum if quantum > 0 else total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, command: Any) -> None:
     """One step of the controller: command from reading, the state moved on."""
     command[:] = loop.excitation[step % len(loop.excitation)]
@@ -70,7 +70,7 @@ def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, comm
     memory[:] = scratch
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _limit(bearings: Any, command: Any) -> int:
     """Limit the commands; return the first axis whose command is beyond the bias, or -1."""
     for j in range(len(command)):
@@ -80,7 +80,7 @@ def _limit(bearings: Any, command: Any) -> int:
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _exact_step(
     steps: Any, event: int, held: Any, random: Any, load: Any, x: Any, moved: Any
 ) -> None:
@@ -92,7 +92,7 @@ def _exact_step(
     x[:] = moved
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def run(
     events: Any, steps: Any, bearings: Any, rotor: Any, loop: Any, loads: Any, log: Any
 ) -> tuple[int, int, float, float]:
@@ -100,9 +100,10 @@ def run(
 
     loads holds the cosines and sines of the rotor angle at each event of a linear rig.
     """
-    n, inputs = rotor.force.shape
+    inputs, n = rotor.force.shape
     x, moved = np.zeros(steps.state.shape[1]), np.zeros(steps.state.shape[1])
     y, stages = np.zeros((2, 2 * n)), np.zeros((7, 2 * n))
+    peak = rotor.floor.copy()
     steady, held, newest = np.zeros(n), np.zeros(inputs), np.zeros(inputs)
     coil, current, force = np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
     memory, scratch = np.zeros(loop.A.shape[0]), np.zeros(loop.A.shape[0])
@@ -149,7 +150,7 @@ def run(
                 y[0] = x[: 2 * n]
                 if not integrate(
                     rotor, bearings, steady, held, time, events.length[e],
-                    coil, y, stages, current, force,
+                    coil, y, peak, stages, current, force,
                 ):  # fmt: skip
                     return STUCK, 0, time, 0.0
                 x[: 2 * n] = y[0]

@@ -78,7 +78,7 @@ class Rig:
     clearance: float = np.inf
     delay: float = 0.0
     settling: float = 1.0
-    tolerance: float = 1e-9
+    tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
