@@ -1,0 +1,301 @@
+"""Experiment files, on exact records of the Jeffcott rotor written in odd units."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.errors import InputError
+
+MODEL = rid.load_model("jeffcott")
+TRUTH = MODEL.nominal
+RATE, PERIOD, SPEED, PHASE = 2000.0, 200, 2 * np.pi * 30.0, 0.7
+EXPERIMENT = """
+model = "jeffcott"
+
+[[records]]
+file = "run.h5"
+sample_rate = "2 kHz"
+speed = "1800 rpm"
+phase = "0.7 rad"
+fundamental = "10 Hz"
+harmonics = [1, 2, 3, 5]
+skip = "0.02 s"
+
+[channels]
+F_x = { column = "force/x", unit = "mN" }
+F_y = { column = "force/y", unit = "N", scale = 2 }
+x = { column = "position[0]", unit = "um" }
+y = { column = "position[1]" }
+"""
+
+
+def forces() -> np.ndarray:
+    angle = 2 * np.pi * np.outer(np.arange(PERIOD) / PERIOD, [1, 2, 5])
+    return np.column_stack([np.cos(angle) @ [3.0, 2, 1], np.sin(angle) @ [2.0, 1, 3]])
+
+
+def write(path: Path, speed: float = SPEED, delay_samples: int = 0) -> None:
+    record = rid.simulate(
+        MODEL,
+        MODEL.values(TRUTH),
+        forces(),
+        sample_rate=RATE,
+        periods=4,
+        speed=speed,
+        phase=PHASE,
+    )
+    samples = np.roll(record.samples, delay_samples, axis=0)
+    with h5py.File(path, "w") as data:
+        data["force/x"] = 1e3 * samples[:, 0]
+        data["force/y"] = 0.5 * samples[:, 1]
+        data["position"] = np.column_stack([1e6 * samples[:, 2], 1e3 * samples[:, 3]])
+        data["position"].attrs["units"] = ["um", "mm"]
+        data["sum"] = samples[:, 2] + 0.5 * samples[:, 3]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write(tmp_path / "run.h5")
+    return tmp_path
+
+
+def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
+    (folder / "experiment.toml").write_text(text)
+    return rid.load_experiment(folder / "experiment.toml")
+
+
+def estimate(experiment: rid.Experiment, method: str | None = None) -> rid.Estimate:
+    return rid.identify(experiment.model, experiment.records(), experiment.estimator(method))
+
+
+def check_truth(found: rid.Estimate, rtol: float = 1e-9) -> None:
+    truth = dict(zip(MODEL.base.names, MODEL.base_values(MODEL.values(TRUTH)), strict=True))
+    for value in found.parameters:
+        assert value.value == pytest.approx(truth[value.name], rel=rtol), value.name
+
+
+@pytest.mark.parametrize("method", ["ls", "batch", "sequential", None])
+def test_exact_record_gives_exact_parameters(folder: Path, method: str | None) -> None:
+    """Units, scale, columns of a 2-D dataset, speed, phase and skip, all at once."""
+    check_truth(estimate(load(folder), method))
+
+
+def test_what_the_file_says(folder: Path) -> None:
+    experiment = load(folder)
+    (record,) = experiment.measured()
+    (periods,) = experiment.records()
+    assert record.names == ("F_x", "F_y", "x", "y")
+    assert [channel.unit for channel in record.channels] == ["N", "N", "m", "m"]
+    assert record.speed == pytest.approx(SPEED)
+    assert record.rotor_angle()[0] == pytest.approx(PHASE)
+    assert periods.harmonics.tolist() == [1, 2, 3, 5]
+    assert periods.periods == 3
+    assert periods.time[0, 0] == pytest.approx(0.02)
+    assert experiment.estimator() == rid.Batch(free_weight=100.0)
+    assert experiment.estimator("ls") == rid.LeastSquares()
+
+
+def test_time_period_samples_and_band(folder: Path) -> None:
+    with h5py.File(folder / "run.h5", "a") as data:
+        data["t"] = np.arange(4 * PERIOD) / RATE
+    text = EXPERIMENT.replace('sample_rate = "2 kHz"', 'time = "t"')
+    text = text.replace('fundamental = "10 Hz"', "period_samples = 200")
+    text = text.replace("harmonics = [1, 2, 3, 5]", 'band = ["0.005 kHz", "50 Hz"]')
+    (periods,) = load(folder, text).records()
+    assert periods.harmonics.tolist() == [1, 2, 3, 4, 5]
+    assert periods.sample_rate == pytest.approx(RATE, rel=1e-12)
+    check_truth(estimate(load(folder, text)))
+
+
+def test_a_delay_is_corrected(folder: Path) -> None:
+    """All columns 3 samples late, and the rotor angle counted from the file's first sample."""
+    write(folder / "run.h5", delay_samples=3)
+    late = EXPERIMENT.replace(" }", ', delay = "1.5 ms" }')
+    check_truth(estimate(load(folder, late)), rtol=1e-8)
+    wrong = estimate(load(folder))
+    assert abs(wrong.value("m*xi") / (TRUTH["m"] * TRUTH["xi"]) - 1) > 0.01
+
+
+def test_hold_reaches_the_channel(folder: Path) -> None:
+    held = EXPERIMENT.replace('unit = "mN"', 'unit = "mN", hold = "zero-order", gain_std = 0.0')
+    (record,) = load(folder, held).measured()
+    assert [channel.hold for channel in record.channels] == [True, False, False, False]
+
+
+def test_a_sensor_of_a_combination(folder: Path) -> None:
+    text = EXPERIMENT.replace(
+        'y = { column = "position[1]" }',
+        's = { reads = "x + y/2", column = "sum", unit = "m" }',
+    )
+    experiment = load(folder, text)
+    assert experiment.measured()[0].channels[3].reads == {"x": 1.0, "y": 0.5}
+    check_truth(estimate(experiment))
+
+
+def test_several_records_with_channels_of_their_own(folder: Path) -> None:
+    write(folder / "fast.h5", speed=2 * SPEED)
+    text = (
+        EXPERIMENT
+        + """
+[[records]]
+file = "fast.h5"
+sample_rate = "2 kHz"
+speed = "60 Hz"
+phase = "0.7 rad"
+fundamental = "10 Hz"
+harmonics = [1, 2, 5, 6]
+
+[records.channels]
+x = { column = "position[0]", unit = "um", scale = 1 }
+"""
+    )
+    experiment = load(folder, text)
+    first, second = experiment.measured()
+    assert second.speed == pytest.approx(2 * first.speed)
+    check_truth(estimate(experiment))
+
+
+def test_fixed_parameters_and_constraints(folder: Path) -> None:
+    fixed = load(folder, EXPERIMENT + '[parameters]\nm = { fixed = "5000 g" }\n')
+    assert fixed.fixed == {"m": 5.0}
+    found = estimate(fixed)
+    assert found["m"].fixed
+    assert found.value("k") == pytest.approx(TRUTH["k"], rel=1e-9)
+    text = EXPERIMENT + '[[constraints]]\nexpression = "k"\nvalue = "1.1 kN/mm"\n'
+    assert estimate(load(folder, text)).value("k") == pytest.approx(1.1e6, rel=1e-12)
+
+
+def test_a_start_never_biases(folder: Path) -> None:
+    check_truth(estimate(load(folder, EXPERIMENT + '[parameters]\nm = { start = "9 kg" }\n')))
+
+
+def test_paths_are_relative_to_the_experiment(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    text = rid.models.loader.files("rotorid.models").joinpath("library/jeffcott.toml").read_text()
+    (other / "mine.toml").write_text(text)
+    (other / "experiment.toml").write_text(EXPERIMENT.replace('"jeffcott"', '"mine.toml"'))
+    experiment = rid.load_experiment(other / "experiment.toml", folder=folder)
+    assert experiment.model.name == "mine"
+    check_truth(estimate(experiment))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ('"1800 rpm"', '"1800 rpn"', "records.0.speed", "unknown name rpn"),
+        ('"1800 rpm"', "1800", "records.0.speed", "without a unit"),
+        ('"2 kHz"', '"0 Hz"', "records.0.sample_rate", "greater than or equal to"),
+        ('"2 kHz"', '"1e300 Hz"', "records.0.sample_rate", "less than or equal to"),
+        ('"0.02 s"', '"-1 s"', "records.0.skip", "greater than or equal to 0"),
+        ("harmonics = [1, 2, 3, 5]", "", "records.0: harmonics, band", "neither.*add one"),
+        ("[1, 2, 3, 5]", '[1]\nband = ["0 Hz", "9 Hz"]', "records.0: harmonics, band", "both"),
+        ("[1, 2, 3, 5]", '[1, "2"]', "records.0.harmonics.1", "a valid integer"),
+        ("[1, 2, 3, 5]", "[1, 2.5]", "records.0.harmonics.1", "a valid integer"),
+        ("harmonics = [1, 2, 3, 5]", 'band = ["9 Hz", "5 Hz"]', "records.0.band", "lower end"),
+        ("harmonics = [1, 2, 3, 5]", 'band = "9 Hz"', "records.0.band", "two frequencies"),
+        ('"0.7 rad"', '"unknown"', "records.0.phase", "cannot honour yet"),
+        ("fundamental", "fundamentl", "records.0.fundamentl", "did you mean fundamental"),
+        ("[channels]", "[channel]", "channel", "did you mean channels"),
+        ("scale = 2", "scale = [2]", "channels.F_y.scale", "a number, or the name of a scalar"),
+        ("scale = 2", "scale = nan", "channels.F_y.scale", "a finite number"),
+        ("scale = 2", 'hold = "zoh"', "channels.F_y.hold", "'none' or 'zero-order'"),
+        ("scale = 2", 'delay = { std = "1 us" }', "channels.F_y.delay", "cannot honour yet"),
+        ("scale = 2", "gain_std = -1", "channels.F_y.gain_std", "greater than or equal to 0"),
+        ("F_x =", "Fx =", "channels.Fx", "one of F_x, F_y, x, y; did you mean F_x"),
+        ('\ny = { column = "position[1]" }', "\ny = 3", "channels.y", "a table"),
+        ("F_x = { column", "F_x = { law", "channels.F_x: law", "cannot honour yet"),
+    ],
+)
+def test_refused_keys(folder: Path, old: str, new: str, place: str, message: str) -> None:
+    assert old in EXPERIMENT
+    with pytest.raises(InputError, match=message) as caught:
+        load(folder, EXPERIMENT.replace(old, new))
+    assert caught.value.file.endswith("experiment.toml")
+    assert caught.value.place == place
+
+
+@pytest.mark.parametrize(
+    ("added", "place", "message"),
+    [
+        ('[parameters]\nmm = { fixed = "1 kg" }', "parameters.mm", "did you mean m"),
+        ('[parameters]\nm = { fixed = "1 m" }', "parameters.m.fixed", "converts to kg"),
+        ("[parameters]\nm = { fixed = 1 }", "parameters.m.fixed", "without a unit"),
+        ('[parameters]\nm = { value = "1 kg" }', "parameters.m", "or value and std"),
+        ('[parameters]\nm = { value = "1 kg", std = "0 g" }', "parameters.m.std", "more than 0"),
+        ('[parameters]\nm = { fixed = "1 kg", start = "1 kg" }', "parameters.m", "keep one"),
+        (
+            '[[constraints]]\nexpression = "m + k"\nvalue = "1 kg"',
+            "constraints.0.expression",
+            "unit .* converts to",
+        ),
+        ('[[constraints]]\nexpression = "m +"\nvalue = "1 kg"', None, "end of the text"),
+        ('[[constraints]]\nexpression = "m*z"\nvalue = "1 kg"', None, "unknown name 'z'"),
+        ('[[constraints]]\nexpression = "7"\nvalue = "1 kg"', "constraints.0", "of parameters"),
+        ('[[constraints]]\nexpression = "m"\nvalue = "1 m"', "constraints.0.value", "to kg"),
+        ('[estimator]\nmethod = "mle"', "estimator.method", "'ls', 'batch', 'sequential'"),
+        ("[estimator]\nfree_weight = 0", "estimator.free_weight", "greater than 0"),
+        ("[estimator]\nrunout = true", "estimator.runout", "cannot honour yet"),
+        ('[estimator]\ngains = ["ki"]', "estimator.gains", "cannot honour yet"),
+        ('[records.channels]\nz = { column = "z" }', "records.0: channels.z", "no input or coord"),
+        ('s = { column = "sum", reads = "x" }', "channels.s.unit", "no unit"),
+        ('s = { column = "sum", unit = "m", reads = "x*y" }', "channels.s.reads", "a linear"),
+        ('s = { column = "sum", unit = "m", reads = "x + 1" }', "channels.s.reads", "a linear"),
+        ('s = { column = "sum", unit = "m", reads = "x + z" }', "channels.s.reads", "unknown name"),
+        ('s = { column = "sum", unit = "m", reads = "sin(x)" }', "channels.s.reads", "sin of x"),
+    ],
+)
+def test_refused_knowledge(folder: Path, added: str, place: str | None, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        load(folder, EXPERIMENT + added + "\n")
+    assert caught.value.file.endswith("experiment.toml")
+    if place is not None:
+        assert caught.value.place == place
+
+
+def test_nothing_asked_of_a_later_key_is_no_fault(folder: Path) -> None:
+    load(folder, EXPERIMENT + "[estimator]\nrunout = false\ngains = []\ndelays = []\n")
+
+
+@pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
+@pytest.mark.parametrize(
+    ("added", "place"),
+    [
+        ('[parameters]\nm = { value = "5 kg", std = "1 g" }', "parameters.m.std"),
+        ('[[constraints]]\nexpression = "m"\nvalue = "5 kg"\nstd = "1 g"', "constraints.0.std"),
+        ('s = { column = "sum", unit = "m", reads = "x", gain_std = 0.1 }', "channels.s.gain_std"),
+    ],
+)
+def test_deviations_need_a_likelihood(folder: Path, added: str, place: str, method: str) -> None:
+    experiment = load(folder, EXPERIMENT + added + "\n")
+    with pytest.raises(InputError, match="use ml") as caught:
+        experiment.estimator(method)
+    assert caught.value.place == place
+
+
+@pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (EXPERIMENT.replace('y = { column = "position[1]" }', ""), "no sensor of y"),
+        (EXPERIMENT + '[[constraints]]\nexpression = "m^2"\nvalue = "25 kg^2"\n', "not linear"),
+    ],
+)
+def test_what_only_ml_can_do(folder: Path, text: str, message: str, method: str) -> None:
+    with pytest.raises(InputError, match=f"{message}.*use ml"):
+        estimate(load(folder, text), method)
+
+
+def test_inputs_without_channel(folder: Path) -> None:
+    text = EXPERIMENT.replace('F_y = { column = "force/y", unit = "N", scale = 2 }', "")
+    with pytest.raises(InputError, match=r"no channel of the input F_y.*\[channels\]"):
+        estimate(load(folder, text))
+
+
+def test_a_file_that_is_no_toml(folder: Path) -> None:
+    with pytest.raises(InputError, match="line 3") as caught:
+        load(folder, 'model = "jeffcott"\n\n[[records]\n')
+    assert caught.value.place.startswith("line 3, column")
