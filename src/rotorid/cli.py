@@ -104,7 +104,7 @@ def identify(
                 raise
             estimate = error.estimate
         except InputError as error:
-            raise error if error.file else error.at(file=str(experiment)) from None
+            raise error.at(file=str(experiment)) from None
     _write((json, estimate.save), (report, partial(_write_estimate_report, estimate)))
     _print(text.estimate_tables(estimate))
     return _exit_code(estimate, strict)
@@ -146,7 +146,11 @@ def validate(result: Path, experiment: Path) -> int:
     estimate = load_estimate(result)
     with _progress("reading"):
         plan = load_experiment(experiment)
-        errors = [predict(plan.model, estimate, record) for record in plan.records()]
+        records = plan.records()
+    try:
+        errors = [predict(plan.model, estimate, record) for record in records]
+    except InputError as error:
+        raise error.at(file=str(result)) from None
     _print(text.prediction_table(errors))
     return OK
 

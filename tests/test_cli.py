@@ -1,0 +1,284 @@
+"""The command line as its users meet it: output, files, exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid import cli
+from rotorid.errors import NotConvergedError, NotIdentifiableError
+from rotorid.estimate import Value
+
+EXPERIMENT = """
+model = "jeffcott"
+
+[[records]]
+file = "run.csv"
+sample_rate = "2 kHz"
+speed = "30 Hz"
+fundamental = "10 Hz"
+harmonics = [1, 2, 3, 5]
+
+[channels]
+F_x = { column = "fx", unit = "N" }
+F_y = { column = "fy", unit = "N" }
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "m" }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a noisy record and its experiment file."""
+    model = rid.load_model("jeffcott")
+    angle = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 2, 5])
+    record = rid.simulate(
+        model,
+        model.values(model.nominal),
+        np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)]),
+        sample_rate=2000.0,
+        periods=20,
+        speed=2 * np.pi * 30,
+        noise={"F_x": 0.01, "F_y": 0.01, "x": 1e-9, "y": 1e-9},
+        rng=np.random.default_rng(5),
+    )
+    header = "fx,fy,x,y"
+    np.savetxt(tmp_path / "run.csv", record.samples, delimiter=",", header=header, comments="")
+    (tmp_path / "run.toml").write_text(EXPERIMENT)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out.startswith("jeffcott, batch: ok\n")
+    data = json.loads((folder / "run.json").read_text())
+    assert data["schema"] == "rotorid-estimate/1"
+    assert [row["name"] for row in data["parameters"]] == ["m", "m*xi", "m*zeta", "c", "k"]
+    assert len(data["covariance"]) == 5
+    assert set(data["prediction"]) == {"F_x", "F_y"}
+    estimate = rid.load_estimate("run.json")
+    assert estimate.value("k") == pytest.approx(1e6, rel=1e-3)
+    for name in ("m*xi", "kg m", "N s/m", "std %", "20 periods, 4 lines from 10 to 50 Hz"):
+        assert name in printed.out
+    shown = [line.rstrip() for line in printed.out.splitlines()]
+    assert str(estimate).splitlines() == shown
+
+
+def test_method_overrides_the_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "run.toml").write_text(EXPERIMENT + '[estimator]\nmethod = "sequential"\n')
+    assert cli.run(["identify", "run.toml"]) == 0
+    assert cli.run(["identify", "run.toml", "--method", "ls"]) == 0
+    out = capsys.readouterr().out
+    assert "jeffcott, sequential: ok" in out
+    assert "jeffcott, ls: ok" in out
+
+
+def test_identify_writes_a_report(folder: Path) -> None:
+    assert cli.run(["identify", "run.toml", "--report", "run.html"]) == 0
+    html = (folder / "run.html").read_text()
+    assert html.lower().startswith("<!doctype html>")
+    assert "m*xi" in html
+
+
+def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    twice = EXPERIMENT + EXPERIMENT[EXPERIMENT.index("[[records]]") : EXPERIMENT.index("[chan")]
+    (folder / "both.toml").write_text(twice)
+    capsys.readouterr()
+    assert cli.run(["validate", "run.json", "run.toml"]) == 0
+    one = capsys.readouterr().out
+    assert [line.split()[0] for line in one.splitlines()] == ["relative", "F_x", "F_y"]
+    assert cli.run(["validate", "run.json", "both.toml"]) == 0
+    both = capsys.readouterr().out.splitlines()
+    assert "record 1" in both[0]
+    assert "record 2" in both[0]
+    assert both[1].count("%") == 2
+
+
+def test_models(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["models"]) == 0
+    listed = capsys.readouterr().out
+    assert [line.split()[0] for line in listed.splitlines()[1:]] == list(rid.shipped_models())
+
+
+def test_three_mass_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["models", "three-mass"]) == 0
+    printed = capsys.readouterr().out
+    model = rid.load_model("three-mass")
+    for text in (*model.texts, *model.base.names, *model.parameter_names, "kg m^2"):
+        assert text in printed
+    assert "3: -k1 x1 + k1 x2 - k1*L1 theta_y + k2 x2 - k2 x3 + k2*L2 theta_y" in printed
+    assert "5: I_p theta_y" in printed
+    assert "D q': zero" in printed
+    assert "3: m2*xi*Omega^2*cos(phi) - m2*zeta*Omega^2*sin(phi)" in printed
+
+
+def test_a_model_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine.toml").write_text(
+        'title = "friction"\nequations = ["m*q\'\' + mu*sign(q\') = F"]\n'
+        'coordinates = { q = "mm" }\ninputs = { F = "N" }\n'
+        'parameters = { m = { unit = "g", nominal = 1 }, mu = { unit = "N" } }\n'
+    )
+    assert cli.run(["models", "mine.toml"]) == 0
+    printed = capsys.readouterr().out
+    assert "mine: friction" in printed
+    assert [line.split() for line in printed.splitlines() if line.startswith("m ")] == [
+        ["m", "kg", "0.001"],  # inside, everything is SI
+        ["m", "kg"],
+    ]
+    assert "not linear in the coordinates" in printed
+
+
+def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "demo.json"
+    assert cli.run(["demo", "--seeds", "3", "--json", str(target)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias"):
+        assert text in printed.out
+    data = json.loads(target.read_text())
+    assert set(data) == {"seeds", "noise", "estimators"}
+    assert data["seeds"] == 3
+    assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls"}
+    row = data["estimators"]["ls"]["I_t*mu - I_p*mu"]
+    assert set(row) == {"bias_percent", "rms_percent", "median_abs_percent"}
+
+
+@pytest.mark.parametrize(
+    ("status", "options", "code"),
+    [
+        ("ok", [], 0),
+        ("ok", ["--strict"], 0),
+        ("rejected", [], 0),
+        ("rejected", ["--strict"], 1),
+        ("not_identifiable", [], 1),
+        ("not_converged", [], 1),
+    ],
+)
+def test_exit_codes_and_results(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, status: str, options: list[str], code: int
+) -> None:
+    """The result is written with its status, whatever it is."""
+    estimate = rid.Estimate("jeffcott", "ls", status, (Value("m", "kg", 1.0, 0.1),))
+    monkeypatch.setattr(cli, "identify_model", lambda *_: estimate)
+    assert cli.run(["identify", "run.toml", "--json", "run.json", *options]) == code
+    assert rid.load_estimate("run.json").status == status
+
+
+@pytest.mark.parametrize("error", [NotIdentifiableError(["a, b"]), NotConvergedError("lost")])
+def test_errors_that_carry_an_estimate(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "identify_model", fail)
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (folder / "run.json").exists()
+    error.estimate = rid.Estimate("jeffcott", "ml", "not_identifiable", (Value("m", "kg", 1.0),))
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 1
+    assert rid.load_estimate("run.json").status == "not_identifiable"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["identfy"],
+        ["identify"],
+        ["identify", "run.toml", "--methd", "ls"],
+        ["identify", "run.toml", "--method", "mle"],
+        ["identify", "run.toml", "more"],
+        ["identify", "none.toml"],
+        ["identify", "run.toml", "--json"],
+        ["identify", "run.toml", "--json", "none/run.json"],
+        ["identify", "run.toml", "--report", "."],
+        ["validate", "run.toml"],
+        ["validate", "run.toml", "run.toml"],
+        ["validate", "none.json", "run.toml"],
+        ["models", "jeffcot"],
+        ["models", "none.toml"],
+        ["demo", "--seeds", "many"],
+        ["demo", "--seeds", "0"],
+        ["--frob"],
+    ],
+)
+def test_wrong_usage_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    before = sorted(folder.iterdir())
+    assert cli.run(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert sorted(folder.iterdir()) == before
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["--help"], ["identify", "-h"], ["--version"]):
+        assert cli.run(arguments) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert rid.__version__ in printed.out
+    for command in ("demo", "identify", "validate", "models"):
+        assert command in printed.out
+
+
+def test_debug_shows_the_traceback(folder: Path) -> None:
+    for arguments in (["identify", "none.toml", "--debug"], ["--debug", "identify", "none.toml"]):
+        with pytest.raises(rid.InputError, match=r"none\.toml"):
+            cli.run(arguments)
+
+
+def test_a_fault_of_the_program_is_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "identify_model", lambda *_: 1 / 0)
+    assert cli.run(["identify", "run.toml"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "internal error, ZeroDivisionError" in line
+    assert "--debug" in line
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "rotorid", *arguments]
+
+
+def test_a_closed_pipe_is_no_fault(folder: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = subprocess.run(command("models", "jeffcott"), stdout=writing, stderr=subprocess.PIPE)
+    os.close(writing)
+    assert process.returncode == 141
+    assert process.stderr == b""
+
+
+def test_an_interrupt_is_one_line_and_no_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(cli, "run_demo", interrupt)
+    assert cli.run(["demo", "--json", "demo.json"]) == 130
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.split() == ["rotorid:", "interrupted"]
+    assert not (folder / "demo.json").exists()
+
+
+def test_silent_in_a_pipe(folder: Path) -> None:
+    process = subprocess.run(command("identify", "run.toml"), capture_output=True, check=True)
+    assert process.stderr == b""
+    assert b"\x1b" not in process.stdout
+    assert process.stdout.decode("ascii").startswith("jeffcott, batch: ok")
