@@ -327,7 +327,7 @@ def load_estimate(path: str | Path) -> Estimate:
         raise ReadError(
             f"{error.strerror or error}", "a readable result file", "check the path", file=file
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ReadError(
             f"no JSON ({error})", "a result file", "write one with identify --json", file=file
         ) from error
