@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.record import Floats
 
+L = TypeVar("L")
 MU0 = 4e-7 * np.pi
 """Permeability of vacuum in N/A^2."""
 
@@ -82,7 +83,7 @@ def require_angle(angle: float) -> None:
     )
 
 
-def with_std(law: Any, **stds: float) -> Any:
+def with_std(law: L, **stds: float) -> L:
     """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``.
 
     Raises
@@ -90,10 +91,11 @@ def with_std(law: Any, **stds: float) -> Any:
     InputError
         For a constant that the law does not have.
     """
-    names = [name[:-4] for name in law.__dataclass_fields__ if name.endswith("_std")]
+    names = [name[:-4] for name in vars(law) if name.endswith("_std")]
     for name in stds:
         if name not in names:
             raise InputError(
                 f"{name!r}", f"one of {', '.join(names)}", "name a constant of the force law"
             )
-    return replace(law, **{f"{name}_std": value for name, value in stds.items()})
+    changed: dict[str, Any] = {f"{name}_std": value for name, value in stds.items()}
+    return cast(L, replace(cast(Any, law), **changed))

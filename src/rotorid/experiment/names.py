@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
-import sympy as sp
-
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial
 from rotorid.experiment.schema import (
@@ -18,7 +16,7 @@ from rotorid.experiment.schema import (
 )
 from rotorid.io import Source
 from rotorid.models import Model
-from rotorid.models.expression import parse, symbol
+from rotorid.models.combination import linear_combination
 from rotorid.units import multiply_units, to_si
 
 
@@ -57,7 +55,11 @@ def _source(name: str, entry: ChannelEntry, model: Model) -> Source:
             "rename the channel",
             place=place,
         )
-    reads = None if entry.reads is None else combination(entry.reads, model, f"{place}.reads")
+    reads = (
+        None
+        if entry.reads is None
+        else linear_combination(entry.reads, model.coordinates, place=f"{place}.reads")
+    )
     if reads is not None and entry.unit is None:
         raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
     return Source(
@@ -70,30 +72,6 @@ def _source(name: str, entry: ChannelEntry, model: Model) -> Source:
         delay=entry.delay,
         gain_std=entry.gain_std,
     )
-
-
-def combination(text: str, model: Model, place: str) -> dict[str, float]:
-    """Return the coefficients of a linear combination of coordinates.
-
-    Raises
-    ------
-    InputError
-        For text that is none.
-    """
-    names = model.coordinates
-    try:
-        value = sp.expand(parse(text, names=frozenset(names), linear=frozenset(names)))
-    except InputError as error:
-        raise error.at(place=place) from None
-    terms = sp.Poly(value, *map(symbol, names)).terms()
-    if any(sum(powers) != 1 for powers, _ in terms):
-        raise InputError(
-            repr(text[:60]),
-            "a linear combination of coordinates, such as x2 - 0.02*theta_y",
-            "correct it",
-            place=place,
-        )
-    return {names[powers.index(1)]: float(c) for powers, c in terms}
 
 
 def timing(record: RecordEntry) -> Source | None:
