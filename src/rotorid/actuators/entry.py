@@ -1,0 +1,128 @@
+"""Force laws as they stand in files: the same keys in experiment and in rig files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Annotated, Literal, NamedTuple, TypeVar
+
+from pydantic import BeforeValidator, StrictInt
+
+from rotorid.actuators.constants import MU0, with_std
+from rotorid.actuators.flux import Flux
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.errors import InputError
+from rotorid.toml import Schema
+from rotorid.units import to_si
+
+L = TypeVar("L", Linear, Differential, Flux)
+LawName = Literal["linear", "differential", "flux"]
+
+
+class Constant(NamedTuple):
+    """A constant of a force law and its standard deviation, SI."""
+
+    value: float
+    std: float = 0.0
+
+
+def _constant(unit: str) -> BeforeValidator:
+    def read(value: object) -> Constant:
+        if isinstance(value, dict):
+            if set(value) != {"value", "std"}:
+                raise InputError(
+                    f"the keys {', '.join(sorted(value)) or '(none)'}",
+                    "value and std, or a quantity alone",
+                    f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}",
+                )
+            return Constant(
+                to_si(value["value"], unit, place="value"), to_si(value["std"], unit, place="std")
+            )
+        return Constant(to_si(value, unit))
+
+    return BeforeValidator(read)
+
+
+_KEYS: Mapping[LawName, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    # law: keys that it needs, keys that it may have
+    "linear": (("ki",), ("ks",)),
+    "differential": (("bias", "gap"), ("K", "area", "turns", "angle")),
+    "flux": (("area",), ("poles", "angle")),
+}
+
+
+class LawEntry(Schema):
+    """A force law and its constants.
+
+    ``linear``: ki, ks. ``differential``: bias, gap, angle and K, or area and turns of horseshoe
+    magnets. ``flux``: area, poles, angle. A constant is a quantity, or a table of value and std.
+    """
+
+    law: LawName
+    ki: Annotated[Constant | None, _constant("N/A")] = None
+    ks: Annotated[Constant | None, _constant("N/m")] = None
+    K: Annotated[Constant | None, _constant("N m^2/A^2")] = None
+    area: Annotated[Constant | None, _constant("m^2")] = None
+    turns: float | None = None
+    bias: Annotated[Constant | None, _constant("A")] = None
+    gap: Annotated[Constant | None, _constant("m")] = None
+    angle: Annotated[Constant | None, _constant("rad")] = None
+    poles: StrictInt | None = None
+
+    def build(self) -> Linear | Differential | Flux:
+        """Return the law.
+
+        Raises
+        ------
+        InputError
+            For constants that are missing, belong to another law, or make no law.
+        """
+        needed, more = _KEYS[self.law]
+        for key in needed:
+            if getattr(self, key) is None:
+                raise InputError(
+                    f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
+                )
+        for key in sorted({key for pair in _KEYS.values() for keys in pair for key in keys}):
+            if key not in needed + more and getattr(self, key) is not None:
+                raise InputError(
+                    f"{key} with the {self.law} law",
+                    f"one of {', '.join(needed + more)}",
+                    "remove it",
+                    place=key,
+                )
+        if self.law == "linear":
+            return _with_deviations(Linear, ki=self.ki, ks=self.ks)
+        if self.law == "flux":
+            poles = 2 if self.poles is None else self.poles
+            return _with_deviations(partial(Flux, poles=poles), area=self.area, angle=self.angle)
+        return _with_deviations(
+            Differential, constant=self._magnet(), bias=self.bias, gap=self.gap, angle=self.angle
+        )
+
+    def _magnet(self) -> Constant:
+        """Return K of one magnet, given or of its geometry."""
+        geometry = (self.area, self.turns)
+        if (self.K is None) == (None in geometry):
+            raise InputError(
+                "both K and a geometry" if self.K is not None else "no K",
+                "K, or area and turns",
+                "keep one of them" if self.K is not None else "add K",
+            )
+        if self.K is not None:
+            return self.K
+        area, turns = self.area or Constant(0.0), self.turns or 0.0
+        factor = MU0 * turns**2 / 4
+        return Constant(factor * area.value, factor * area.std)
+
+
+def _with_deviations(build: Callable[..., L], **constants: Constant | None) -> L:
+    """Return a law of the constants given, with their deviations."""
+    given = {name: constant for name, constant in constants.items() if constant is not None}
+    law = build(**{name: constant.value for name, constant in given.items()})
+    return with_std(law, **{name: constant.std for name, constant in given.items()})
+
+
+def law_keys() -> tuple[str, ...]:
+    """Return the keys of a force law, for schemas that hold one among other keys."""
+    return tuple(LawEntry.model_fields)
