@@ -262,14 +262,16 @@ def _inflated(values: Sequence[Value]) -> bool:
 
 def _row(value: Value) -> tuple[str, ...]:
     unit = "" if value.unit == "1" else value.unit
+    inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
+    if value.value == 0 and value.std:
+        return value.name, "0", _two_digits(value.std), "", inflated, unit
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
         return value.name, f"{value.value:.6g}", std, "", "", unit
     digits = 6
-    if value.value != 0 and np.isfinite([value.value, value.std]).all():
+    if np.isfinite([value.value, value.std]).all():
         digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
-    percent = _two_digits(100 * value.std / abs(value.value)) if value.value else ""
-    inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
+    percent = _two_digits(100 * value.std / abs(value.value))
     number = f"{value.value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
     return value.name, number, _two_digits(value.std), percent, inflated, unit
 

@@ -169,7 +169,7 @@ def _table(headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
     """Return a table; columns that hold a number in every row that says something to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading, *cells in zip(headings, *rows, strict=True):
-        numeric = all(cell == "" or cell[0] in "+-.0123456789" for cell in cells)
+        numeric = all(c in ("", "fixed") or c[0] in "+-.0123456789" for c in cells)
         table.add_column(Text(heading), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))

@@ -1,0 +1,119 @@
+"""What a user reads after a fit."""
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from rotorid.estimate import Estimate, Misfit, Prediction, Suspect, Value
+from rotorid.models import load_model, shipped_models
+from rotorid.report.text import estimate_tables, model_description, prediction_table
+
+ESTIMATE = Estimate(
+    "three-mass",
+    "ml",
+    "rejected",
+    (
+        Value("m1", "kg", 0.83339, 0.0021, 0.0042),
+        Value("k1", "N/m", 883570.0, 1000.0, 2000.0),
+        Value("I_p", "kg m^2", 0.048275, 2.1e-5, 4.2e-5),
+        Value("ratio", "1", -12.0, 0.5, 1.0),
+        Value("xi", "m", 0.0, 1e-7, 2e-7),
+        Value("L1", "m", 0.3, 0.0, 0.0, fixed=True),
+        Value("mu", "rad", 7.4e-5),
+    ),
+    nuisance=(Value("gain[x1]", "1", 1.01, 0.005),),
+    derived=(Value("m1", "kg", 0.83339, 0.0021), Value("k1*L1", "N", 265071.0, 300.0)),
+    misfit=Misfit(1053.2, 84.2, 82, 1e-9),
+    suspects=(Suspect("damping k1", 96000.0), Suspect("x/y asymmetry of k1", 8319.0)),
+    prediction={"F_x1": Prediction(0.00412), "F_y1": None},
+    lines_hz=(20.0, 60.0, 220.0),
+    periods=260,
+    warnings=("the rotation is not <synchronous> [bold]with[/bold] the excitation",),
+    condition_number=25.99,
+)
+
+
+def printed(renderable: object, width: int = 120) -> list[str]:
+    console = Console(width=width, color_system=None)
+    with console.capture() as capture:
+        console.print(renderable)
+    return [line.rstrip() for line in capture.get().splitlines()]
+
+
+def test_numbers_show_two_digits_of_noise() -> None:
+    rows = {line.split()[0]: line.split() for line in str(ESTIMATE).splitlines() if line}
+    assert rows["parameters"] == ["parameters", "value", "std", "std", "%", "inflated", "unit"]
+    assert rows["ratio"] == ["ratio", "-12.00", "0.50", "4.2", "1.0"]
+    assert rows["xi"][1:] == ["0", "1.0e-07", "2.0e-07", "m"]
+    assert rows["I_p"] == ["I_p", "0.048275", "2.1e-05", "0.044", "4.2e-05", "kg", "m^2"]
+    assert rows["k1"] == ["k1", "8.836e+05", "1.0e+03", "0.11", "2.0e+03", "N/m"]
+    assert rows["L1"] == ["L1", "0.3", "fixed", "m"]
+    assert rows["mu"] == ["mu", "7.4e-05", "-", "rad"]
+    assert rows["gain[x1]"] == ["gain[x1]", "1.0100", "0.0050", "0.50"]
+    assert rows["k1*L1"] == ["k1*L1", "2.6507e+05", "3.0e+02", "0.11", "N"]
+
+
+def test_what_there_is_to_say() -> None:
+    text = str(ESTIMATE)
+    assert text.startswith("three-mass, ml: rejected\n")
+    for note in (
+        "cost 1053 where 84.2 is expected (82 degrees of freedom), p = 1e-09",
+        "relative error of the prediction: F_x1 0.412 %, F_y1 zero",
+        "first suspects (drop of the cost): damping k1 (9.6e+04), x/y asymmetry of k1 (8.32e+03)",
+        "260 periods, 3 lines from 20 to 220 Hz",
+        "condition number 25.99",
+        "inflated: deviations as if all of the misfit were noise",
+        "warning: the rotation is not <synchronous> [bold]with[/bold] the excitation",
+    ):
+        assert note in text.splitlines()
+    assert text.count("m1 ") == 1  # derived from itself: said once
+
+
+def test_terminal_and_text_agree() -> None:
+    assert printed(estimate_tables(ESTIMATE)) == [
+        line.rstrip() for line in str(ESTIMATE).splitlines()
+    ]
+
+
+def test_inflated_deviations_show_only_where_they_differ() -> None:
+    same = Estimate("one", "ls", "ok", (Value("m", "kg", 1.0, 0.1, 0.1),))
+    assert "inflated" not in str(same)
+
+
+def test_notebook() -> None:
+    html = ESTIMATE._repr_html_()
+    assert html.count("<table>") == html.count("</table>") == 3
+    assert "<td>8.836e+05</td>" in html
+    assert "&lt;synchronous&gt;" in html
+    assert "<synchronous>" not in html
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e-300, -1e300, 0.0])
+@pytest.mark.parametrize("std", [None, 0.0, np.nan, np.inf, 1e-300, 1e300])
+def test_any_number_can_be_shown(value: float, std: float | None) -> None:
+    estimate = Estimate("one", "ls", "not_identifiable", (Value("m", "kg", value, std, std),))
+    assert str(estimate)
+
+
+def test_predictions() -> None:
+    first: dict[str, Prediction | None] = {"F": Prediction(0.0405), "G": None}
+    second: dict[str, Prediction | None] = {"F": Prediction(0.0516)}
+    assert [line.split() for line in printed(prediction_table([first]))] == [
+        ["relative", "error"],
+        ["F", "4.05", "%"],
+        ["G", "zero"],
+    ]
+    lines = printed(prediction_table([first, second]))
+    assert lines[0].split() == ["relative", "record", "1", "record", "2"]
+    assert lines[1].split() == ["F", "4.05", "%", "5.16", "%"]
+
+
+@pytest.mark.parametrize("name", shipped_models())
+def test_models_in_words(name: str) -> None:
+    model = load_model(name)
+    lines = printed(model_description(model), width=200)
+    for number, text in enumerate(model.texts, start=1):
+        assert f"{number}. {text}" in lines
+    for base in model.base.names:
+        assert any(line.startswith(base) for line in lines)
+    assert any("M q''" in line or "no M, D, G, K" in line for line in lines)
