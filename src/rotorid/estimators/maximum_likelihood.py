@@ -106,6 +106,8 @@ class MaximumLikelihood:
             For records that do not fit the model, knowledge that contradicts itself, or no start.
         ModelError
             Where the model is not linear in its coordinates.
+        NotConvergedError
+            Where the iteration ran into parameters without meaning.
         """
         model.require_linear() if model.linear is None else None
         found = fit(

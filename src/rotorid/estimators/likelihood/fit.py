@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rotorid.errors import InputError
+from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimators.batch import Batch
 from rotorid.estimators.derived import physical_start
 from rotorid.estimators.likelihood.assembly import assemble, channel_order
@@ -88,6 +88,8 @@ def fit(
     ------
     InputError
         For records or knowledge that do not fit the model.
+    NotConvergedError
+        Where the iteration ran into parameters without meaning.
     """
     guess = starting_values(model, records, knowledge, base)
     prepared = prepare(model, records, knowledge, nuisances, base, guess)
@@ -95,11 +97,7 @@ def fit(
         covariances = [correlated_covariance(r.spectra, neighbours) for r in records]
     else:
         covariances = [white_covariance(r.spectra) for r in records]
-    solution, inference = _solve(prepared, records, covariances, prepared.layout.start, STAGES)
-    if inference.expectation.p_value(solution.point.cost) < SUSPICIOUS or not solution.converged:
-        finer = _solve(prepared, records, covariances, prepared.layout.start, FINE_STAGES)
-        if finer[0].point.cost < solution.point.cost:
-            solution, inference = finer
+    solution, inference = _globally(prepared, records, covariances)
     if covariance == "auto":
         chosen = _chosen(solution, records, covariances, neighbours)
         if chosen != covariances:
@@ -107,6 +105,25 @@ def fit(
             start = solution.point.unknowns
             solution, inference = _solve(prepared, records, covariances, start, (0.0,))
     return Fit(prepared, solution, inference, tuple(covariances))
+
+
+def _globally(
+    prepared: Prepared, records: Sequence[PeriodicRecord], covariances: Sequence[LineCovariance]
+) -> tuple[Solution, Inference]:
+    """Solve from the start; where the result looks like a local minimum, try again more finely."""
+    best: tuple[Solution, Inference] | None = None
+    for stages in (STAGES, FINE_STAGES):
+        try:
+            found = _solve(prepared, records, covariances, prepared.layout.start, stages)
+        except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
+            continue
+        if best is None or found[0].point.cost < best[0].point.cost:
+            best = found
+        if best[0].converged and best[1].expectation.p_value(best[0].point.cost) >= SUSPICIOUS:
+            break
+    if best is None:
+        raise NotConvergedError("no minimum was found from this start; give a nearer one")
+    return best
 
 
 def _solve(

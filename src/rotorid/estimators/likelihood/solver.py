@@ -6,14 +6,15 @@ is that of an ordinary regression. Each stage starts where the last one ended, w
 of the last, and none in the end.
 
 Exact relations are eliminated: steps are taken in the null space of their derivative, and Newton
-steps lead back to them. A bound that stops a step becomes an exact relation until the cost would
-fall by leaving it.
+steps lead back to them. Bounds wait until the end, since the way to the minimum may well lead
+through a negative mass: one that the minimum violates becomes an exact relation, for as long as
+the cost would not fall by leaving it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,10 +24,10 @@ from rotorid.record import Floats, Integers
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """sigma of each stage, in units of the mean force."""
+ANCHOR = 0.3
+"""Relative deviation with which the gains are held while errors are granted."""
 RANK = 1e-10
 """Singular values below this share of the largest count as zero."""
-SLACK = 0.1
-"""Share of the distance to a bound that a single step leaves."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -
 
 
 class _Walk:
-    """One descent: the current point and the bounds that hold it."""
+    """The current point and the bounds that hold it."""
 
     def __init__(self, problem: Problem, unknowns: Floats) -> None:
         self.problem, self.unknowns = problem, unknowns
@@ -143,38 +144,28 @@ class _Walk:
             return self.problem.exact
         return self.problem.exact.joined(self.problem.bounds.subset(np.array(self.active)))
 
-    def _within(self, old: Floats, step: Floats) -> tuple[Floats, int | None]:
-        """Shorten a step to keep away from the bounds; name the bound that is all but reached."""
-        free, bounds = self.problem.layout.free, self.problem.bounds
-        new = old.copy()
-        new[free] += step
+    def hold(self, point: Point) -> bool:
+        """Make the bounds that a point violates exact relations; tell whether there were any."""
+        bounds = self.problem.bounds
         if not len(bounds):
-            return new, None
-        before, after = bounds.values(old), bounds.values(new)
-        watched = np.ones(len(bounds), dtype=bool)
-        watched[self.active] = False
-        crossed = watched & (after < SLACK * before)
-        if not crossed.any():
-            return new, None
-        reach = np.where(crossed, (1 - SLACK) * before / np.where(crossed, before - after, 1), 1.0)
-        nearest = int(np.argmin(reach))
-        new = old.copy()
-        new[free] += reach[nearest] * step
-        hit = before[nearest] < 1e-6 * bounds.sizes(old)[nearest]
-        return new, nearest if hit else None
+            return False
+        outside = bounds.values(point.unknowns) < -1e-12 * bounds.sizes(point.unknowns)
+        fresh = [int(i) for i in np.flatnonzero(outside) if i not in self.active]
+        self.active += fresh
+        return bool(fresh)
 
-    def _release(self, point: Point, where: Tangent) -> bool:
+    def release(self, point: Point) -> bool:
         """Drop a bound whose multiplier says that the cost falls on its inner side."""
         if not self.active:
             return False
-        free = self.problem.layout.free
-        gradient = (point.jacobian.T @ point.residual) * where.scale
-        normal = relation_jacobian(self.exact, point) * where.scale
-        multiplier = np.linalg.lstsq(normal.T, gradient, rcond=1e-12)[0]
+        scale = tangent(point, self.exact).scale
+        gradient = (point.jacobian.T @ point.residual) * scale
+        normal = relation_jacobian(self.exact, point) * scale
+        length = np.sqrt((normal**2).sum(axis=1))
+        multiplier = np.linalg.lstsq((normal / length[:, None]).T, gradient, rcond=1e-12)[0]
         inner = multiplier[len(self.problem.exact) :]
         worst = int(np.argmin(inner))
-        size = np.abs(normal).max() * max(len(free), 1)
-        if inner[worst] * size >= -1e-9 * np.sqrt(max(point.cost, 1e-300)):
+        if inner[worst] >= -1e-6:  # in deviations of the whitened residual
             return False
         del self.active[worst]
         return True
@@ -188,18 +179,15 @@ class _Walk:
             self.iterations += 1
             floor = 1e-14 if relaxation > 0 else 1.0
             if where.decrease <= tolerance * max(point.cost, floor):
-                if self._release(point, where):
-                    continue
                 return point, True
             top = where.values.max(initial=0.0) ** 2
             for _attempt in range(25):
-                aimed, hit = self._within(point.unknowns, where.step(damping))
-                if hit is not None:
-                    self.active.append(hit)
+                aimed = point.unknowns.copy()
+                aimed[free] += where.step(damping)
                 exact = self.exact
                 target = retract(aimed, free, exact, where.scale) if len(exact) else aimed
                 trial = None if target is None else _evaluated(problem, target, relaxation)
-                if trial is not None and (trial.cost < point.cost or hit is not None):
+                if trial is not None and trial.cost < point.cost:
                     damping = 0.0 if damping < 1e-6 * top else damping / 10
                     break
                 damping = max(1e-3 * top, 8 * damping)
@@ -239,12 +227,37 @@ def solve(problem: Problem, start: Floats, stages: Sequence[float] = STAGES) -> 
         scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
         moved = retract(start, free, problem.exact, scale)
         x = start if moved is None else moved
-    walk = _Walk(problem, x)
-    point, converged = None, False
-    for relaxation in stages:
-        last = relaxation == stages[-1]
-        point, converged = walk.descend(
-            relaxation, tolerance=1e-10 if last else 1e-2, limit=100 if last else 30
-        )
-    assert point is not None
+    walk = _Walk(_anchored(problem, start), x)
+    for relaxation in stages[:-1]:
+        walk.descend(relaxation, tolerance=1e-2, limit=30)
+    walk.problem = problem
+    point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=100)
+    for _ in range(2 * len(problem.bounds)):
+        if not (walk.hold(point) or walk.release(point)):
+            break
+        held = retract(point.unknowns, free, walk.exact, tangent(point, problem.exact).scale)
+        if held is None:
+            converged = False
+            break
+        walk.unknowns = held
+        point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=100)
     return Solution(point, converged, walk.iterations, tuple(walk.active))
+
+
+def _anchored(problem: Problem, start: Floats) -> Problem:
+    """Hold the gains of the inputs loosely to their start.
+
+    While errors are granted to the equations in units of force, the cost would fall with the
+    forces themselves: without an anchor, all gains, masses and stiffnesses go to zero together.
+    """
+    layout, count = problem.layout, len(problem.layout.unknowns)
+    rows = []
+    for index in layout.free:
+        unknown = layout.unknowns[index]
+        if unknown.nuisance and unknown.name.startswith(("ki", "ks", "gain")) and start[index]:
+            alone = tuple(int(i == index) for i in range(count))
+            polynomial = {alone: 1.0, (0,) * count: -float(start[index])}
+            rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))
+    if not rows:
+        return problem
+    return replace(problem, known=problem.known.joined(Relations.build(rows, count)))
