@@ -13,7 +13,7 @@ from scipy import linalg, optimize
 from rotorid.errors import InputError
 from rotorid.record import Complexes, Floats, Integers
 
-Phases = Literal["schroeder", "random"]
+Phases = Literal["zero", "schroeder", "random"]
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def multisine(
     harmonics : int array, shape (line,)
     amplitude : mapping of str to float or sequence of float
         Of each signal: the peak of every line, or one for each.
-    phases : {"schroeder", "random"}
+    phases : {"zero", "schroeder", "random"}
     apart : bool
         Give each line to one signal only, in turn, so that one run tells the inputs apart.
     unit : str
@@ -271,6 +271,8 @@ def multisine(
         if rng is None:
             raise InputError("random phases without rng", "a generator", "pass rng", place="rng")
         angle = rng.uniform(0, 2 * np.pi, size.shape)
+    elif phases == "zero":
+        angle = np.zeros(size.shape)
     else:
         angle = np.zeros(size.shape)
         for j, column in enumerate(size.T):

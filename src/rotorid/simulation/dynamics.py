@@ -158,7 +158,7 @@ def _trial(
         size = max(abs(y[1, r]), peak[r])
         peak[r] = size
         worst = max(worst, abs(h * error) / size)
-    return worst / rotor.tolerance
+    return float(worst / rotor.tolerance)
 
 
 @njit(cache=True, error_model="numpy")

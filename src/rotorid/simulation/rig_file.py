@@ -1,0 +1,284 @@
+"""Rig files: TOML to `Rig`. The shipped rigs are such files too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from rotorid.errors import InputError, ReadError
+from rotorid.models import Model, load_model
+from rotorid.models.combination import linear_combination
+from rotorid.signals.multisine import (
+    Multisine,
+    full_harmonics,
+    leave_out,
+    minimize_crest,
+    multisine,
+    odd_harmonics,
+)
+from rotorid.simulation.parts import (
+    Encoder,
+    Keyphasor,
+    Logger,
+    PositionSensor,
+    ProcessNoise,
+    Runout,
+)
+from rotorid.simulation.rig import Rig
+from rotorid.simulation.rig_actuators import build_actuators, build_controller
+from rotorid.simulation.rig_schema import ExcitationEntry, LoggerEntry, RigFile, SensorEntry
+from rotorid.simulation.speed import Rotation
+from rotorid.toml import parse_toml
+from rotorid.units import to_si
+
+
+@dataclass(frozen=True)
+class RigPlan:
+    """What a rig file says: the rig, how long it runs, and the seed of its noise."""
+
+    name: str
+    title: str
+    text: str
+    rig: Rig
+    duration: float
+    seed: int
+
+
+def shipped_rigs() -> tuple[str, ...]:
+    """Return the names of the rigs in the package.
+
+    Examples
+    --------
+    >>> shipped_rigs()
+    ('rigid', 'three-mass')
+    """
+    library = files("rotorid.simulation").joinpath("library")
+    return tuple(
+        sorted(p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml"))
+    )
+
+
+def load_rig(name: str | Path) -> RigPlan:
+    """Load a shipped rig by its name, or a rig file by its path.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of `shipped_rigs`, or the path of a TOML file.
+
+    Returns
+    -------
+    RigPlan
+
+    Raises
+    ------
+    ReadError
+        For a file that cannot be read or does not fit the format.
+    InputError
+        For parts that do not fit together, with file and key.
+
+    Examples
+    --------
+    >>> load_rig("three-mass").rig.model.inputs
+    ('F_x1', 'F_y1', 'F_x3', 'F_y3')
+    """
+    text = str(name)
+    if text in shipped_rigs():
+        resource = files("rotorid.simulation").joinpath("library").joinpath(f"{text}.toml")
+        return parse_rig(resource.read_bytes(), name=text, file=f"{text}.toml")
+    path = Path(name)
+    if not path.suffix and not path.exists():
+        raise ReadError(
+            f"no rig {text[:60]!r}",
+            f"one of {', '.join(shipped_rigs())}, or the path of a rig file",
+            "correct the name",
+        )
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ReadError(
+            f"{error.strerror or error}", "a readable rig file", "check the path", file=text
+        ) from None
+    return parse_rig(data, name=path.stem, file=text, folder=path.parent)
+
+
+def parse_rig(
+    data: bytes | str, *, name: str = "rig", file: str = "", folder: str | Path = "."
+) -> RigPlan:
+    """Return what the text of a rig file says.
+
+    Parameters
+    ----------
+    data : bytes or str
+        TOML.
+    name : str
+        What to call the rig.
+    file : str
+        For messages.
+    folder : str or Path
+        What the path of a model is relative to.
+
+    Raises
+    ------
+    ReadError, InputError
+        As `load_rig`.
+    """
+    raw = data.encode() if isinstance(data, str) else data
+    entry = parse_toml(raw, RigFile, file=file)
+    try:
+        rig = _build(entry, load_model(entry.model, folder=folder))
+    except InputError as error:
+        raise error.at(file=file) from None
+    return RigPlan(name, entry.title, raw.decode(), rig, entry.duration, entry.seed)
+
+
+def _build(entry: RigFile, model: Model) -> Rig:
+    sensors = tuple(_sensor(name, e, model) for name, e in entry.sensors.items())
+    actuators = build_actuators(entry.actuators, model)
+    values = _values(entry, model)
+    controller, feedback = build_controller(entry.controller, model, values, actuators, sensors)
+    return Rig(
+        model=model,
+        values=values,
+        rotation=Rotation(**dict(entry.rotation)),
+        actuators=actuators,
+        sensors=sensors,
+        controller=controller,
+        feedback=feedback,
+        logger=_logger(entry.logger),
+        excitation=None if entry.excitation is None else _excitation(entry, entry.excitation),
+        process_noise=_process_noise(entry, model),
+        clearance=np.inf if entry.clearance is None else entry.clearance,
+        delay=entry.controller.delay,
+        settling=entry.settling,
+    )
+
+
+def _values(entry: RigFile, model: Model) -> dict[str, float]:
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    known = {**model.nominal}
+    for name, quantity in entry.parameters.items():
+        _require(name, units, "parameters")
+        known[name] = to_si(quantity, units[name], place=f"parameters.{name}")
+    missing = [name for name in units if name not in known]
+    if missing:
+        raise InputError(
+            f"no value of {', '.join(missing)}",
+            "a value of every parameter that has no nominal one",
+            "add it",
+            place="parameters",
+        )
+    return known
+
+
+def _require(name: str, known: Iterable[str], place: str) -> None:
+    there = list(known)
+    if name not in there:
+        near = get_close_matches(name, there, n=1)
+        raise InputError(
+            repr(name[:60]),
+            f"one of {', '.join(there)}",
+            f"did you mean {near[0]}?" if near else "correct the name",
+            place=place,
+        )
+
+
+def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:
+    place = f"sensors.{name}"
+    reads = None
+    if entry.reads is not None:
+        reads = linear_combination(entry.reads, model.coordinates, place=f"{place}.reads")
+    else:
+        _require(name, model.coordinates, "sensors")
+    unit = model.units[next(iter(reads or {name: 1.0}))]
+
+    def si(key: str) -> float:
+        value = getattr(entry, key)
+        return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
+
+    runout = tuple(
+        Runout(
+            part.order,
+            to_si(part.cos, unit, place=f"{place}.runout.{i}.cos"),
+            to_si(part.sin, unit, place=f"{place}.runout.{i}.sin"),
+        )
+        for i, part in enumerate(entry.runout)
+    )
+    try:
+        return PositionSensor(name, reads, si("noise"), si("bias"), si("quantum"), runout)
+    except InputError as error:
+        raise error.at(place=place) from None
+
+
+def _logger(entry: LoggerEntry) -> Logger:
+    marks: Mapping[str, object] = {"encoder": entry.encoder, "keyphasor": entry.keyphasor}
+    if all(mark is not None for mark in marks.values()):
+        raise InputError(
+            "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
+        )
+    angle: Encoder | Keyphasor | None = None
+    try:
+        if entry.encoder is not None:
+            angle = Encoder(**dict(entry.encoder))
+        elif entry.keyphasor is not None:
+            angle = Keyphasor(**dict(entry.keyphasor))
+    except InputError as error:
+        raise error.at(place="logger") from None
+    return Logger(entry.sample_rate, entry.current, angle)
+
+
+def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
+    rng = np.random.default_rng([file.seed, 1])
+    unit = "A" if str(next(iter(entry.signals.values())).amplitude).strip().endswith("A") else "N"
+    amplitude = {
+        name: to_si(signal.amplitude, unit, place=f"excitation.signals.{name}.amplitude")
+        for name, signal in entry.signals.items()
+    }
+    try:
+        signals = multisine(
+            entry.fundamental,
+            _lines(entry, rng),
+            amplitude,
+            phases=entry.phases,
+            apart=entry.apart,
+            unit=unit,
+            rng=rng,
+        )
+    except InputError as error:
+        raise error.at(place="excitation") from None
+    if entry.minimize_crest:
+        signals = minimize_crest(signals)
+    return signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
+
+
+def _lines(entry: ExcitationEntry, rng: np.random.Generator) -> np.ndarray:
+    given = [key for key in ("harmonics", "odd", "full") if getattr(entry, key) is not None]
+    if len(given) != 1:
+        raise InputError(
+            " and ".join(given) or "no lines",
+            "one of harmonics, odd and full",
+            "keep one of these",
+        )
+    if entry.harmonics is not None:
+        lines = np.array(entry.harmonics)
+    elif entry.odd is not None:
+        lines = odd_harmonics(entry.odd)
+    else:
+        lines = full_harmonics(entry.full or 0)
+    return lines if entry.leave_out is None else leave_out(lines, entry.leave_out, rng)
+
+
+def _process_noise(entry: RigFile, model: Model) -> ProcessNoise:
+    known = (*model.inputs, *model.coordinates)
+    std = {}
+    for name, quantity in entry.process_noise.items():
+        _require(name, known, "process_noise")
+        angle = model.units[name] == "rad"
+        unit = "N m" if angle else model.units[name] if name in model.inputs else "N"
+        std[name] = to_si(quantity, unit, place=f"process_noise.{name}")
+    return ProcessNoise(std)
