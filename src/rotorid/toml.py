@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import Repr
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -12,6 +14,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rotorid.errors import InputError, ReadError
 
 MAX_BYTES = 1_000_000
+# A key of n parts costs n^2: more than anyone writes by hand are refused before they are parsed.
+_LONG_KEY = re.compile(rb"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}")
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 S = TypeVar("S", bound="Schema")
 
 
@@ -43,9 +49,12 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
     try:
         with Path(path).open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
         raise ReadError(
-            f"{error.strerror or error}", "a readable TOML file", "check the path", file=file
+            f"{getattr(error, 'strerror', None) or error}",
+            "a readable TOML file",
+            "check the path",
+            file=file,
         ) from None
     if len(data) > MAX_BYTES:
         raise ReadError(
@@ -65,6 +74,8 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
     ReadError
         As `read_toml`.
     """
+    if _LONG_KEY.search(data):
+        raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
     try:
         table = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -104,7 +115,7 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
     # A misspelt key first: it may be the one that is missing.
     fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
     inner = fault.get("ctx", {}).get("error")
-    place = ".".join(str(part) for part in fault["loc"])
+    place = ".".join(str(part)[:60] for part in fault["loc"])
     if isinstance(inner, InputError):
         return inner.at(file=file, place=place)
     if fault["type"] == "extra_forbidden":
@@ -115,16 +126,15 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
             f"one of {', '.join(known)}" if known else "a known key",
             f"did you mean {near[0]}?" if near else "remove it or correct its spelling",
             file=file,
-            place=place[:200],
+            place=place,
         )
     if fault["type"] == "missing":
         return ReadError("no such key", "a value", "add it", file=file, place=place)
-    found = repr(fault["input"])
     expected = fault["msg"].removeprefix("Input should be ")
     if fault["type"] in ("model_type", "dict_type"):
         expected = "a table, such as { key = value }"
     return ReadError(
-        found if len(found) <= 60 else found[:57] + "...",
+        _SHORT.repr(fault["input"]),
         expected[0].lower() + expected[1:],
         "correct the value",
         file=file,

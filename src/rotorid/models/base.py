@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,6 +12,8 @@ import numpy as np
 from sympy import QQ
 from sympy.polys.matrices import DomainMatrix
 
+from rotorid.models.dependence import independent_signals
+from rotorid.models.expression import Expression
 from rotorid.models.terms import Monomial, Product
 from rotorid.record import Floats
 from rotorid.units import multiply_units
@@ -60,19 +63,25 @@ def gather_base(
     -------
     BaseParameters
     """
-    entries: dict[tuple[int, Any], int] = {}
-    columns: dict[Monomial, dict[int, Fraction]] = {m: {} for m in monomials}
+    independent = independent_signals(product.signal for product in products)
+    entries: dict[tuple[int, Expression], int] = {}
+    rows: dict[int, dict[int, Fraction]] = defaultdict(lambda: defaultdict(Fraction))
+    position = {monomial: i for i, monomial in enumerate(monomials)}
     for product in products:
-        entry = entries.setdefault((product.row, product.signal), len(entries))
-        columns[product.monomial][entry] = product.coefficient
-    scanned = [i for i, m in enumerate(monomials) if any(m) and columns[m]]
+        column = position[product.monomial]
+        for signal, factor in independent[product.signal].items():
+            entry = entries.setdefault((product.row, signal), len(entries))
+            rows[entry][column] += factor * product.coefficient
+    occurring = {column for row in rows.values() for column, value in row.items() if value}
+    scanned = [i for i in sorted(occurring) if any(monomials[i])]
     if not scanned:
         return BaseParameters((), (), np.zeros((0, len(monomials))), ())
-    dense = [
-        [_rational(columns[monomials[i]].get(entry, Fraction(0))) for i in scanned]
-        for entry in range(len(entries))
-    ]
-    reduced, pivots = DomainMatrix(dense, (len(entries), len(scanned)), QQ).to_sparse().rref()
+    sparse = {
+        entry: {k: _rational(row[i]) for k, i in enumerate(scanned) if row.get(i)}
+        for entry, row in rows.items()
+        if any(row.get(i) for i in scanned)
+    }
+    reduced, pivots = DomainMatrix(sparse, (len(entries), len(scanned)), QQ).rref()
     merged = reduced.to_dense().to_list()[: len(pivots)]
     names, found_units = [], []
     gather = np.zeros((len(pivots), len(monomials)))

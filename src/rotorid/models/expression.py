@@ -6,6 +6,7 @@ length, its nesting, the size of its numbers, the degree and the number of terms
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -21,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from rotorid.errors import ModelError
 
 MAX_LENGTH = 100_000
-MAX_NESTING = 100
-MAX_TERMS = 20_000
+MAX_NESTING = 64
+MAX_TERMS = 5_000
 MAX_DEGREE = 32
 MAX_EXPONENT = 280  # decimal exponent of a number
 RESERVED = ("t", "Omega", "phi")
@@ -80,7 +81,9 @@ class _Builder(Transformer[Token, Any]):
     def number(self, children: list[Token]) -> _Node:
         text = str(children[0])
         value = float(text)
-        if len(text) > 60 or not (value == 0 or 1e-200 < abs(value) < 1e200):
+        if not re.search("[1-9]", re.split("[eE]", text)[0]):
+            return _Node(sp.Integer(0))  # 0e999999999 is not to be computed
+        if len(text) > 60 or not 1e-200 < value < 1e200:
             raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
         return _Node(sp.Rational(text))
 
@@ -116,11 +119,11 @@ class _Builder(Transformer[Token, Any]):
 
     def _reciprocal(self, node: _Node) -> Expression:
         divisor = sp.expand(node.value)
-        if divisor == 0:
-            raise ModelError(
-                f"a division by zero (by {_shown(node.value)})", "a divisor", "remove it"
-            )
         self._refuse_parameters(divisor, "a division by")
+        if vanishes(divisor):
+            raise ModelError(
+                f"a division by zero (by {shown(node.value)})", "a divisor", "remove it"
+            )
         return 1 / divisor
 
     def power(self, children: list[_Node]) -> _Node:
@@ -128,31 +131,43 @@ class _Builder(Transformer[Token, Any]):
         value = exponent.value
         if not value.is_Rational:
             raise ModelError(
-                f"the exponent {_shown(value)}", "a rational number", "write a number there"
+                f"the exponent {shown(value)}", "a rational number", "write a number there"
             )
         whole = bool(value.is_Integer) and value >= 0
         if not whole:
-            self._refuse_parameters(sp.expand(base.value), f"the power {_shown(value)} of")
-            if base.value == 0:
-                raise ModelError("a division by zero", "a divisor", "remove it")
+            expanded = sp.expand(base.value)
+            self._refuse_parameters(expanded, f"the power {shown(value)} of")
+            if vanishes(expanded):
+                raise ModelError(
+                    f"the power {shown(value)} of zero ({shown(base.value)})",
+                    "a base other than zero",
+                    "remove it",
+                )
         size = max(1, abs(int(value)))
-        degree = max(base.degree, 0 if base.value in (0, 1, -1) else 1) * size
-        limit = 300 if base.value.is_Number else MAX_DEGREE
+        number = base.value.is_number
+        degree = 0 if number else max(base.degree, 1) * size
+        limit = 300 if number else MAX_DEGREE
         if size > limit or degree > limit:
             raise ModelError(
-                f"the power {_shown(value)}", f"a degree of at most {limit}", "write it smaller"
+                f"the power {shown(value)}", f"a degree of at most {limit}", "write it smaller"
             )
         terms = min(base.terms**size, 10 * MAX_TERMS) if whole else 1
         return self._checked(base.value**value, terms, degree, children)
 
     def call(self, children: list[Any]) -> _Node:
         function, node = str(children[0]), children[1]
+        if function in self.names:
+            raise ModelError(
+                f"{function[:60]!r} before a parenthesis",
+                "a function or an operator there",
+                f"write {function[:60]}*(...) for a product",
+            )
         if function not in FUNCTIONS:
             raise _unknown(function, frozenset(FUNCTIONS), "a function: one of")
         argument = sp.expand(node.value)
         self._refuse_parameters(argument, f"{function} of")
         if argument.is_number and abs(float(argument)) > 300 and function == "exp":
-            raise ModelError(f"exp({_shown(argument)})", "a finite number", "scale it")
+            raise ModelError(f"exp({shown(argument)})", "a finite number", "scale it")
         # One nonlinear function counts as one factor, however large its argument.
         return self._checked(FUNCTIONS[function](argument), 1, 1, [node])
 
@@ -164,7 +179,7 @@ class _Builder(Transformer[Token, Any]):
         held = sorted(str(s) for s in value.free_symbols if str(s) in self.linear)
         if held:
             raise ModelError(
-                f"{what} {_shown(value)}, which holds {', '.join(held)}",
+                f"{what} {shown(value)}, which holds {', '.join(held)}",
                 "a polynomial in the parameters, inputs to the first power only",
                 "name the whole expression as a parameter of its own",
             )
@@ -178,16 +193,48 @@ class _Builder(Transformer[Token, Any]):
         if depth > MAX_NESTING:
             raise _too_deep()
         if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
-            raise ModelError(
-                f"{_shown(value)}: no finite real number", "real numbers", "check the divisors"
-            )
+            raise _not_real(value)
         if value.is_number and value != 0:
-            bound = abs(sp.N(value, 5))
-            if not sp.Float(10) ** -MAX_EXPONENT < bound < sp.Float(10) ** MAX_EXPONENT:
-                raise ModelError(
-                    "a number too large or too small", f"1e+-{MAX_EXPONENT}", "scale it"
-                )
+            _check_number(value)
         return _Node(value, terms, degree, depth)
+
+
+def vanishes(value: Expression) -> bool:
+    """Tell whether an expanded expression is zero whatever its symbols are.
+
+    Examples
+    --------
+    >>> x = symbol("x")
+    >>> vanishes(sp.sin(x) ** 2 + sp.cos(x) ** 2 - 1), vanishes(sp.sin(x))
+    (True, False)
+    """
+    names = sorted(value.free_symbols, key=str)
+    if value == 0 or value.is_Rational or value.is_polynomial(*names):
+        return bool(value == 0)
+    point = {name: sp.Rational(2 * i + 3, 7 * i + 11) for i, name in enumerate(names)}
+    return not _is_significant(sp.N(value.xreplace(point), 15))
+
+
+def _is_significant(number: Expression) -> bool:
+    """Tell a number from what cancellation leaves of zero: no digit of that is right."""
+    return bool(number != 0) and all(part._prec > 1 for part in number.atoms(sp.Float))
+
+
+def _check_number(value: Expression) -> None:
+    number = sp.N(value, 15)
+    real, imaginary = number.as_real_imag()
+    if imaginary != 0:
+        raise _not_real(value)
+    if not value.is_Rational and not _is_significant(number):
+        raise ModelError(f"{shown(value)}, which is zero", "a number", "write 0 or remove it")
+    if not sp.Float(10) ** -MAX_EXPONENT < abs(real) < sp.Float(10) ** MAX_EXPONENT:
+        raise ModelError("a number too large or too small", f"1e+-{MAX_EXPONENT}", "scale it")
+
+
+def _not_real(value: Expression) -> ModelError:
+    return ModelError(
+        f"{shown(value)}: no finite real number", "real numbers", "check divisors and roots"
+    )
 
 
 def _too_deep() -> ModelError:
@@ -196,7 +243,8 @@ def _too_deep() -> ModelError:
     )
 
 
-def _shown(value: Expression) -> str:
+def shown(value: Expression) -> str:
+    """Return an expression as text for a message, shortened."""
     text = str(value).replace("**", "^")
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -276,16 +324,19 @@ def _value(result: Any) -> Expression:
 
 def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
     column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
+    cure = "correct the text there"
     if isinstance(error, UnexpectedCharacters):
         found = repr(text[error.pos_in_stream or 0])
     else:
         token = getattr(error, "token", "")
         found = repr(str(token)[:40]) if str(token) else "the end of the text"
+        if getattr(token, "type", "") in ("NAME", "NUMBER", "FUNCTION", "LPAR"):
+            cure = "write an operator before it: * for a product"
     expected = "an equation: expression = expression" if start == "equation" else "an expression"
     return ModelError(
         f"{found} in {text[:60]!r}",
         f"{expected} of names, numbers, + - * / ^ and ( )",
-        "correct the text there",
+        cure,
         place=f"column {column}",
     )
 

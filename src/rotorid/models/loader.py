@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from importlib.resources import files
@@ -17,6 +18,7 @@ from rotorid.models.terms import Names
 from rotorid.toml import Schema, parse_toml, read_toml
 from rotorid.units import check_unit, si_factor
 
+MAX_NAMES = 500
 _NAME = re.compile(r"[^\W\d]\w{0,63}")
 
 
@@ -29,10 +31,10 @@ class _ParameterEntry(Schema):
 class _ModelFile(Schema):
     title: str
     source: str = ""
-    equations: list[str] = Field(min_length=1)
-    coordinates: dict[str, str] = Field(min_length=1)
-    inputs: dict[str, str]
-    parameters: dict[str, _ParameterEntry] = Field(min_length=1)
+    equations: list[str] = Field(min_length=1, max_length=MAX_NAMES)
+    coordinates: dict[str, str] = Field(min_length=1, max_length=MAX_NAMES)
+    inputs: dict[str, str] = Field(max_length=MAX_NAMES)
+    parameters: dict[str, _ParameterEntry] = Field(min_length=1, max_length=MAX_NAMES)
 
 
 def shipped_models() -> tuple[str, ...]:
@@ -80,7 +82,7 @@ def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
         resource = files("rotorid.models").joinpath("library").joinpath(f"{text}.toml")
         return parse_model(resource.read_bytes(), name=text, file=f"{text}.toml")
     path = Path(folder) / name
-    if not path.suffix and not path.exists():
+    if not path.suffix and not os.path.exists(path):  # pathlib's raises where the name is too long
         raise ReadError(
             f"no model {text[:60]!r}",
             f"one of {', '.join(shipped_models())}, or the path of a model file",
@@ -174,13 +176,15 @@ def _check_names(names: Names) -> None:
 def _check_use(model: Model) -> None:
     used = {str(s) for t in model.terms for s in t.signal.free_symbols}
     used |= {model.inputs[t.input] for t in model.input_terms}
-    used |= {model.parameter_names[i] for i in np.flatnonzero(model.monomials.any(axis=0))}
+    driving = {t.monomial for t in model.input_terms}
+    kept = [i for i, c in enumerate(model.base.gather.T) if c.any() or i in driving]
+    used |= {model.parameter_names[i] for i in np.flatnonzero(model.monomials[kept].any(axis=0))}
     for name in _declared(model):
         if not {name, name + "'", name + "''"} & used:
             raise ModelError(
                 f"{name!r} in no equation",
                 "every declared name in an equation",
-                "use it or remove it",
+                "use it or remove it; what it multiplies may vanish",
                 place="equations",
             )
 

@@ -10,7 +10,16 @@ from fractions import Fraction
 import sympy as sp
 
 from rotorid.errors import ModelError
-from rotorid.models.expression import RESERVED, Expression, check_evaluable, parse, symbol
+from rotorid.models.expression import (
+    MAX_EXPONENT,
+    MAX_TERMS,
+    RESERVED,
+    Expression,
+    check_evaluable,
+    parse,
+    shown,
+    symbol,
+)
 
 Monomial = tuple[int, ...]  # exponent of each parameter
 DERIVATIVES = ("", "'", "''")
@@ -84,6 +93,13 @@ def split_equations(texts: Sequence[str], names: Names) -> Equations:
             products = _products(row, text, names)
         except ModelError as error:
             raise error.at(place=f"equation {row + 1}") from None
+        if len(left) + len(right) + len(products) > MAX_TERMS:
+            raise ModelError(
+                f"more than {MAX_TERMS} terms when expanded",
+                f"{MAX_TERMS} in all equations at most",
+                "simplify the model",
+                place=f"equation {row + 1}",
+            )
         inputs = {symbol(name) for name in names.inputs}
         forces = [p for p in products if p.signal in inputs]
         others = [p for p in products if p.signal not in inputs]
@@ -96,22 +112,31 @@ def split_equations(texts: Sequence[str], names: Names) -> Equations:
 def _products(row: int, text: str, names: Names) -> list[Product]:
     linear = frozenset([*names.parameters, *names.inputs])
     value = sp.expand(parse(text, names=names.all, linear=linear, start="equation"))
+    inputs = frozenset(symbol(name) for name in names.inputs)
+    index = {symbol(name): i for i, name in enumerate(names.parameters)}
     gathered: dict[tuple[Monomial, Expression], Fraction] = defaultdict(Fraction)
     for term in sp.Add.make_args(value):
-        monomial, signal, coefficient = _factors(term, names)
+        monomial, signal, coefficient = _factors(term, index, inputs)
         gathered[monomial, signal] += coefficient
     products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
-    if not any(p.signal.free_symbols or any(p.monomial) for p in products):
+    motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
+    if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
         raise ModelError(
-            f"nothing but numbers in {text[:60]!r}", "an equation of motion", "drop it"
+            f"neither a coordinate nor a parameter in what remains of {text[:60]!r}",
+            "an equation of motion",
+            "drop it or correct it",
+        )
+    if any(not 10**-MAX_EXPONENT < abs(p.coefficient) < 10**MAX_EXPONENT for p in products):
+        raise ModelError(
+            "a coefficient too large or too small", f"1e+-{MAX_EXPONENT}", "scale the equation"
         )
     return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
 
 
-def _factors(term: Expression, names: Names) -> tuple[Monomial, Expression, Fraction]:
-    index = {symbol(name): i for i, name in enumerate(names.parameters)}
-    inputs = {symbol(name) for name in names.inputs}
-    exponents = [0] * len(names.parameters)
+def _factors(
+    term: Expression, index: dict[Expression, int], inputs: frozenset[Expression]
+) -> tuple[Monomial, Expression, Fraction]:
+    exponents = [0] * len(index)
     coefficient, signal = Fraction(1), sp.Integer(1)
     for factor in sp.Mul.make_args(term):
         base, exponent = factor.as_base_exp()
@@ -123,7 +148,7 @@ def _factors(term: Expression, names: Names) -> tuple[Monomial, Expression, Frac
             signal *= factor
     if (held := signal.free_symbols & inputs) and signal not in inputs:
         raise ModelError(
-            f"the term {term} with the input {min(map(str, held))}",
+            f"the term {shown(term)} with the input {min(map(str, held))}",
             "inputs that stand alone, times numbers and parameters",
             "give the product an input of its own",
         )

@@ -1,0 +1,144 @@
+"""Functions that depend linearly on one another whatever their arguments, as 1, sin^2 and cos^2.
+
+Products of powers of symbols are independent. Where functions, roots or divisions appear, the
+signals are evaluated at points without a pattern, to a hundred digits, and the relations between
+the columns found by elimination: with so many digits a relation at more points than signals is
+an identity.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+import sympy as sp
+
+from rotorid.models.expression import Expression
+
+_DIGITS = 100
+_TOLERANCE = Decimal("1e-40")  # what is left of a dependent column
+_MAX_GROUP = 80  # signals; larger groups count as independent
+_SCALES = (sp.Rational(1), sp.Rational(3), sp.Rational(1, 30), sp.Rational(1, 10**5))
+
+Combination = Mapping[Expression, Fraction]
+
+
+def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combination]:
+    """Write each signal as a combination of independent ones.
+
+    Parameters
+    ----------
+    signals : iterable of expression
+
+    Returns
+    -------
+    dict of signal to {independent signal: coefficient}
+        The independent ones are signals themselves; they stand for themselves.
+
+    Examples
+    --------
+    >>> x = sp.Symbol("x", real=True)
+    >>> found = independent_signals([sp.Integer(1), sp.sin(x) ** 2, sp.cos(x) ** 2])
+    >>> found[sp.cos(x) ** 2] == {sp.Integer(1): 1, sp.sin(x) ** 2: -1}
+    True
+    """
+    everything = list(dict.fromkeys(signals))
+    found: dict[Expression, Combination] = {s: {s: Fraction(1)} for s in everything}
+    for outer, members in _groups(everything).items():
+        if 1 < len(members) <= _MAX_GROUP and not all(_is_power_product(m) for m in members):
+            for inner, relation in _relations(members).items():
+                found[outer * inner] = {outer * other: c for other, c in relation.items()}
+    return found
+
+
+def _is_power_product(value: Expression) -> bool:
+    return not any(_holds_function(factor) for factor in sp.Mul.make_args(value))
+
+
+def _holds_function(factor: Expression) -> bool:
+    base, exponent = factor.as_base_exp()
+    return not (base.is_Symbol or base.is_number) or not exponent.is_Integer or exponent < 0
+
+
+def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]:
+    """Split off the powers of symbols that stand in no function; what is left is grouped by them.
+
+    Signals of different groups are independent.
+    """
+    inside: set[Expression] = set()
+    for signal in signals:
+        for factor in sp.Mul.make_args(signal):
+            if _holds_function(factor):
+                inside |= factor.free_symbols
+    groups: dict[Expression, list[Expression]] = defaultdict(list)
+    for signal in signals:
+        inner, outer = sp.Integer(1), sp.Integer(1)
+        for factor in sp.Mul.make_args(signal):
+            if factor.free_symbols & inside:
+                inner *= factor
+            else:
+                outer *= factor
+        groups[outer].append(inner)
+    return groups
+
+
+def _relations(signals: Sequence[Expression]) -> dict[Expression, Combination]:
+    """Return the dependent signals in terms of the others, by Gauss and Jordan."""
+    relations: dict[Expression, Combination] = {}
+    with localcontext() as context:
+        context.prec = _DIGITS
+        rows = _samples(signals)
+        size = [max((abs(row[j]) for row in rows), default=0) for j in range(len(signals))]
+        pivots: list[int] = []
+        for j, signal in enumerate(signals):
+            left = range(len(pivots), len(rows))
+            best = max(left, key=lambda i: abs(rows[i][j]), default=None)
+            if best is None:
+                break  # too few points: the rest counts as independent
+            if abs(rows[best][j]) <= _TOLERANCE * size[j]:
+                ratios = [_near(row[j]) for row in rows[: len(pivots)]]
+                relations[signal] = {
+                    signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c
+                }
+                continue
+            rows[left[0]], rows[best] = rows[best], rows[left[0]]
+            _eliminate(rows, left[0], j)
+            pivots.append(j)
+    return relations
+
+
+def _eliminate(rows: list[list[Decimal]], pivot: int, column: int) -> None:
+    head = [value / rows[pivot][column] for value in rows[pivot]]
+    for i, row in enumerate(rows):
+        factor = row[column]
+        rows[i] = head if i == pivot else [a - factor * b for a, b in zip(row, head, strict=True)]
+
+
+def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
+    """Evaluate signals at points where all are real; five more of them than signals, if found."""
+    names = sorted(set().union(*(s.free_symbols for s in signals)), key=str)
+    wanted, rows = len(signals) + 5, []
+    for k in range(8 * wanted):
+        point = {name: _coordinate(i, k) for i, name in enumerate(names)}
+        values = [sp.N(signal.xreplace(point), _DIGITS) for signal in signals]
+        if all(value.is_Float or value.is_Rational for value in values):
+            rows.append([Decimal(str(value)) for value in values])
+        if len(rows) == wanted:
+            return rows
+    return []
+
+
+def _coordinate(i: int, k: int) -> Expression:
+    """Return coordinate i of point k: several sizes, both signs, no pattern."""
+    mixed = (7919 * (k + 1) ** 2 + 104729 * (i + 1) ** 3) % 99991
+    return _SCALES[k % len(_SCALES)] * (sp.Rational(mixed, 49999) - 1)
+
+
+def _near(value: Decimal) -> Fraction:
+    """Return the simple fraction that a number is, else the number in double precision."""
+    simple = Fraction(value).limit_denominator(10**6)
+    if abs(Fraction(value) - simple) < Fraction(1, 10**30):
+        return simple
+    return Fraction(repr(float(value)))

@@ -1,0 +1,279 @@
+"""The grammar: what a text means, what is refused and how it says so."""
+
+import re
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorid.errors import InputError, ModelError
+from rotorid.models.expression import FUNCTIONS, evaluate, parse, symbol, vanishes
+
+NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
+LINEAR = frozenset({"a", "b", "F"})
+POINT = {"x": 2.0, "x'": 3.0, "x''": 5.0, "y": 7.0, "a": 11.0, "b": 13.0, "F": 17.0}
+
+
+def refusal(text, start="sum"):
+    """Return the message with which a text is refused, checked for its form; "" where it is not."""
+    try:
+        found = parse(text, names=NAMES, linear=LINEAR, start=start)
+    except InputError as error:
+        message = str(error)
+    else:
+        assert {str(s) for s in found.free_symbols} <= NAMES
+        return ""
+    assert re.fullmatch("(column .+: )?found .+; expected .+; .+", message)
+    assert len(message) < 600
+    return message
+
+
+def value(text):
+    return float(evaluate(parse(text, names=NAMES), POINT))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("-x^2", -4),
+        ("(-x)^2", 4),
+        ("-x**2", -4),
+        ("2^-1", 0.5),
+        ("x^-2", 0.25),
+        ("2^3^2", 512),  # from the right, as in mathematics and Python
+        ("-2^-2", -0.25),
+        ("a/b/x", 11 / 13 / 2),
+        ("a/b*x", 11 / 13 * 2),
+        ("a*b/x*y", 11 * 13 / 2 * 7),
+        ("a - b - x", -4),
+        ("a - b + x", 0),
+        ("a - -b", 24),
+        ("a + -b", -2),
+        ("a*-b", -143),
+        ("a/-x", -5.5),
+        ("+x", 2),
+        ("--x", 2),
+        ("x''*x'", 15),
+        ("x'^2", 9),
+        ("x''^2*x", 50),
+        ("x*x'*x''", 30),
+        ("1.5e1*x", 30),
+        (".5*x", 1),
+        ("5.*x", 10),
+        ("1e-3*x", 0.002),
+        ("x\t*\n y", 14),
+        ("x^0.5", 2**0.5),
+        ("x^(1/3)", 2 ** (1 / 3)),
+        ("sqrt(x)*sqrt(x)", 2),
+        ("2^40*10^-12*10^-12*10^-12*x", 2**41 * 1e-36),
+        ("pi*x", 2 * np.pi),
+        ("cos(pi/4)*x", 2**0.5),
+        ("abs(-x)*sign(-y)", -2),
+        ("exp(-x)*tanh(x)", np.exp(-2) * np.tanh(2)),
+        ("tan(pi/2 - x)", 1 / np.tan(2)),
+        ("sin(x + y)^2 + cos(x + y)^2", 1),
+        ("1/(1/x)", 2),
+        ("((((x))))", 2),
+    ],
+)
+def test_value_of_a_text(text, expected):
+    assert value(text) == pytest.approx(expected, rel=1e-14)
+
+
+def test_both_signs_of_a_power_are_one_operator():
+    assert parse("x**2", names=NAMES) == parse("x^2", names=NAMES)
+    with pytest.raises(ModelError, match=r"column 4: found '\*'"):
+        parse("x* *2", names=NAMES)
+
+
+def test_functions_agree_with_numpy():
+    x = np.linspace(-3, 3, 41)
+    ours = {"abs": np.abs, "sqrt": lambda v: np.sqrt(v**2)}
+    for name in FUNCTIONS:
+        text = "sqrt(x^2)" if name == "sqrt" else f"{name}(x)"
+        expected = ours.get(name, getattr(np, name, None))(x)
+        found = evaluate(parse(text, names=NAMES), {"x": x})
+        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["S", "E", "I", "N", "Q", "O", "beta", "gamma", "lambda", "zeta"])
+@pytest.mark.parametrize("other", ["C", "re", "class", "None", "True", "μ", "m²", "k_1", "x1"])
+def test_names_that_mean_something_elsewhere_are_just_names(name, other):
+    found = parse(f"{name}*{other}^2", names=frozenset({name, other}))
+    assert found == symbol(name) * symbol(other) ** 2
+    assert float(evaluate(found, {name: 2.0, other: 3.0})) == 18
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("2x", "column 2: found 'x'.*write an operator before it"),
+        ("a x", "column 3: found 'x'.*write an operator before it"),
+        ("(x)(y)", "column 4: found '('.*write an operator before it"),
+        ("(x + 1)a", "column 8: found 'a'.*write an operator before it"),
+        ("a(x + 1)", "found 'a' before a parenthesis; .*; write a\\*(...) for a product"),
+        ("sin x", "column 5: found 'x'"),
+        ("sine(x)", "found the unknown name 'sine'; .*; did you mean sin?"),
+        ("sin", "found the unknown name 'sin'"),
+        ("x'''", 'column 4: found "\'"'),
+        ("a'", 'found the unknown name "a\'"; .*; did you mean a?'),
+        ("omega", "found the unknown name 'omega'; .*; did you mean Omega?"),
+        ("x +", "found the end of the text"),
+        ("", "column 1: found the end of the text"),
+        ("* x", r"column 1: found '\*'"),
+        ("x = y", "column 3: found '='"),
+        ("(x", "found the end of the text"),
+        ("x)", "column 2: found ')'"),
+        ("x # y", "column 3: found '#'"),
+        ("x\0", "column 2: found"),
+        ("x − y", "column 3: found '−'"),
+        ("٣*x", "column 1: found '٣'"),
+        ("x.y", r"column 2: found '\.'"),
+        ("import os", "unknown name 'import'|column 8"),
+        ("__import__('os')", "unknown name '__import__'|column 12"),
+        ("x.__class__", r"column 2: found '\.'"),
+        ("9^9^9^9*x", "found the power 387420489; expected a degree of at most 300"),
+        ("(a + b + x + y)^1000", "found the power 1000"),
+        ("x^33", "found the power 33; expected a degree of at most 32"),
+        ("x^20*x^20", "found degree 40"),
+        ("exp(exp(exp(100)))", "found exp(exp(100)); expected a finite number"),
+        ("1e999*x", "found the number 1e999"),
+        ("1e-999*x", "found the number 1e-999"),
+        ("1e-999999999*x", "found the number 1e-999999999"),
+        ("x/0e999999999", "found a division by zero"),
+        ("1" * 100, "found the number 1111"),
+        ("1e150^2*x", "found a number too large or too small"),
+        ("*".join(["(x + y)"] * 13), "found too many terms when expanded"),
+        ("+".join(["x"] * 20_000), "found too many terms when expanded"),
+        ("+".join(["x"] * 100_000), "found 199999 characters"),
+        ("z" * 10**6, "found 1000000 characters"),
+        ("z" * 50_000, "found the unknown name 'zzzz"),
+        ("x/0", "found a division by zero"),
+        ("x/0.0", "found a division by zero"),
+        ("1/(2 - 2)", "found a division by zero"),
+        ("1/(x - x)", "found a division by zero"),
+        ("y/(x*(x + 1) - x^2 - x)", "found a division by zero"),
+        ("y/(sin(x)^2 + cos(x)^2 - 1)", "found a division by zero"),
+        ("y/(sin(1)^2 + cos(1)^2 - 1)", "which is zero"),
+        ("y/(abs(x)*sign(x) - x)", "found a division by zero"),
+        ("(x*(x + 1) - x^2 - x)^-2", "found the power -2 of zero"),
+        ("(x - x)^0.5", "found the power 1/2 of zero"),
+        ("0^-1*x", "found the power -1 of zero"),
+        ("tan(pi/2)", "no finite real number"),
+        ("x/sin(pi)", "found a division by zero"),
+        ("sqrt(-2)*x", "no finite real number"),
+        ("(-8)^(1/3)*x", "no finite real number"),
+        ("sin((-1)^(1/3))*x", "no finite real number"),
+        ("sqrt(-x^2)", "no finite real number"),
+        ("sqrt(a)*x", "found sqrt of a, which holds a; expected a polynomial in the parameters"),
+        ("a/b", "found a division by b, which holds b"),
+        ("sin(a*x)", "found sin of a\\*x, which holds a"),
+        ("a^x", "found the exponent x; expected a rational number"),
+        ("x^a", "found the exponent a"),
+        ("2^x", "found the exponent x"),
+        ("x^pi", "found the exponent pi"),
+        ("a^-1*x", "found the power -1 of a"),
+        ("a^0.5", "found the power 1/2 of a"),
+        ("(a*x)^0.5", "found the power 1/2 of a\\*x"),
+        ("sin(F)", "found sin of F, which holds F"),
+        ("1/F", "found a division by F"),
+    ],
+)
+def test_refusals(text, message):
+    with pytest.raises(ModelError, match=message.replace("(", r"\(").replace(")", r"\)")) as caught:
+        parse(text, names=NAMES, linear=LINEAR)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize("depth", [20, 100, 200, 330, 500, 999, 5000])
+@pytest.mark.parametrize(
+    "nest",
+    [
+        lambda n: "(" * n + "x" + ")" * n,
+        lambda n: "-" * n + "x",
+        lambda n: "-(" * n + "x" + ")" * n,
+        lambda n: "x" + "^1" * n,
+        lambda n: "2" + "^-1" * n,
+        lambda n: "sin(" * n + "x" + ")" * n,
+        lambda n: "sqrt(1+" * n + "x" + ")" * n,
+        lambda n: "(x*" * n + "x" + ")" * n,
+        lambda n: "x" + "*(x" * n + ")" * n,
+        lambda n: "(" * n,
+        lambda n: "x" + ")" * n,
+        lambda n: "-" * n,
+    ],
+)
+def test_deep_nesting_is_read_or_refused_in_one_line(nest, depth):
+    message = refusal(nest(depth))
+    assert depth == 20 or re.search("nesting deeper|degree|column|found the end", message)
+
+
+ATOMS = [*NAMES, *FUNCTIONS, "pi", "q", "0", "1", "2", "3", "0.5", "1e3", "1e-300", "1e300", "²"]
+MARKS = ["+", "-", "*", "/", "^", "**", "(", ")", "=", "'", " ", ".", ",", "\n", "\\", "é", "_"]
+TEXTS = st.lists(st.sampled_from(ATOMS + MARKS), max_size=25).map("".join) | st.text(max_size=40)
+
+
+def trees(inner):
+    pair = st.tuples(inner, st.sampled_from([" + ", " - ", "*", "/", "^"]), inner)
+    call = st.tuples(st.sampled_from([*FUNCTIONS, "-", ""]), inner)
+    return pair.map("({0[0]}{0[1]}{0[2]})".format) | call.map("{0[0]}({0[1]})".format)
+
+
+WELL_FORMED = st.recursive(
+    st.sampled_from([*NAMES, "pi", "0", "1", "2", "0.5"]), trees, max_leaves=8
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(TEXTS | WELL_FORMED, st.sampled_from(["sum", "equation"]))
+def test_any_text_is_read_or_refused(text, start):
+    refusal(text, start)
+
+
+OPERATIONS = {" + ": np.add, " - ": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
+FUNCTION_VALUES = {**{n: getattr(np, n) for n in FUNCTIONS}, "-": np.negative, "": np.positive}
+LEAVES = [(name, np.float64(number)) for name, number in POINT.items()]
+NUMBERS = [(text, np.float64(text)) for text in ("0", "1", "2", "3", "0.5", "1.25e-1")]
+
+
+def valued(inner):
+    def joined(parts):
+        (left, a), operator, (right, b) = parts
+        return f"({left}{operator}{right})", OPERATIONS[operator](a, b)
+
+    def called(parts):
+        function, (text, a) = parts
+        return f"{function}({text})", FUNCTION_VALUES[function](a)
+
+    pair = st.tuples(inner, st.sampled_from(list(OPERATIONS)), inner)
+    return pair.map(joined) | st.tuples(st.sampled_from(list(FUNCTION_VALUES)), inner).map(called)
+
+
+VALUED = st.recursive(st.sampled_from(LEAVES + NUMBERS), valued, max_leaves=8)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_values_agree_with_numpy(data):
+    with np.errstate(all="ignore"):
+        text, expected = data.draw(VALUED)
+    try:
+        found = parse(text, names=NAMES)
+    except ModelError:
+        return
+    if np.isfinite(expected) and 1e-9 < abs(expected) < 1e9:
+        np.testing.assert_allclose(evaluate(found, POINT), expected, rtol=1e-6)
+
+
+def test_vanishing_is_told_from_small():
+    x, y = symbol("x"), symbol("y")
+    assert vanishes(sp.Integer(0))
+    assert vanishes(sp.sin(x) ** 2 + sp.cos(x) ** 2 - 1)
+    assert vanishes(sp.sqrt(x**2 * y**2) - sp.Abs(x) * sp.Abs(y))
+    assert not vanishes(x)
+    assert not vanishes(sp.Rational(1, 10**200))
+    assert not vanishes(sp.sin(x) - x)
+    assert not vanishes(sp.exp(-100 * x**2))

@@ -1,0 +1,243 @@
+"""Model files: what is read, what is refused, in one line that names file and place."""
+
+import os
+import random
+import re
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorid.errors import InputError, ModelError, ReadError
+from rotorid.models import load_model, parse_model, shipped_models
+
+FILE = """
+title = "a mass on a spring"
+equations = ["m*x'' + k*x = F"]
+[coordinates]
+x = "m"
+[inputs]
+F = "N"
+[parameters]
+m = { unit = "kg" }
+k = { unit = "N/m" }
+"""
+
+
+def edited(*pairs):
+    text = FILE
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def refusal(text):
+    with pytest.raises(InputError) as caught:
+        parse_model(text, file="bad.toml")
+    message = str(caught.value)
+    assert re.fullmatch(r"bad\.toml: (.+: )?found .+; expected .+; .+", message)
+    assert len(message) < 600
+    return message
+
+
+def test_the_file_itself_is_good():
+    model = parse_model(FILE)
+    assert model.coordinates == ("x",)
+    assert model.inputs == ("F",)
+    assert model.parameter_names == ("m", "k")
+    assert model.units == {"x": "m", "F": "N"}
+    assert model.nominal == {}
+
+
+def test_units_are_converted_to_si():
+    model = parse_model(
+        edited(('"kg" }', '"g", nominal = 250, positive = true }'), ('x = "m"', 'x = "mm"'))
+    )
+    assert model.nominal == {"m": pytest.approx(0.25)}
+    assert model.parameters[0].unit == "kg"
+    assert model.parameters[0].positive
+    assert model.units["x"] == "m"
+
+
+@pytest.mark.parametrize("name", ["S", "E", "I", "N", "lambda", "beta", "class", "zeta", "Q", "_"])
+def test_names_that_mean_something_elsewhere(name):
+    model = parse_model(edited(("m*x''", f"{name}*x''"), ("m = {", f"{name} = {{")))
+    assert model.base.names == (name, "k")
+
+
+def test_unicode_names():
+    model = parse_model(edited(("m*x''", "μ*x''"), ("m = {", '"μ" = {')))
+    assert model.base.names == ("μ", "k")
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([("title", "tittle")], "tittle: found the unknown key 'tittle'; .*did you mean title"),
+        ([('title = "a mass on a spring"', "")], "title: found no such key"),
+        ([("[inputs]", "[input]")], "input: found the unknown key 'input'.*did you mean inputs"),
+        ([('unit = "kg"', 'units = "kg"')], r"parameters\.m\.units: found the unknown key"),
+        ([('unit = "kg"', "unit = 1")], r"parameters\.m\.unit: found 1; expected a valid string"),
+        ([('"kg"', '"kgg"')], r"parameters\.m\.unit: found unit 'kgg' \(unknown name kgg\)"),
+        ([('"kg"', '""')], r"parameters\.m\.unit: found unit ''"),
+        ([('"kg"', '"degC"')], r"parameters\.m\.unit: found unit 'degC'"),
+        ([('"kg"', '"' + "z" * 10**5 + '"')], r"parameters\.m\.unit: found unit 'zzz"),
+        ([('"kg"', '"kg", nominal = nan')], r"parameters\.m\.nominal: found nan"),
+        ([('"kg"', '"kg", nominal = 1e999')], r"parameters\.m\.nominal: found inf"),
+        ([('"kg"', '"kg", nominal = -1, positive = true')], r"parameters\.m\.nominal: found -1"),
+        ([('"kg"', '"kg", nominal = 0, positive = true')], r"parameters\.m\.nominal: found 0"),
+        ([("m = {", "m = 3 #")], r"parameters\.m: found 3; expected a table"),
+        ([("k = {", "m = {")], "line 10.*: found Cannot overwrite a value"),
+        ([('F = "N"', 'F = "N"\nF = "N"')], "line 8.*: found Cannot overwrite a value"),
+        ([('F = "N"', 'x = "N"')], "inputs: found the name 'x' again"),
+        ([("m = {", "F = {")], "parameters: found the name 'F' again"),
+        ([("m = {", "Omega = {")], "parameters: found the name 'Omega' again"),
+        ([("m = {", "pi = {")], "parameters: found the name 'pi' again"),
+        ([("m = {", "sin = {")], "parameters: found the name 'sin' again"),
+        ([("m = {", "m-a = {")], "parameters: found the name 'm-a'; expected a letter"),
+        ([("m = {", "1 = {")], "parameters: found the name '1'"),
+        ([("m = {", '"" = {')], "parameters: found the name ''"),
+        ([("m = {", '"m\'" = {')], 'parameters: found the name "m\'"'),
+        ([("m = {", '"m\\u0000" = {')], r"parameters: found the name 'm\\x00'"),
+        ([("m = {", '"m\\n" = {')], r"parameters: found the name 'm\\n'"),
+        ([("m = {", '"m\\u001b[31m" = {')], r"parameters: found the name 'm\\x1b\[31m'"),
+        ([("m = {", "m" * 65 + " = {")], "parameters: found the name 'mmm"),
+        ([('[inputs]\nF = "N"', "")], "inputs: found no such key"),
+        ([('x = "m"', "")], r"coordinates: found \{\}"),
+        ([("m*x'' + k*x", "m*x'' + k*x - k*x")], "equations: found 'k' in no equation"),
+        ([("k*x", "k*(sin(x)^2 + cos(x)^2 - 1)")], "equations: found 'k' in no equation"),
+        ([('F = "N"', 'F = "N"\nG = "N"')], "equations: found 'G' in no equation"),
+        ([('x = "m"', 'x = "m"\ny = "m"')], "equations: found 'y' in no equation"),
+        ([("= F", "F")], "equation 1: column 13: found 'F'.*write an operator before it"),
+        ([("= F", "== F")], "equation 1: column 14: found '='"),
+        ([("= F", "= F + q")], "equation 1: found the unknown name 'q'"),
+        ([("= F", "= F*x")], r"equation 1: found the term -F\*x with the input F"),
+        ([("= F", "= F^2")], r"equation 1: found the term -F\^2 with the input F"),
+        ([("= F", "= F/x")], "equation 1: found the term -F/x with the input F"),
+        ([("= F", "= F + x/0")], "equation 1: found a division by zero"),
+        ([('= F"', '= F", "x = x"')], "equation 2: found neither a coordinate nor a parameter"),
+        ([('= F"', '= F", "F = 3"')], "equation 2: found neither a coordinate nor a parameter"),
+        ([('= F"', '= F", "phi = t"')], "equation 2: found neither a coordinate nor a parameter"),
+        ([('= F"', '= F", ""')], "equation 2: column 1: found the end of the text"),
+        ([("k*x", "*".join(["1e100"] * 4) + "*k*x")], "equation 1: found a coefficient too large"),
+        ([("k*x", "1e-150*1e-150*k*x")], "equation 1: found a .* too large or too small"),
+        ([("[\"m*x'' + k*x = F\"]", "[1]")], r"equations\.0: found 1"),
+        ([("[\"m*x'' + k*x = F\"]", "[]")], r"equations: found \[\]"),
+        ([("[\"m*x'' + k*x = F\"]", '"m = F"')], "equations: found 'm = F'"),
+        ([('"a mass on a spring"', "1979-05-27")], "title: found datetime"),
+        ([('"a mass on a spring"', "[" * 300 + "]" * 300)], r"title: found \[\[\["),
+        ([('"a mass on a spring"', "[" * 3000 + "]" * 3000)], "found nesting too deep"),
+        ([('"a mass on a spring"', "{a=" * 300 + "1" + "}" * 300)], "title: found {'a'"),
+        ([('"a mass on a spring"', "9" * 5000)], "found a number of thousands of digits"),
+        ([("title", "title" + ".a" * 40)], "found a key of more than 32 parts"),
+        ([("title", "title" + ".'a'" * 100_000)], "found a key of more than 32 parts"),
+        ([("[inputs]", "[a" + ' . "a"' * 100_000 + "]")], "found a key of more than 32 parts"),
+        ([("k = {", "z" * 900_000 + " = {")], "parameters: found the name 'zzz"),
+        ([("k = {", "z" * 900_000 + " = { q = 1 }#")], r"parameters\.zzz.*found the unknown key"),
+        ([("k*x", "z" * 900_000)], "equation 1: found 900012 characters"),
+        ([("k*x", "(" * 1000 + "k*x" + ")" * 1000)], "equation 1: found nesting deeper than"),
+        ([("k*x", "(k + m)^1000*x")], "equation 1: found the power 1000"),
+    ],
+)
+def test_one_line_with_file_and_place(pairs, message):
+    assert re.search(message, refusal(edited(*pairs)))
+
+
+def test_hundreds_of_names_are_too_many():
+    coordinates = "".join(f'x{i} = "m"\n' for i in range(501))
+    message = refusal(edited(('x = "m"\n', coordinates)))
+    assert "coordinates: found" in message
+
+
+def test_many_equations_that_expand_are_too_many():
+    names = [f"p{i}" for i in range(60)]
+    square = f"({' + '.join(names)})*x''"
+    wide = f"({' + '.join(names)})*({' + '.join(f'x^{i}' for i in range(1, 31))}) = F"
+    text = edited(
+        ("\"m*x'' + k*x = F\"", ", ".join([f'"{wide}"'] * 200 + [f'"{square} = F"'])),
+        ("m = {", "".join(f'{n} = {{ unit = "1" }}\n' for n in names) + "#"),
+        ("k = {", "#"),
+    )
+    assert "equation 3: found more than 5000 terms" in refusal(text)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\xff\xfe" + FILE.encode(), "found byte 0 that is no UTF-8"),
+        (FILE.encode("utf-16"), "found byte 0 that is no UTF-8"),
+        (FILE.encode() + b"\0", "found Invalid statement"),
+        (b"\x89PNG\r\n\x1a\n", "found byte 0 that is no UTF-8"),
+        (b"", "title: found no such key"),
+        (b"x" * 2_000_000, "found more than 1000 kB"),
+    ],
+)
+def test_files_that_are_something_else(tmp_path, content, message):
+    path = tmp_path / "model.toml"
+    path.write_bytes(content)
+    with pytest.raises(ReadError, match=message) as caught:
+        load_model(path)
+    assert str(path) in str(caught.value)
+
+
+def test_fifty_megabytes_are_not_read(tmp_path):
+    path = tmp_path / "model.toml"
+    with path.open("wb") as stream:
+        os.truncate(stream.fileno(), 50_000_000)
+    with pytest.raises(ReadError, match="found more than 1000 kB; expected a TOML file"):
+        load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("three_mass", "found no model 'three_mass'; expected one of emps, jeffcott"),
+        ("three-mass.toml", "three-mass.toml: found No such file"),
+        ("a" * 5000, "found no model 'aaa"),
+        ("a" * 5000 + ".toml", "found File name too long"),
+        ("a\0b", "found no model"),
+        ("a\0b.toml", "found embedded null byte"),
+        (".", "found Is a directory"),
+    ],
+)
+def test_names_of_no_model(tmp_path, name, message):
+    with pytest.raises(ReadError, match=message):
+        load_model(name, folder=tmp_path)
+
+
+def test_a_file_in_a_folder_is_called_by_its_stem(tmp_path):
+    (tmp_path / "mine.toml").write_text(FILE)
+    (tmp_path / "bare").write_text(FILE)
+    assert load_model("mine.toml", folder=tmp_path).name == "mine"
+    assert load_model(tmp_path / "bare").name == "bare"
+
+
+@pytest.mark.parametrize("name", shipped_models())
+def test_shipped_models_are_files_like_any_other(tmp_path, name):
+    from importlib.resources import files
+
+    text = files("rotorid.models").joinpath(f"library/{name}.toml").read_text(encoding="utf-8")
+    (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    model, own = load_model(name), load_model(tmp_path / f"{name}.toml")
+    assert own.name == model.name
+    assert own.terms == model.terms
+    assert own.base.names == model.base.names
+    assert set(model.nominal) == set(model.parameter_names)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 12))
+def test_a_damaged_file_is_read_or_refused(seed, edits):
+    rng = random.Random(seed)
+    text = list(FILE)
+    for _ in range(edits):
+        where = rng.randrange(len(text))
+        text[where : where + rng.randrange(3)] = rng.choice([*FILE, "\0", "é", "(", '"', "''"])
+    try:
+        parse_model("".join(text), file="bad.toml")
+    except (ModelError, ReadError, InputError) as error:
+        message = str(error)
+    else:
+        return
+    assert re.fullmatch(r"bad\.toml: (.+: )?found .+; expected .+; .+", message)
