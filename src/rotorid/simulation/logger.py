@@ -38,6 +38,8 @@ class Truth:
     Parameters
     ----------
     parameters : mapping of str to float
+    coordinates, inputs : sequence of str
+        What the columns below are.
     time, angle, speed : array, shape (sample,)
         s, rad, rad/s.
     position, velocity : array, shape (sample, coordinate)
@@ -47,6 +49,8 @@ class Truth:
     """
 
     parameters: Mapping[str, float]
+    coordinates: tuple[str, ...]
+    inputs: tuple[str, ...]
     time: Floats
     angle: Floats
     speed: Floats
@@ -119,6 +123,8 @@ def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Rig
     count = len(rig.model.coordinates)
     truth = Truth(
         parameters=dict(rig.values),
+        coordinates=rig.model.coordinates,
+        inputs=rig.model.inputs,
         time=time,
         angle=rig.rotation.angle_at(time),
         speed=rig.rotation.speed_at(time),

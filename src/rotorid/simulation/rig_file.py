@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
-from rotorid.models import Model, load_model
+from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.combination import linear_combination
 from rotorid.signals.multisine import (
     Multisine,
@@ -39,11 +39,25 @@ from rotorid.units import to_si
 
 @dataclass(frozen=True)
 class RigPlan:
-    """What a rig file says: the rig, how long it runs, and the seed of its noise."""
+    """What a rig file says.
+
+    Parameters
+    ----------
+    name, title, text : str
+        The rig's name and title, and its file as it stands.
+    model : str
+        A shipped model, or the path of a model file.
+    rig : Rig
+    duration : float
+        s.
+    seed : int
+        Of the noise.
+    """
 
     name: str
     title: str
     text: str
+    model: str
     rig: Rig
     duration: float
     seed: int
@@ -134,7 +148,15 @@ def parse_rig(
         rig = _build(entry, load_model(entry.model, folder=folder))
     except InputError as error:
         raise error.at(file=file) from None
-    return RigPlan(name, entry.title, raw.decode(), rig, entry.duration, entry.seed)
+    return RigPlan(
+        name, entry.title, raw.decode(), _model_path(entry, folder), rig, entry.duration, entry.seed
+    )
+
+
+def _model_path(entry: RigFile, folder: str | Path) -> str:
+    """Return the model's name, or its whole path, that any folder can be left for."""
+    shipped = entry.model in shipped_models()
+    return entry.model if shipped else (Path(folder) / entry.model).resolve().as_posix()
 
 
 def _build(entry: RigFile, model: Model) -> Rig:

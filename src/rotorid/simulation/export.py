@@ -1,0 +1,232 @@
+"""Files of a rig: the logger's HDF5 file, and the experiment file that identifies it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from rotorid.actuators.flux import Flux
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.actuators.reading import ForceReading
+from rotorid.errors import InputError
+from rotorid.models import Model
+from rotorid.simulation.logger import Column, RigRecord, force_reading, label
+from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor
+from rotorid.simulation.rig import Rig
+from rotorid.simulation.rig_file import RigPlan
+
+
+def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
+    """Write what the logger of a rig recorded, as HDF5.
+
+    One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
+    and a group ``truth``, which no logger would write.
+
+    Parameters
+    ----------
+    record : RigRecord
+    path : Path
+    rig_text : str
+        The rig file, kept with the truth.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
+    """
+    with h5py.File(path, "w") as data:
+        time = np.arange(len(record.samples)) / record.sample_rate
+        _dataset(data, Column("t", "s", time))
+        for column in record.columns:
+            _dataset(data, column)
+        _write_truth(data.create_group("truth"), record, rig_text)
+
+
+def _dataset(group: h5py.Group, column: Column) -> None:
+    group.create_dataset(column.name, data=column.samples, compression="gzip", compression_opts=1)
+    group[column.name].attrs["units"] = column.unit
+
+
+def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
+    """Write the truth as tables: one-dimensional datasets would look like columns."""
+    truth = record.truth
+    if truth is None:
+        return
+    tables = {
+        "rotation": (np.stack([truth.angle, truth.speed], axis=1), ("angle", "speed")),
+        "position": (truth.position, truth.coordinates),
+        "velocity": (truth.velocity, truth.coordinates),
+        "force": (truth.force, truth.inputs),
+        "current": (truth.current, truth.inputs),
+    }
+    for name, (table, columns) in tables.items():
+        dataset = group.create_dataset(name, data=table, compression="gzip", compression_opts=1)
+        dataset.attrs["columns"] = list(columns)
+    parameters = group.create_group("parameters")
+    for name, value in truth.parameters.items():
+        parameters.attrs[name] = value
+    group.attrs["rig"] = rig_text
+
+
+def experiment_text(plan: RigPlan, record: RigRecord, file: str) -> str:
+    """Return the experiment file that identifies the record of a rig.
+
+    Parameters
+    ----------
+    plan : RigPlan
+    record : RigRecord
+    file : str
+        The record, relative to the experiment file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        For a rig without excitation, whose record has no lines to identify from.
+    """
+    rig = plan.rig
+    if rig.excitation is None:
+        raise InputError(
+            "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
+        )
+    lines = [
+        f"# Written by `rotorid simulate`, from the rig {plan.name}: {plan.title}",
+        f'model = "{plan.model}"',
+        "",
+        "[[records]]",
+        f'file = "{file}"',
+        f'sample_rate = "{_number(rig.logger.sample_rate)} Hz"',
+        *_rotation(rig),
+        f'fundamental = "{_number(rig.excitation.fundamental)} Hz"',
+        f"harmonics = {_harmonics(rig)}",
+        "",
+        "[channels]",
+        *_inputs(rig, record),
+        *(_position(sensor, rig.model) for sensor in rig.sensors),
+    ]
+    known = _known_parameters(rig)
+    if known:
+        lines += ["", "[parameters]          # they multiply forces: a ruler gives them", *known]
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    """Write a number so that it is read as the same one."""
+    return repr(float(value)).removesuffix(".0")
+
+
+def _rotation(rig: Rig) -> list[str]:
+    mark = rig.logger.angle
+    if isinstance(mark, Encoder):
+        return [f'angle = {{ column = "encoder", lines = {mark.lines} }}']
+    if isinstance(mark, Keyphasor):
+        return ['keyphasor = "keyphasor"']
+    if rig.rotation.speed == 0 and rig.rotation.constant:
+        return []
+    low, high = rig.rotation.range_until(0.0)
+    found = [f'speed = "{_number((low + high) / 2)} rad/s"']
+    if rig.rotation.phase:
+        found.append(f'phase = "{_number(rig.rotation.phase)} rad"')
+    return found
+
+
+def _harmonics(rig: Rig) -> list[int]:
+    """Return the excited lines and, where it is one of the fundamental, that of the rotation."""
+    if rig.excitation is None:
+        return []
+    lines = set(rig.excitation.harmonics.tolist())
+    turns = abs(rig.rotation.speed) / (2 * np.pi * rig.excitation.fundamental)
+    if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:
+        lines.add(round(turns))
+    return sorted(lines)
+
+
+def _inputs(rig: Rig, record: RigRecord) -> list[str]:
+    columns = {column.name: column for column in record.columns}
+    plant = rig.plant(1.0)
+    found = []
+    for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        if part.law is None:
+            found.append(f"{name} = {{ {_recorded(columns[label(name, part)])} }}")
+            continue
+        found.append(f"{name} = {{ {_law(force_reading(rig, plant, j), columns)} }}")
+    return found
+
+
+def _recorded(column: Column) -> str:
+    keys = [f'column = "{column.name}"', f'unit = "{column.unit}"']
+    if column.hold:
+        keys.append('hold = "zero-order"')
+    if column.delay:
+        keys.append(f'delay = "{_number(round(column.delay * 1e6, 6))} us"')
+    return ", ".join(keys)
+
+
+def _law(reading: ForceReading, columns: dict[str, Column]) -> str:
+    sources = [f"{{ {_recorded(columns[name])} }}" for name in reading.channels]
+    law = reading.law
+    if isinstance(law, Flux):
+        keys = [
+            'law = "flux"',
+            f"flux = [{', '.join(sources)}]",
+            f'area = "{_number(law.area)} m^2"',
+            f"poles = {law.poles}",
+        ]
+        return ", ".join([*keys, *_angle(law.angle)])
+    keys = [f"current = {sources[0]}", f'position = "{_combination(reading.position)}"']
+    if isinstance(law, Differential):
+        constants = [
+            f'K = "{_number(law.constant)} N m^2/A^2"',
+            f'bias = "{_number(law.bias)} A"',
+            f'gap = "{_number(law.gap)} m"',
+            *_angle(law.angle),
+        ]
+        return ", ".join(['law = "differential"', *keys, *constants])
+    if not isinstance(law, Linear):
+        raise TypeError(f"no entry for {type(law).__name__}")
+    constants = [f'ki = "{_number(law.ki)} N/A"', f'ks = "{_number(law.ks)} N/m"']
+    return ", ".join(['law = "linear"', *keys, *constants])
+
+
+def _angle(angle: float) -> list[str]:
+    return [f'angle = "{_number(angle)} rad"'] if angle else []
+
+
+def _combination(parts: dict[str, float]) -> str:
+    """Write a linear combination as text, ``x - 0.2*theta_y``."""
+    text = ""
+    for name, factor in parts.items():
+        size = "" if abs(factor) == 1 else f"{_number(abs(factor))}*"
+        sign = " - " if factor < 0 else " + " if text else ""
+        text += (sign if text else sign.strip()) + size + name
+    return text
+
+
+def _position(sensor: PositionSensor, model: Model) -> str:
+    unit = model.units[next(iter(sensor.combination))]
+    reads = "" if sensor.reads is None else f'reads = "{_combination(dict(sensor.reads))}", '
+    return f'{sensor.name} = {{ {reads}column = "{sensor.name}", unit = "{unit}" }}'
+
+
+def _known_parameters(rig: Rig) -> list[str]:
+    """Return the parameters that multiply an input: no record of the rig alone gives them."""
+    exponents = rig.model.monomials
+    held = {
+        name
+        for term in rig.model.input_terms
+        for name, power in zip(
+            rig.model.parameter_names, exponents[term.monomial].tolist(), strict=True
+        )
+        if power
+    }
+    units = {parameter.name: parameter.unit for parameter in rig.model.parameters}
+    return [
+        f'{name} = {{ fixed = "{_number(rig.values[name])} {units[name]}" }}'
+        for name in rig.model.parameter_names
+        if name in held
+    ]
