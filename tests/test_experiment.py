@@ -168,6 +168,21 @@ def test_fixed_parameters_and_constraints(folder: Path) -> None:
     assert estimate(load(folder, text)).value("k") == pytest.approx(1.1e6, rel=1e-12)
 
 
+def test_a_constraint_may_hold_what_is_fixed(folder: Path) -> None:
+    text = EXPERIMENT + '[parameters]\nm = { fixed = "4 kg" }\n'
+    text += '[[constraints]]\nexpression = "k*m"\nvalue = "4e6 kg N/m"\n'
+    found = estimate(load(folder, text))
+    assert (found.value("m"), found.value("k")) == (4.0, pytest.approx(1e6, rel=1e-12))
+    with pytest.raises(InputError, match="no free parameter"):
+        estimate(load(folder, text.replace("k*m", "m^2").replace("4e6 kg N/m", "16 kg^2")))
+
+
+def test_forces_of_zero_are_said(folder: Path) -> None:
+    text = EXPERIMENT.replace('unit = "mN"', 'unit = "mN", scale = 0')
+    found = estimate(load(folder, text.replace("scale = 2", "scale = 0")))
+    assert found.prediction == {"F_x": None, "F_y": None}
+
+
 def test_a_start_never_biases(folder: Path) -> None:
     check_truth(estimate(load(folder, EXPERIMENT + '[parameters]\nm = { start = "9 kg" }\n')))
 

@@ -89,7 +89,7 @@ class _Whitener:
 
     def __init__(self, base: Floats, covariance: Floats) -> None:
         std = np.sqrt(np.diag(covariance).clip(0))
-        floor = 1e-9 * np.where(base != 0, np.abs(base), max(np.abs(base).max(), 1e-300))
+        floor = 1e-9 * np.where(base != 0, np.abs(base), np.abs(base).max() or 1.0)
         self.scale = np.maximum(std, floor)
         correlation = covariance / np.outer(self.scale, self.scale)
         missing = 1.0 - np.diag(correlation)

@@ -106,7 +106,7 @@ def pose(
                 "a rotor angle of unknown phase", "a known phase", "use ml", file=record.source
             )
     regressions = tuple(Regression(reduced, record) for record in records)
-    return Problem(model, dict(fixed), regressions, eliminate(reduced, constraints))
+    return Problem(model, dict(fixed), regressions, eliminate(reduced, constraints, fixed))
 
 
 def force_variance(regression: Regression) -> Floats:

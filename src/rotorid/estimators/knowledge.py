@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,20 +32,32 @@ class Constraint:
     std: float = 0.0
 
 
-def constraint_polynomial(model: Model, constraint: Constraint) -> dict[tuple[int, ...], float]:
+def constraint_polynomial(
+    model: Model, constraint: Constraint, fixed: Mapping[str, float] | None = None
+) -> dict[tuple[int, ...], float]:
     """Return a constraint's expression as ``{exponents of the parameters: coefficient}``.
+
+    Parameters
+    ----------
+    model : Model
+    constraint : Constraint
+    fixed : mapping of str to float, optional
+        Parameters that were substituted in the model; the expression may hold them too.
 
     Raises
     ------
     ModelError
         For text that is no polynomial in the parameters of the model.
     """
-    names = frozenset(model.parameter_names)
+    fixed = fixed or {}
+    names = frozenset([*model.parameter_names, *fixed])
     place = f"constraint {constraint.expression[:60]!r}"
     try:
-        value = sp.expand(parse(constraint.expression, names=names, linear=names))
+        text = parse(constraint.expression, names=names, linear=names)
     except ModelError as error:
         raise error.at(place=place) from None
+    numbers = {symbol(name): sp.Rational(repr(float(value))) for name, value in fixed.items()}
+    value = sp.expand(text.xreplace(numbers))
     gens = [symbol(name) for name in model.parameter_names]
     return {m: float(c) for m, c in sp.Poly(value, *gens).terms()}
 
@@ -62,13 +74,17 @@ class Elimination:
     basis: Floats
 
 
-def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
+def eliminate(
+    model: Model, constraints: Sequence[Constraint], fixed: Mapping[str, float] | None = None
+) -> Elimination:
     """Eliminate exact constraints that are linear in the base parameters.
 
     Parameters
     ----------
     model : Model
     constraints : sequence of Constraint
+    fixed : mapping of str to float, optional
+        Parameters that were substituted in the model.
 
     Returns
     -------
@@ -84,7 +100,7 @@ def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
     size = len(model.base.names)
     if not constraints:
         return Elimination(np.zeros(size), np.eye(size))
-    rows, values = zip(*(_base_row(model, c) for c in constraints), strict=True)
+    rows, values = zip(*(_base_row(model, c, fixed) for c in constraints), strict=True)
     matrix, right = np.array(rows), np.array(values)
     scale = np.abs(matrix).max(axis=1)
     matrix, right = matrix / scale[:, None], right / scale
@@ -106,7 +122,9 @@ def eliminate(model: Model, constraints: Sequence[Constraint]) -> Elimination:
     return Elimination(origin, basis)
 
 
-def _base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
+def _base_row(
+    model: Model, constraint: Constraint, fixed: Mapping[str, float] | None
+) -> tuple[Floats, float]:
     """Return ``row @ base = value`` for a constraint."""
     shown = f"the constraint {constraint.expression[:60]!r}"
     if constraint.std > 0:
@@ -115,13 +133,17 @@ def _base_row(model: Model, constraint: Constraint) -> tuple[Floats, float]:
     index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
     wanted = np.zeros(len(index))
     linear = True
-    for monomial, coefficient in constraint_polynomial(model, constraint).items():
+    for monomial, coefficient in constraint_polynomial(model, constraint, fixed).items():
         if not any(monomial):
             value -= coefficient
         elif monomial in index:
             wanted[index[monomial]] += coefficient
         else:
             linear = False
+    if linear and not wanted.any():
+        raise InputError(
+            f"{shown}, which holds no free parameter", "a parameter that is not fixed", "drop it"
+        )
     row = np.linalg.lstsq(model.base.gather.T, wanted)[0]
     residual = model.base.gather.T @ row - wanted
     if not linear or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
