@@ -8,7 +8,7 @@ import scipy.optimize
 
 from rotorid.estimate import Value
 from rotorid.models import Model
-from rotorid.record import Floats
+from rotorid.record import Booleans, Floats
 
 
 def base_from_physical(model: Model, values: Floats, covariance: Floats) -> tuple[Value, ...]:
@@ -54,31 +54,22 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
     start = physical_start(model, base)
     whitener = _Whitener(base, covariance)
     size = np.where(start != 0, np.abs(start), 1.0)
-    determined = _determined(whitener(model.base_jacobian(start) * size))
-    if not determined.any():
-        return ()
 
-    def physical(free: Floats) -> Floats:
-        values = start.copy()
-        values[determined] = free * size[determined]
-        return values
+    def residual(scaled: Floats) -> Floats:
+        return whitener(model.base_values(scaled * size) - base)
 
-    def residual(free: Floats) -> Floats:
-        return whitener(model.base_values(physical(free)) - base)
+    def jacobian(scaled: Floats) -> Floats:
+        return whitener(model.base_jacobian(scaled * size) * size)
 
-    def jacobian(free: Floats) -> Floats:
-        return whitener(model.base_jacobian(physical(free)) * size)[:, determined]
-
+    # All parameters move, those too that stay undetermined: held at a start that contradicts
+    # the base they would pull at the others.
+    tight = 1e-15
     fit = scipy.optimize.least_squares(
-        residual, start[determined] / size[determined], jac=jacobian, method="lm", xtol=1e-15
+        residual, start / size, jac=jacobian, method="trf", xtol=tight, ftol=tight, gtol=tight
     )
-    values = physical(fit.x)
-    _, singular, directions = np.linalg.svd(jacobian(fit.x), full_matrices=False)
-    spread = directions.T / singular
-    std = np.zeros(len(values))
-    std[determined] = np.sqrt((spread**2).sum(axis=1)) * size[determined]
+    determined, std = _deviations(jacobian(fit.x))
     return tuple(
-        Value(p.name, p.unit, float(values[i]), float(std[i]))
+        Value(p.name, p.unit, float(fit.x[i] * size[i]), float(std[i] * size[i]))
         for i, p in enumerate(model.parameters)
         if determined[i]
     )
@@ -135,10 +126,12 @@ def _root(model: Model, gathered: Floats, value: float, values: Floats, index: i
     return float(real[np.abs(real - values[index]).argmin()])
 
 
-def _determined(jacobian: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Tell which parameters have no part in the null space of a scaled Jacobian."""
+def _deviations(jacobian: Floats) -> tuple[Booleans, Floats]:
+    """Return which parameters a whitened Jacobian determines, and the deviations of all."""
     length = np.sqrt((jacobian**2).sum(axis=0))
-    scaled = jacobian / np.where(length > 0, length, 1.0)
-    _, singular, directions = np.linalg.svd(scaled)
+    scale = np.where(length > 0, length, 1.0)
+    _, singular, directions = np.linalg.svd(jacobian / scale)
     rank = int((singular > 1e-9 * singular.max(initial=1e-300)).sum())
-    return np.asarray((np.abs(directions[rank:]) < 1e-6).all(axis=0))
+    determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
+    spread = directions[:rank].T / singular[:rank] / scale[:, None]
+    return determined, np.sqrt((spread**2).sum(axis=1))

@@ -119,7 +119,7 @@ def load_lines(
             np.broadcast_to(evaluate(signal, known), angle.shape).mean(axis=0) for signal in signals
         ]
         if values:
-            lines[step] = line_spectra(np.stack(values, axis=1), record.harmonics)
+            lines[step] = _lines(np.stack(values, axis=1), record.harmonics)
     if phase_unknown:
         lines = np.fft.fft(lines, axis=0) / steps
         size = np.abs(lines).max(axis=(1, 2), initial=0.0)
@@ -138,6 +138,13 @@ def load_lines(
             signal = lines[:, :, signals.index(term.signal)]
             columns[:, :, term.row, target] += term.coefficient * signal
     return columns, np.asarray(orders, dtype=np.float64)
+
+
+def _lines(samples: Floats, harmonics: Integers) -> Complexes:
+    """Return lines with what is rounding set to zero: a load that misses a line misses it."""
+    lines = line_spectra(samples, harmonics)
+    size = np.sqrt((samples**2).mean(axis=0))
+    return np.where(np.abs(lines) > 1e-11 * size, lines, 0.0)
 
 
 def _one_if_synchronous(record: PeriodicRecord) -> tuple[Floats, Floats]:
@@ -310,7 +317,7 @@ def _calibration(
     if len(sensor):
         angle, _ = _one_if_synchronous(record)
         turning = np.exp(1j * angle).mean(axis=0)
-        parts = line_spectra(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
+        parts = _lines(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
         rotation = np.stack(
             [parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1
         )

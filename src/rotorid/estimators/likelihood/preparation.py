@@ -19,7 +19,7 @@ from rotorid.estimators.likelihood.unknowns import (
     physical_factors,
 )
 from rotorid.models import Model
-from rotorid.record import Floats, PeriodicRecord
+from rotorid.record import PeriodicRecord
 
 
 @dataclass(frozen=True)
@@ -223,9 +223,10 @@ def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
     """Return the constraints, linear in the base parameters, that `eliminate` solves."""
     count, size = len(layout.unknowns), layout.parameters
     elimination = eliminate(layout.model, knowledge.constraints)
-    gone = [i for i in range(size) if not _is_unit(elimination.basis[i])]
+    unit = np.eye(elimination.basis.shape[1])
+    kept = [int((elimination.basis == row).all(axis=1).argmax()) for row in unit]
+    gone = [i for i in range(size) if i not in kept]
     rows: list[tuple[Polynomial, float, str]] = []
-    kept = [int(column.argmax()) for column in elimination.basis.T]
     for i in gone:
         polynomial = dict(_single(i, count, float(elimination.origin[i])))
         for j, coefficient in zip(kept, elimination.basis[i], strict=True):
@@ -233,10 +234,6 @@ def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
                 polynomial[tuple(int(k == j) for k in range(count))] = -float(coefficient)
         rows.append((polynomial, 1.0, layout.unknowns[i].name))
     return Relations.build(rows, count)
-
-
-def _is_unit(row: Floats) -> bool:
-    return bool((row == 1).sum() == 1 and (row != 0).sum() == 1)
 
 
 def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:

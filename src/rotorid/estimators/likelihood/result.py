@@ -9,6 +9,12 @@ import numpy as np
 from rotorid.estimate import Estimate, LineMisfit, Misfit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base
 from rotorid.estimators.likelihood.fit import Fit
+from rotorid.estimators.likelihood.identifiability import (
+    Trial,
+    determined_combinations,
+    find_cures,
+    open_combinations,
+)
 from rotorid.estimators.likelihood.prediction import predict_channels
 from rotorid.estimators.likelihood.unknowns import sensor_channels
 from rotorid.models import Model
@@ -48,6 +54,7 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         )
         for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
     ]
+    combinations = open_combinations(layout, point, inference)
     count = layout.parameters
     sensors = [[s.name for s in sensor_channels(layout.model, r)] for r in records]
     held = [
@@ -60,13 +67,25 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         status=_status(fit, p_value),
         parameters=(*values[:count], *held),
         nuisance=tuple(v for v in values[count:] if not v.fixed),
-        derived=_derived(model, fit),
+        derived=(
+            *_derived(model, fit),
+            *determined_combinations(layout, point, inference, combinations),
+        ),
         covariance=inference.covariance,
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
         prediction=predict_channels(point.records, layout.model.inputs, sensors),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
         periods=min(r.periods for r in records),
-        warnings=tuple(_warnings(records, fit, p_value)),
+        warnings=(
+            *_warnings(records, fit, p_value),
+            *(f"not identifiable: {combination}" for combination in combinations),
+            *(
+                f"cure: {cure}"
+                for cure in find_cures(
+                    Trial(layout, records, fit.covariances, point, inference), combinations
+                )
+            ),
+        ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(records, fit)),
     )

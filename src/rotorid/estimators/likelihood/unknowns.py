@@ -231,7 +231,7 @@ def nuisance_unknowns(
     if "ki" in nuisances.gains:
         for channel in inputs.values():
             ki = 1.0 if channel.drive is None else channel.drive.ki
-            unit = "" if channel.drive is None else "N/A"
+            unit = "1" if channel.drive is None else "N/A"
             found.append(Unknown(f"ki[{channel.name}]", unit, ki, nuisance=True))
     found += _stiffness_unknowns(inputs, nuisances)
     if nuisances.runout:
@@ -242,7 +242,7 @@ def nuisance_unknowns(
             ]
     everything = {**inputs, **sensors}.values()
     found += [
-        Unknown(f"gain[{c.name}]", "", 1.0, c.gain_std, 1.0, nuisance=True, positive=True)
+        Unknown(f"gain[{c.name}]", "1", 1.0, c.gain_std, 1.0, nuisance=True, positive=True)
         for c in everything
         if c.gain_std > 0
     ]

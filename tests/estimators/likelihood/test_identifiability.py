@@ -1,0 +1,185 @@
+"""What records do not determine: the combination is named, the cure is named, the cure works."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.identify import identify
+from rotorid.simulation.lines import add_noise
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(21)
+
+
+def lines_of(estimate, start: str) -> list[str]:
+    return [w.removeprefix(start) for w in estimate.warnings if w.startswith(start)]
+
+
+def assert_agrees(estimate, truth, sigmas=4.5):
+    for value in estimate.free:
+        if value.name in truth:
+            assert value.value == pytest.approx(truth[value.name], abs=sigmas * value.std)
+
+
+def test_the_unit_of_angle(demo, bearings, rng):
+    record = demo.noisy(demo.record(bearings), rng)
+    estimate = identify(demo.model, record, MaximumLikelihood())
+    assert estimate.status == "not_identifiable"
+    assert lines_of(estimate, "not identifiable: ") == [
+        "L1, I_t, I_p, L2, mu, eta scale together (L1, L2 as s; I_t, I_p as s^2; mu, eta as s^-1)"
+    ]
+    assert lines_of(estimate, "cure: ") == [
+        "fix one of L1, I_t, I_p, L2, mu, eta",
+        "a sensor of theta_x or theta_y",
+    ]
+    # What is determined is still given, with its deviation.
+    assert estimate.value("m2") == pytest.approx(demo.truth["m2"], abs=4 * estimate.std("m2"))
+    assert np.isnan(estimate.value("L1"))
+    assert np.isnan(estimate.std("k1*L1"))
+    truth = demo.truth
+    for name, value in {
+        "L2/L1": 1.0,
+        "I_t/L1^2": truth["I_t"] / 0.09,
+        "I_p/L1^2": truth["I_p"] / 0.09,
+        "mu*L1": truth["mu"] * 0.3,
+        "m2*xi": truth["m2"] * truth["xi"],
+    }.items():
+        assert estimate.value(name) == pytest.approx(value, abs=4.5 * estimate.std(name))
+        assert 0 < estimate.std(name) < 0.1 * abs(estimate.value(name))
+    assert estimate["I_t/L1^2"].unit == "kg"
+
+
+@pytest.mark.parametrize("name", ["L1", "L2", "I_t", "I_p"])
+def test_fixing_a_member_cures_the_unit_of_angle(demo, bearings, rng, name):
+    record = demo.noisy(demo.record(bearings), rng)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={name: demo.truth[name]}))
+    assert estimate.status == "ok"
+    assert_agrees(estimate, demo.truth)
+
+
+def test_a_sensor_cures_the_unit_of_angle(demo, bearings, rng):
+    record = demo.noisy(demo.record([*bearings, "theta_y"]), rng)
+    estimate = identify(demo.model, record, MaximumLikelihood())
+    assert estimate.status == "ok"
+    assert_agrees(estimate, demo.truth)
+
+
+def test_runout_at_one_speed(levitated, rng):
+    """Four combinations of unbalance and runout; a second speed separates them."""
+    truth, model = levitated.truth, levitated.machine.model
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
+    one = levitated.noisy(levitated.record(140.0, drives=False), rng)
+    estimate = identify(model, one, estimator)
+    assert estimate.status == "not_identifiable"
+    found = lines_of(estimate, "not identifiable: ")
+    assert len(found) == 4
+    for text, name in zip(found, ("xi", "zeta", "mu", "eta"), strict=True):
+        assert text.startswith(f"{name}, runout[")
+    cures = lines_of(estimate, "cure: ")
+    assert cures[0] == "fix 4 of them, such as xi, zeta, mu, eta"
+    assert "a further record at another speed, such as 100 Hz" in cures
+    # Masses and stiffnesses have their deviations all the same.
+    for name in ("m1", "m2", "I_t", "I_p", "k1", "L2"):
+        assert estimate.value(name) == pytest.approx(truth[name], abs=4 * estimate.std(name))
+    other = levitated.noisy(levitated.record(100.0, drives=False), rng)
+    cured = identify(model, [one, other], estimator)
+    assert cured.status == "ok"
+    assert_agrees(cured, truth)
+    fixed = {name: truth[name] for name in ("L1", "xi", "zeta", "mu", "eta")}
+    cured = identify(model, one, MaximumLikelihood(fixed=fixed, runout=True))
+    assert cured.status == "ok"
+    assert_agrees(cured, truth)
+
+
+def test_unknown_gains_and_no_mass(levitated, rng):
+    truth, model = levitated.truth, levitated.machine.model
+    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    options = {"fixed": {"L1": 0.3}, "runout": True, "gains": ("ki", "ks")}
+    estimate = identify(model, records, MaximumLikelihood(**options))
+    assert estimate.status == "not_identifiable"
+    members = "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1], ki[F_y1], ki[F_x3], ki[F_y3], ks"
+    assert lines_of(estimate, "not identifiable: ") == [f"{members} scale together"]
+    assert lines_of(estimate, "cure: ") == [
+        f"fix one of {members}",
+        "weigh the rotor: a constraint on m1 + m2 + m3",
+    ]
+    ratio = truth["m2"] / truth["m1"]
+    assert estimate.value("m2/m1") == pytest.approx(ratio, abs=4 * estimate.std("m2/m1"))
+    total = sum(truth[name] for name in ("m1", "m2", "m3"))
+    weighed = MaximumLikelihood(constraints=(Constraint("m1 + m2 + m3", total),), **options)
+    cured = identify(model, records, weighed)
+    assert cured.status == "ok"
+    assert_agrees(cured, truth)
+    held = MaximumLikelihood(**{**options, "fixed": {"L1": 0.3, "m2": truth["m2"]}})
+    cured = identify(model, records, held)
+    assert cured.status == "ok"
+    assert_agrees(cured, truth)
+
+
+def test_gains_of_force_channels_need_a_mass_too(demo, bearings, rng):
+    record = demo.noisy(demo.record(bearings), rng)
+    options = {"fixed": {"L1": 0.3}, "gains": ("ki",)}
+    estimate = identify(demo.model, record, MaximumLikelihood(**options))
+    assert estimate.status == "not_identifiable"
+    assert "m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]" in estimate.warnings[0]
+    options["fixed"]["m2"] = demo.truth["m2"]
+    cured = identify(demo.model, record, MaximumLikelihood(**options))
+    assert cured.status == "ok"
+    assert cured.value("ki[F_x1]") == pytest.approx(1.0, abs=4 * cured.std("ki[F_x1]"))
+
+
+def test_everything_open_at_once(levitated, rng):
+    """No length, no mass, four force slopes: two scales, each named by itself."""
+    records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
+    estimator = MaximumLikelihood(runout=True, gains=("ki", "ks*"))
+    estimate = identify(levitated.machine.model, records, estimator)
+    first, second = lines_of(estimate, "not identifiable: ")
+    assert first.startswith("m1, m2, m3, I_t, I_p, k1, k2, ki[F_x1]")
+    assert second.startswith("L1, I_t, I_p, L2, mu, eta scale together")
+    assert lines_of(estimate, "cure: ")[0] == "fix 2 of them, such as m1, L1"
+    value, std = estimate.value("I_t/m1/L1^2"), estimate.std("I_t/m1/L1^2")
+    truth = demo_ratio(levitated.truth)
+    assert value == pytest.approx(truth, abs=4 * std)
+
+
+def demo_ratio(truth) -> float:
+    return truth["I_t"] / truth["m1"] / truth["L1"] ** 2
+
+
+def test_unknown_phase_of_the_only_record(demo, bearings, rng):
+    """The direction of the unbalance is open, its size is not; with another record it is known."""
+    known = demo.noisy(demo.record(bearings), rng)
+    turned = replace(demo.noisy(demo.record(bearings, phase=1.0), rng), phase_known=False)
+    turned = replace(turned, angle=turned.angle - 1.0)
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    alone = identify(demo.model, turned, estimator)
+    assert alone.status == "not_identifiable"
+    assert lines_of(alone, "not identifiable: ") == [
+        "xi, zeta, mu, eta, phase[0] are determined only together"
+    ]
+    both = identify(demo.model, [known, turned], estimator)
+    assert both.status == "ok"
+    assert both.value("phase[1]") == pytest.approx(1.0, abs=4 * both.std("phase[1]"))
+    assert_agrees(both, demo.truth)
+
+
+def test_unbalance_without_a_line_of_the_rotation(demo, bearings, rng):
+    record = demo.noisy(demo.record(bearings, harmonics=(1, 3, 5, 9, 11)), rng)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert lines_of(estimate, "not identifiable: ") == [
+        f"{name} is not determined" for name in ("xi", "zeta", "mu", "eta")
+    ]
+    assert "a further record at another speed, such as 100 Hz" in lines_of(estimate, "cure: ")
+
+
+def test_noise_free_records_tell_the_same(demo, bearings):
+    estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood())
+    assert estimate.status == "not_identifiable"
+    assert estimate.value("L2/L1") == pytest.approx(1.0, rel=1e-9)
+    noise = {name: 1e-3 for name in ("F_x1", "F_y1", "F_x3", "F_y3")}
+    record = add_noise(demo.record(bearings), noise, np.random.default_rng(0))
+    assert identify(demo.model, record, MaximumLikelihood()).status == "not_identifiable"

@@ -1,0 +1,172 @@
+"""What is known beforehand: values, deviations, bounds, constraints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.errors import InputError
+from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.identify import identify
+
+
+@pytest.fixture(scope="module")
+def noisy(demo, bearings):
+    return demo.noisy(demo.record(bearings), np.random.default_rng(11))
+
+
+def test_linear_constraint_is_exact(demo, noisy):
+    mass = Constraint("m1 + m2 + m3", 12.98878)
+    estimate = identify(
+        demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=(mass,))
+    )
+    total = sum(estimate.value(name) for name in ("m1", "m2", "m3"))
+    assert total == pytest.approx(12.98878, rel=1e-14)
+    assert estimate.misfit.dof == 48 - 12 + 1
+    # The covariance has no spread along the constraint.
+    free = [value.name for value in estimate.free]
+    along = np.array([float(name in ("m1", "m2", "m3")) for name in free])
+    assert along @ estimate.covariance @ along < 1e-20
+    assert estimate.status == "ok"
+
+
+def test_product_constraint_is_exact(demo, noisy):
+    """The static unbalance was weighed: m2 xi, and the stiffness of a bearing times its length."""
+    truth = demo.truth
+    known = (
+        Constraint("m2*xi", truth["m2"] * truth["xi"]),
+        Constraint("k1*L1^2 - k2*L2^2", 0.0),
+    )
+    free = identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=known))
+    assert estimate.value("m2*xi") == pytest.approx(truth["m2"] * truth["xi"], rel=1e-13)
+    assert estimate.std("m2*xi") < 1e-9 * abs(estimate.value("m2*xi"))
+    found = [estimate.value(name) for name in ("k1", "L1", "k2", "L2")]
+    assert found[0] * found[1] ** 2 == pytest.approx(found[2] * found[3] ** 2, rel=1e-13)
+    assert estimate.misfit.dof == free.misfit.dof + 2
+    assert estimate.misfit.cost > free.misfit.cost
+    assert estimate.std("k2") < free.std("k2")
+
+
+def test_constraint_with_deviation_is_a_measurement(demo, noisy):
+    """Between no constraint and the exact one, and equal to each in the limits."""
+    truth = demo.truth
+
+    def std_of(std: float | None):
+        constraints = () if std is None else (Constraint("m1 + m2 + m3", 12.98878, std),)
+        estimator = MaximumLikelihood(fixed={"L1": 0.3}, constraints=constraints)
+        return identify(demo.model, noisy, estimator)
+
+    free, loose, firm, exact = (std_of(std) for std in (None, 1e3, 1e-3, 0.0))
+    for value in free.free:
+        scale = free.std(value.name)
+        assert loose.value(value.name) == pytest.approx(value.value, abs=1e-3 * scale)
+        assert loose.std(value.name) == pytest.approx(scale, rel=1e-4)
+        assert exact.std(value.name) <= firm.std(value.name) * (1 + 1e-4)
+        assert firm.std(value.name) <= scale * 1.01
+    assert loose.misfit.dof == free.misfit.dof + 1
+    assert loose.misfit.expected == pytest.approx(free.misfit.expected + 0, abs=1e-3)
+    assert truth["m2"] == pytest.approx(firm.value("m2"), abs=4 * firm.std("m2"))
+
+
+def test_value_with_deviation_equals_constraint_with_deviation(demo, noisy):
+    one = identify(demo.model, noisy, MaximumLikelihood(known={"L1": (0.3, 0.5e-3)}))
+    other = identify(
+        demo.model, noisy, MaximumLikelihood(constraints=(Constraint("L1", 0.3, 0.5e-3),))
+    )
+    assert one.misfit.cost == pytest.approx(other.misfit.cost, rel=1e-9)
+    for value in one.free:
+        assert other.value(value.name) == pytest.approx(value.value, abs=1e-4 * value.std)
+        assert other.std(value.name) == pytest.approx(value.std, rel=1e-4)
+    # theory.md, section 3: a length measured to 0.5 mm moves I_p from .05 to .34 %.
+    assert 100 * one.std("I_p") / one.value("I_p") == pytest.approx(0.34, abs=0.02)
+
+
+def test_bound_that_does_not_bind_changes_nothing(demo, noisy):
+    fixed = {"L1": 0.3}
+    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
+    bounds = {"2*I_t - I_p": (0.0, None), "m1": (0.5, 1.5)}
+    bounded = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed, bounds=bounds))
+    assert [v.value for v in bounded.parameters] == [v.value for v in free.parameters]
+    assert bounded.warnings == ()
+
+
+def test_bound_that_binds_is_an_equality(demo, noisy):
+    """I_p <= 2 I_t of a rotor whose estimate lies beyond it; J rises as little as it must."""
+    fixed = {"L1": 0.3}
+    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
+    limit = 2 * free.value("I_t") - free.value("I_p") + 2 * free.std("I_t")
+    estimator = MaximumLikelihood(fixed=fixed, bounds={"2*I_t - I_p": (limit, None)})
+    bounded = identify(demo.model, noisy, estimator)
+    held = 2 * bounded.value("I_t") - bounded.value("I_p")
+    assert held == pytest.approx(limit, rel=1e-12)
+    equality = MaximumLikelihood(fixed=fixed, constraints=(Constraint("2*I_t - I_p", limit),))
+    assert bounded.misfit.cost == pytest.approx(
+        identify(demo.model, noisy, equality).misfit.cost, rel=1e-9
+    )
+    assert any("2*I_t - I_p >= " in warning for warning in bounded.warnings)
+    assert bounded.std("I_t") == pytest.approx(free.std("I_t"), rel=0.05)
+
+
+def test_mass_is_kept_positive(demo, noisy):
+    """A model with a mass that is not there: its estimate would as soon be negative."""
+    model = demo.model
+    estimate = None
+    for seed in range(10):
+        record = demo.noisy(noisy, np.random.default_rng(seed))
+        estimator = MaximumLikelihood(fixed={"L1": 0.3}, bounds={"m1": (0.85, None)})
+        estimate = identify(model, record, estimator)
+        assert estimate.value("m1") >= 0.85 * (1 - 1e-12)
+
+
+def test_several_bounds_release_what_need_not_hold(demo, noisy):
+    """Two bounds, of which only one binds once the other holds."""
+    fixed = {"L1": 0.3}
+    free = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed))
+    # k1 and m1 are strongly correlated: pushing k1 up lifts m1 far beyond its own bound.
+    correlation = free.correlation
+    names = [value.name for value in free.free]
+    assert correlation[names.index("m1"), names.index("k1")] > 0.8
+    bounds = {
+        "k1": (free.value("k1") + 3 * free.std("k1"), None),
+        "m1": (free.value("m1") + 0.5 * free.std("m1"), None),
+    }
+    estimate = identify(demo.model, noisy, MaximumLikelihood(fixed=fixed, bounds=bounds))
+    assert estimate.value("k1") == pytest.approx(bounds["k1"][0], rel=1e-12)
+    assert estimate.value("m1") > bounds["m1"][0] * (1 + 1e-6)
+    assert sum("holds with equality" in warning for warning in estimate.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        ((Constraint("m1", 1.0), Constraint("2*m1", 3.0)), "repeat or contradict"),
+        ((Constraint("L1", 0.3),), "holds no free parameter"),
+        ((Constraint("m1 + m9", 1.0),), "unknown name 'm9'"),
+        ((Constraint("m1/m2", 1.0),), "a polynomial in the parameters"),
+    ],
+)
+def test_refuses_constraints_without_sense(demo, noisy, constraints, message):
+    with pytest.raises(InputError, match=message):
+        identify(demo.model, noisy, MaximumLikelihood(fixed={"L1": 0.3}, constraints=constraints))
+
+
+def test_exact_constraints_on_base_parameters(demo):
+    record = demo.noisy(demo.record(), np.random.default_rng(12))
+    estimator = MaximumLikelihood(base=True, constraints=(Constraint("m1 - m3", 0.0),))
+    estimate = identify(demo.model, record, estimator)
+    assert estimate.value("m1") == pytest.approx(estimate.value("m3"), rel=1e-13)
+    assert estimate.misfit.dof == 83
+
+
+def test_start_may_be_given_in_part(demo, noisy):
+    bare = replace(
+        demo.model,
+        parameters=tuple(
+            replace(p, nominal=None) if p.name == "m2" else p for p in demo.model.parameters
+        ),
+    )
+    with pytest.raises(InputError, match="no start of m2"):
+        identify(bare, noisy, MaximumLikelihood(fixed={"L1": 0.3}))
+    estimate = identify(bare, noisy, MaximumLikelihood(fixed={"L1": 0.3}, start={"m2": 9.0}))
+    assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=5e-3)
