@@ -3,16 +3,18 @@
 A current that a sampled controller commands is held: it is constant for one sample period while
 the displacement goes on. Its line is that of its samples times sinc(f T) exp(-i pi f T), the line
 of the displacement is not, so that neither the samples of the force nor those of a held force
-give the right line. Here each column is first taken to the quantity's own time:
+give the right line. That of the true force is a sum over the periods of the hold,
 
-- Linear law: F = k_i (current, through hold and delay) + k_s (position, through its delay).
-- Other laws: within each period of the hold the law is evaluated at Gauss points, with the held
-  current and the displacement there, and every point is carried back to the sample:
-  ``F = sum_j w_j S(-c_j) law(i, S(c_j) x)``, S(c) a shift by c, whose line is that of the true
-  force, ``1/T int law(i_k, x(t)) exp(-i omega t) dt``, summed over the periods of the hold.
+    1/(N T) sum_k int law(i_k, x(t_k + s)) exp(-i omega (t_k + s)) ds,   s = 0 ... T.
 
-The shifts are interpolations by 16 samples, right in phase and size to 1e-9 below a tenth of the
-sample rate. The result is a channel without hold and delay.
+By Gauss's points c_j and weights w_j in T it is the line of
+
+    F = sum_j w_j S(-c_j) law(i, S(c_j) x),
+
+S(c) a shift of samples by c: the law with the held current and the displacement at each point,
+carried back to the sample. Delays add to the shifts. The result is a channel without hold and
+delay, right below a tenth of the sample rate to 1e-9 (the shifts, `rotorid.signals.shift`). For the
+linear law it is k_i times the held current plus k_s times the displacement.
 """
 
 from __future__ import annotations
@@ -21,14 +23,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import signal
 
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import CurrentLaw, Linear
 from rotorid.errors import InputError
 from rotorid.record import Channel, Floats, Record
+from rotorid.signals.shift import shifted
 
-_TAPS = 16
 _NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
 _NODES = _NODES + 0.5
 
@@ -62,7 +63,11 @@ class ForceReading:
 
 
 def forces(
-    record: Record, readings: Mapping[str, ForceReading] | None = None, *, drives: bool = True
+    record: Record,
+    readings: Mapping[str, ForceReading] | None = None,
+    *,
+    drives: bool = True,
+    period: int | None = None,
 ) -> Record:
     """Return a record whose currents, or flux densities, have become forces.
 
@@ -73,6 +78,9 @@ def forces(
         Input to how its force is read.
     drives : bool
         Turn the currents of channels with a `Drive` into forces too.
+    period : int, optional
+        Samples of a period; what lies just beyond the ends of the record is then taken from one
+        period away.
 
     Returns
     -------
@@ -96,7 +104,8 @@ def forces(
     array([80., 80.])
     """
     wanted = {**(drive_readings(record) if drives else {}), **(readings or {})}
-    found = {name: _force(record, name, reading) for name, reading in wanted.items()}
+    reader = _Reader(record, period)
+    found = {name: reader.force(name, reading) for name, reading in wanted.items()}
     place = {reading.channels[0]: name for name, reading in wanted.items()}
     spent = {channel for reading in wanted.values() for channel in reading.channels[1:]}
     channels, columns = [], []
@@ -183,52 +192,56 @@ def as_channels(sensors: Sequence[Channel], position: Mapping[str, float]) -> di
     return {sensor.name: float(f"{weight:.12g}") for sensor, weight in named if weight}
 
 
-def _force(record: Record, name: str, reading: ForceReading) -> tuple[Channel, Floats]:
-    sources = [record.channels[record.names.index(c)] for c in _present(record, reading)]
-    try:
-        if isinstance(reading.law, Flux):
-            return _from_flux(record, name, reading, sources)
-        return _from_current(record, name, reading, sources[0])
-    except InputError as error:
-        raise error.at(file=record.source, place=name) from None
+@dataclass(frozen=True)
+class _Reader:
+    """Columns of a record, shifted in time."""
 
+    record: Record
+    period: int | None
 
-def _present(record: Record, reading: ForceReading) -> tuple[str, ...]:
-    for channel in (*reading.channels, *reading.position):
-        record.column(channel)  # raises where there is none
-    return reading.channels
+    def channel(self, name: str) -> Channel:
+        self.record.column(name)  # raises where there is none
+        return self.record.channels[self.record.names.index(name)]
 
+    def shifted(self, samples: Floats, seconds: float) -> Floats:
+        return shifted(samples, seconds * self.record.sample_rate, self.period)
 
-def _from_flux(
-    record: Record, name: str, reading: ForceReading, sources: list[Channel]
-) -> tuple[Channel, Floats]:
-    columns = [shifted(record.column(c.name), c.delay * record.sample_rate) for c in sources]
-    law = reading.law
-    force = law.force(*columns)
-    return _channel(name, force, law.force_std(*columns), sources[0]), force
+    def column(self, name: str, lead: float = 0.0) -> Floats:
+        """Return a column as it would be without its delay, `lead` (s) later."""
+        return self.shifted(self.record.column(name), self.channel(name).delay + lead)
 
+    def displacement(self, position: Mapping[str, float], lead: float) -> Floats:
+        total = np.zeros(len(self.record.samples))
+        for name, factor in position.items():
+            total += factor * self.column(name, lead)
+        return total
 
-def _from_current(
-    record: Record, name: str, reading: ForceReading, source: Channel
-) -> tuple[Channel, Floats]:
-    rate, current = record.sample_rate, record.column(source.name)
-    lead = -source.delay * rate  # samples from a reading to the instant that it is true of
-    points = zip(_NODES, _WEIGHTS, strict=True) if source.hold else ((0.0, 1.0),)
-    force = np.zeros_like(current)
-    for node, weight in points:
-        displacement = _displacement(record, reading.position, lead + node)
-        force += weight * shifted(reading.law.force(current, displacement), -lead - node)
-    deviation = reading.law.force_std(current, _displacement(record, reading.position, 0.0))
-    return _channel(name, force, deviation, source), force
+    def force(self, name: str, reading: ForceReading) -> tuple[Channel, Floats]:
+        """Return the channel of the force and its samples."""
+        source = self.channel(reading.channels[0])
+        try:
+            if isinstance(reading.law, Flux):
+                fluxes = [self.column(flux) for flux in reading.channels]
+                force = reading.law.force(*fluxes)
+                deviation = reading.law.force_std(*fluxes)
+            else:
+                force, deviation = self._from_current(reading.law, source, reading.position)
+        except InputError as error:
+            raise error.at(file=self.record.source, place=name) from None
+        return _channel(name, force, deviation, source), force
 
-
-def _displacement(record: Record, position: Mapping[str, float], steps: float) -> Floats:
-    total = np.zeros(len(record.samples))
-    for name, factor in position.items():
-        channel = record.channels[record.names.index(name)]
-        late = channel.delay * record.sample_rate
-        total += factor * shifted(record.column(name), steps + late)
-    return total
+    def _from_current(
+        self, law: CurrentLaw, source: Channel, position: Mapping[str, float]
+    ) -> tuple[Floats, Floats]:
+        step = 1 / self.record.sample_rate
+        current = self.record.column(source.name)
+        points = zip(_NODES * step, _WEIGHTS, strict=True) if source.hold else ((0.0, 1.0),)
+        total = np.zeros_like(current)
+        for node, weight in points:
+            lead = node - source.delay  # from a reading to an instant at which its current flows
+            force = law.force(current, self.displacement(position, lead))
+            total += weight * self.shifted(force, -lead)
+        return total, law.force_std(current, self.displacement(position, 0.0))
 
 
 def _channel(name: str, force: Floats, deviation: Floats, source: Channel) -> Channel:
@@ -241,43 +254,3 @@ def _channel(name: str, force: Floats, deviation: Floats, source: Channel) -> Ch
         delay_std=source.delay_std,
         gain_std=float(np.hypot(source.gain_std, relative)),
     )
-
-
-def shifted(samples: Floats, steps: float) -> Floats:
-    """Return samples of a signal `steps` sample periods later, by local interpolation.
-
-    Parameters
-    ----------
-    samples : array, shape (sample,)
-    steps : float
-        Positive looks ahead.
-
-    Returns
-    -------
-    array, shape (sample,)
-        Within half the interpolation's width of the ends it is the nearest that there is.
-
-    Examples
-    --------
-    >>> shifted(np.arange(40.0) ** 2, 0.5)[20:22].round(9)
-    array([420.25, 462.25])
-    """
-    whole = int(np.floor(steps + 1e-9))
-    part = steps - whole
-    if abs(part) < 1e-9:
-        moved = samples
-    else:
-        half = min(_TAPS // 2, len(samples) - 1)
-        offsets = np.arange(-half + 1, half + 1)
-        weights = [np.prod([(part - o) / (k - o) for o in offsets if o != k]) for k in offsets]
-        padded = _extended(samples, half)
-        moved = signal.correlate(padded, weights, mode="valid")[1:][: len(samples)]
-    index = np.clip(np.arange(len(samples)) + whole, 0, len(samples) - 1)
-    return np.asarray(moved[index])
-
-
-def _extended(samples: Floats, width: int) -> Floats:
-    """Continue a signal at both ends by its point reflection, which keeps value and slope."""
-    head = 2 * samples[0] - samples[width:0:-1]
-    tail = 2 * samples[-1] - samples[-2 : -width - 2 : -1]
-    return np.concatenate([head, samples, tail])

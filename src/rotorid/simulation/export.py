@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
@@ -154,7 +155,8 @@ def _inputs(rig: Rig, record: RigRecord) -> list[str]:
         if part.law is None:
             found.append(f"{name} = {{ {_recorded(columns[label(name, part)])} }}")
             continue
-        found.append(f"{name} = {{ {_law(force_reading(rig, plant, j), columns)} }}")
+        reading = force_reading(rig, plant, j)
+        found.append(f"{name} = {{ {_law(reading, columns)} }}")
     return found
 
 
@@ -197,7 +199,7 @@ def _angle(angle: float) -> list[str]:
     return [f'angle = "{_number(angle)} rad"'] if angle else []
 
 
-def _combination(parts: dict[str, float]) -> str:
+def _combination(parts: Mapping[str, float]) -> str:
     """Write a linear combination as text, ``x - 0.2*theta_y``."""
     text = ""
     for name, factor in parts.items():
@@ -209,7 +211,7 @@ def _combination(parts: dict[str, float]) -> str:
 
 def _position(sensor: PositionSensor, model: Model) -> str:
     unit = model.units[next(iter(sensor.combination))]
-    reads = "" if sensor.reads is None else f'reads = "{_combination(dict(sensor.reads))}", '
+    reads = "" if sensor.reads is None else f'reads = "{_combination(sensor.reads)}", '
     return f'{sensor.name} = {{ {reads}column = "{sensor.name}", unit = "{unit}" }}'
 
 

@@ -238,4 +238,12 @@ def _as_read(
         angle=angle,
         source=f"rig {rig.model.name}",
     )
-    return forces(record, readings, drives=False) if readings else record
+    return forces(record, readings, drives=False, period=_period(rig)) if readings else record
+
+
+def _period(rig: Rig) -> int | None:
+    """Return the samples of a period of the excitation, where that is a whole number."""
+    if rig.excitation is None:
+        return None
+    exact = rig.logger.sample_rate / rig.excitation.fundamental
+    return round(exact) if abs(exact - round(exact)) < 1e-6 else None

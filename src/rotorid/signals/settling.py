@@ -1,0 +1,104 @@
+"""The transient at the start of a record: how long it lasts, on the lines that count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.record import Complexes, Floats, PeriodicRecord
+
+LEAST_PERIODS = 8
+"""Periods below which a transient cannot be told from the scatter."""
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Settling:
+    """The transient at the start of a record.
+
+    Parameters
+    ----------
+    periods : int
+        Whole periods from the start that it disturbs.
+    drop : float
+        Time in s to drop: as long again, in which the transient sinks below the scatter of the
+        mean.
+    excess : float
+        Root mean square of the deviation of these periods from the settled ones, over all lines
+        and channels, in units of the scatter between the settled ones; 0 where there is none.
+    relative : float
+        Their largest deviation, as a part of the channel's line spectrum.
+    """
+
+    periods: int
+    drop: float
+    excess: float
+    relative: float
+
+
+NONE = Settling(0, 0.0, 0.0, 0.0)
+"""No transient."""
+
+
+def detect_settling(periods: PeriodicRecord) -> Settling:
+    """Find the periods at the start that are not like those of the second half.
+
+    Of each period, d = the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled
+    and s the mean and the scatter over the second half; a transient lasts until d stays below what
+    chance explains. It is looked for on the kept lines only: elsewhere it does no harm.
+
+    Parameters
+    ----------
+    periods : PeriodicRecord
+        Averaged without `skip`, or with the one to check.
+
+    Returns
+    -------
+    Settling
+        `NONE` where there are fewer than 8 periods, or where what changes does not end in the
+        first half: that is a drift.
+    """
+    count = periods.periods
+    if count < LEAST_PERIODS:
+        return NONE
+    deviation, size = _deviation(periods.spectra)
+    d = (deviation**2).mean(axis=1)
+    last = _last_unsettled(d, deviation.shape[1])
+    if last == 0:
+        return NONE
+    return Settling(
+        periods=last,
+        drop=min(2 * last, count // 2) / periods.fundamental,
+        excess=float(np.sqrt(d[:last].mean())),
+        relative=float(size[:last].max()),
+    )
+
+
+def _deviation(spectra: Complexes) -> tuple[Floats, Floats]:
+    """Return each period's deviation from the second half: over its scatter, and relative."""
+    count = len(spectra)
+    settled = spectra[count // 2 :]
+    mean = settled.mean(axis=0)
+    channel = np.sqrt((np.abs(mean) ** 2).mean(axis=0))
+    # A drift that is left in the second half is no scatter: differences of neighbours hold less.
+    scatter = np.sqrt((np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2)
+    pooled = np.sqrt((scatter**2).mean(axis=0))
+    floor = np.maximum(pooled, np.maximum(_ROUNDING * channel, 1e-300))
+    moved = np.abs(spectra - mean)
+    relative = moved / np.where(channel > 0, channel, np.inf)
+    return (moved / floor).reshape(count, -1), relative.reshape(count, -1).max(axis=1)
+
+
+def _last_unsettled(d: Floats, terms: int) -> int:
+    """Return the number of periods at the start that are beyond chance.
+
+    What chance explains: the median over the settled half and five times its spread, which is
+    known from the quartiles. The transient ends where two successive periods are settled.
+    """
+    half = len(d) // 2
+    low, median, high = np.percentile(d[half:], [25, 50, 75])
+    late = d > median + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
+    ends = np.flatnonzero(~late[:half] & ~late[1 : half + 1])
+    return int(ends[0]) if ends.size else 0

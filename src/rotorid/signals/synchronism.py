@@ -1,0 +1,101 @@
+"""Does the rotor turn with the excitation? What it costs where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.record import Floats, PeriodicRecord
+
+NOTICED = 1e-3
+"""Part of the unbalance lost, or leaked into a line, from which on it is worth a warning."""
+
+
+@dataclass(frozen=True)
+class Synchronism:
+    """How well the rotation fits the periods of the excitation.
+
+    Parameters
+    ----------
+    turns : float
+        Mean revolutions per period.
+    slip : float
+        Angle in rad by which the rotation gains on the nearest whole number of turns, over all
+        periods.
+    drift : float
+        Change of the speed in rad/s over the record, by regression.
+    loss : float
+        Part of the unbalance's line that averaging over the periods loses.
+    leakage : array, shape (line,)
+        Size of exp(i phi) on each kept line; 1 where all of it is, the line of the rotation
+        itself set to 0.
+    """
+
+    turns: float
+    slip: float
+    drift: float
+    loss: float
+    leakage: Floats
+
+
+def synchronism(periods: PeriodicRecord) -> Synchronism:
+    """Compare the rotor angle with the periods.
+
+    Parameters
+    ----------
+    periods : PeriodicRecord
+
+    Returns
+    -------
+    Synchronism
+
+    Notes
+    -----
+    The columns of the unbalance are averaged and filtered as the data are, from the measured
+    angle, so they lose the same part. What remains is the answer of the rotor to the part that
+    leaks, which is not periodic: an error of about the leakage times the amplification there.
+    """
+    angle, time = periods.angle.ravel(), periods.time.ravel()
+    omega0 = 2 * np.pi * periods.fundamental
+    speed = np.polynomial.polynomial.polyfit(time - time.mean(), angle - angle.mean(), 2)
+    turns = speed[1] / omega0
+    nearest = round(turns)
+    marker = np.exp(1j * angle)
+    kept = np.exp(-1j * np.multiply.outer(periods.harmonics * omega0, time)) @ marker / len(time)
+    own = np.abs(np.mean(marker * np.exp(-1j * nearest * omega0 * time)))
+    return Synchronism(
+        turns=float(turns),
+        slip=float((turns - nearest) * omega0 * (time[-1] - time[0])),
+        drift=float(2 * speed[2] * (time[-1] - time[0])),
+        loss=float(1 - own),
+        leakage=np.where(periods.harmonics == nearest, 0.0, np.abs(kept)),
+    )
+
+
+def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
+    """Return warnings, with numbers, where the rotation does not fit the periods.
+
+    Parameters
+    ----------
+    periods : PeriodicRecord
+
+    Returns
+    -------
+    sequence of str
+        None where the rotor stands still or turns with the excitation.
+    """
+    if periods.speed == 0:
+        return ()
+    found = synchronism(periods)
+    worst = int(np.argmax(found.leakage))
+    if found.loss < NOTICED and found.leakage[worst] < NOTICED:
+        return ()
+    line = periods.frequency[worst]
+    return (
+        f"the rotation is not synchronous with the excitation: {found.turns:.6g} revolutions per "
+        f"period, {np.degrees(found.slip):.3g} degrees off over {periods.periods} periods, the "
+        f"speed changing by {abs(found.drift) / (2 * np.pi) * 60:.3g} rpm; the line of the "
+        f"unbalance loses {100 * found.loss:.2g} % and leaks up to "
+        f"{100 * found.leakage[worst]:.2g} % into the line at {line:g} Hz",
+    )
