@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid.models.expression import MAX_DEGREE, MAX_NESTING, MAX_TERMS
 from rotorid.units import si_factor
 
 ROOT = Path(__file__).parents[1]
@@ -131,6 +132,12 @@ def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: 
 def test_model_of_the_page_is_one() -> None:
     (text,) = blocks(ROOT / "docs" / "models.md", "toml")
     assert rid.parse_model(text).base.names == ("m", "k", "Fc")
+
+
+def test_limits_of_the_models_page_are_those_of_the_code() -> None:
+    text = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+    for limit in (f"{MAX_NESTING} levels", f"degree {MAX_DEGREE}", f"{MAX_TERMS:,} terms"):
+        assert limit in text
 
 
 def test_python_of_the_models_page_runs() -> None:
