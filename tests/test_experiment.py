@@ -222,7 +222,7 @@ def test_paths_are_relative_to_the_experiment(folder: Path, tmp_path: Path) -> N
         ("scale = 2", "gain_std = -1", "channels.F_y.gain_std", "greater than or equal to 0"),
         ("F_x =", "Fx =", "channels.Fx", "one of F_x, F_y, x, y; did you mean F_x"),
         ('\ny = { column = "position[1]" }', "\ny = 3", "channels.y", "a table"),
-        ("F_x = { column", "F_x = { law", "channels.F_x: law", "cannot honour yet"),
+        ("F_x = { column", "F_x = { law", "channels.F_x.law", "'linear', 'differential' or 'flux'"),
     ],
 )
 def test_refused_keys(folder: Path, old: str, new: str, place: str, message: str) -> None:

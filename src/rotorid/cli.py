@@ -95,7 +95,7 @@ def identify(
     _check(json, report)
     with _progress("reading"):
         plan = load_experiment(experiment)
-        estimator, records = plan.estimator(method), plan.records()
+        estimator, records = plan.estimator(method), plan.records(method)
     with _progress("identifying"):
         try:
             estimate = identify_model(plan.model, records, estimator)

@@ -8,13 +8,12 @@ from pathlib import Path
 from rotorid.errors import InputError
 from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
-from rotorid.experiment.methods import build_estimator
-from rotorid.experiment.names import constraints, fixed_values, sources, timing
-from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
-from rotorid.io import Source, read_record
+from rotorid.experiment.methods import DEFAULT, build_estimator
+from rotorid.experiment.names import constraints, fixed_values
+from rotorid.experiment.recording import Recording, measured, periods_of, recording
+from rotorid.experiment.schema import ExperimentFile, Method
 from rotorid.models import Model, load_model
 from rotorid.record import PeriodicRecord, Record
-from rotorid.signals.average import average
 from rotorid.toml import read_toml
 
 
@@ -30,7 +29,7 @@ class Experiment:
         Where the files of the records lie.
     entry : ExperimentFile
     model : Model
-    channels : sequence of mapping of str to Source
+    channels : sequence of Recording
         Where the channels of each record come from.
     fixed : mapping of str to float
         Fixed parameters in SI.
@@ -41,25 +40,37 @@ class Experiment:
     folder: Path
     entry: ExperimentFile
     model: Model
-    channels: tuple[dict[str, Source], ...]
+    channels: tuple[Recording, ...]
     fixed: dict[str, float]
     constraints: tuple[Constraint, ...]
 
-    def measured(self) -> list[Record]:
+    def measured(self, method: Method | None = None) -> list[Record]:
         """Read the samples of every record.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's. Maximum likelihood takes the currents of linear force laws as
+            they are; the others take forces.
 
         Raises
         ------
         InputError
             For files, columns, units and samples that cannot be used.
         """
+        currents = (method or self.entry.estimator.method or DEFAULT) == "ml"
         return [
-            _read(self.folder / entry.file, entry, channels)
-            for entry, channels in zip(self.entry.records, self.channels, strict=True)
+            measured(self.folder / entry.file, entry, plan, currents=currents)
+            for entry, plan in zip(self.entry.records, self.channels, strict=True)
         ]
 
-    def records(self) -> list[PeriodicRecord]:
+    def records(self, method: Method | None = None) -> list[PeriodicRecord]:
         """Read every record and cut it into periods.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            As for `measured`.
 
         Raises
         ------
@@ -67,15 +78,8 @@ class Experiment:
             As `measured`, and for periods or lines that the record does not have.
         """
         return [
-            average(
-                _read(self.folder / entry.file, entry, channels),
-                entry.fundamental,
-                period_samples=entry.period_samples,
-                harmonics=entry.harmonics,
-                band=entry.band,
-                skip=entry.skip,
-            )
-            for entry, channels in zip(self.entry.records, self.channels, strict=True)
+            periods_of(record, entry)
+            for record, entry in zip(self.measured(method), self.entry.records, strict=True)
         ]
 
     def estimator(self, method: Method | None = None) -> Estimator:
@@ -95,17 +99,6 @@ class Experiment:
             return build_estimator(self.entry, method, self.fixed, self.constraints)
         except InputError as error:
             raise error.at(file=self.file) from None
-
-
-def _read(path: Path, entry: RecordEntry, channels: dict[str, Source]) -> Record:
-    return read_record(
-        path,
-        columns=channels,
-        sample_rate=entry.sample_rate,
-        time=timing(entry),
-        speed=entry.speed,
-        phase=entry.phase,
-    )
 
 
 def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
@@ -133,10 +126,10 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         channels = []
         for number, record in enumerate(entry.records):
             try:
-                sources(record.channels, model)
+                recording(record.channels, model)
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
-            channels.append(sources({**entry.channels, **record.channels}, model))
+            channels.append(recording({**entry.channels, **record.channels}, model))
         return Experiment(
             file=str(path),
             folder=path.parent if folder is None else Path(folder),

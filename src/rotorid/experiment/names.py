@@ -32,18 +32,14 @@ def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputErro
     )
 
 
-def sources(entries: Mapping[str, ChannelEntry], model: Model) -> dict[str, Source]:
-    """Return where the channels of a record come from.
+def source(name: str, entry: ChannelEntry, model: Model) -> Source:
+    """Return where a channel without force law comes from.
 
     Raises
     ------
     InputError
         For a channel that is no quantity of the model and reads none, or the reverse.
     """
-    return {name: _source(name, entry, model) for name, entry in entries.items()}
-
-
-def _source(name: str, entry: ChannelEntry, model: Model) -> Source:
     place = f"channels.{name}"
     quantities = (*model.inputs, *model.coordinates)
     if entry.reads is None and name not in quantities:
@@ -63,7 +59,7 @@ def _source(name: str, entry: ChannelEntry, model: Model) -> Source:
     if reads is not None and entry.unit is None:
         raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
     return Source(
-        column=entry.column,
+        column=entry.column or "",
         unit=entry.unit,
         scale=entry.scale,
         expected=model.units[name] if reads is None else None,

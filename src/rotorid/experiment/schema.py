@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StrictInt, model_validator
 
+from rotorid.actuators.entry import LawEntry, LawName, law_keys
 from rotorid.errors import InputError
 from rotorid.toml import Schema
 from rotorid.units import to_si
@@ -87,8 +88,8 @@ def _time(value: object) -> object:
     return {"column": value} if isinstance(value, str) else value
 
 
-class ChannelEntry(Schema):
-    """Where an input, a coordinate or a sensor comes from."""
+class ColumnEntry(Schema):
+    """A column, and how it was recorded."""
 
     column: str
     unit: str | None = None
@@ -96,19 +97,60 @@ class ChannelEntry(Schema):
     hold: Literal["none", "zero-order"] = "none"
     delay: Annotated[float, BeforeValidator(_delay)] = 0.0
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    reads: str | None = None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _no_law(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "law" in data:
+
+class ChannelEntry(LawEntry):
+    """Where an input, a coordinate or a sensor comes from: a column, or a force law's columns."""
+
+    law: LawName | None = None  # type: ignore[assignment]
+    column: str | None = None
+    unit: str | None = None
+    scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
+    hold: Literal["none", "zero-order"] = "none"
+    delay: Annotated[float, BeforeValidator(_delay)] = 0.0
+    gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    reads: str | None = None
+    current: ColumnEntry | None = None
+    flux: Annotated[list[ColumnEntry] | None, Field(min_length=2, max_length=2)] = None
+    position: str | None = None
+
+    @model_validator(mode="after")
+    def _column_or_law(self) -> ChannelEntry:
+        given = self.model_fields_set
+        of_law = {*law_keys(), "current", "flux", "position"}
+        needed = {"linear": {"current", "position"}, "differential": {"current", "position"}}
+        wanted = {"column"} if self.law is None else needed.get(self.law, {"flux"})
+        for key in sorted(wanted - given):
+            raise InputError("no such key", "a value", "add it", place=key)
+        allowed = wanted | (
+            set(law_keys()) if self.law else set(ChannelEntry.model_fields) - of_law
+        )
+        for key in sorted(given - allowed):
             raise InputError(
-                f"the law {str(data['law'])[:40]!r}, which this version cannot honour yet",
-                "a column of forces",
-                "compute the force beforehand and name its column",
-                place="law",
+                f"{key} " + ("without a law" if self.law is None else f"beside law = {self.law!r}"),
+                f"one of {', '.join(sorted(allowed))}",
+                "remove it; hold, delay and unit of a current stand in its own table",
+                place=key,
             )
-        return data
+        return self
+
+
+class AngleEntry(Schema):
+    """The column of an encoder: an angle with a unit, or a counter of lines."""
+
+    column: str
+    unit: str | None = None
+    lines: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
+
+    @model_validator(mode="after")
+    def _scaled(self) -> AngleEntry:
+        if self.unit is None and self.lines is None:
+            raise InputError(
+                "neither unit nor lines",
+                "the unit of an angle, or the lines of a revolution that are counted",
+                "add one",
+            )
+        return self
 
 
 class RecordEntry(Schema):
@@ -118,15 +160,34 @@ class RecordEntry(Schema):
     sample_rate: Hertz | None = None
     time: Annotated[TimeEntry | None, BeforeValidator(_time)] = None
     speed: RadiansPerSecond = 0.0
-    angle: Annotated[Any, _later("give speed, where it is constant")] = None
-    keyphasor: Annotated[Any, _later("give speed, where it is constant")] = None
+    angle: AngleEntry | None = None
+    keyphasor: str | None = None
     phase: Annotated[float, BeforeValidator(_phase)] = 0.0
     fundamental: Hertz | None = None
     period_samples: Count | None = None
     harmonics: list[Count] | None = None
     band: Annotated[tuple[float, float] | None, BeforeValidator(_band)] = None
-    skip: Seconds = 0.0
+    skip: Seconds | None = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> RecordEntry:
+        given = [k for k in ("speed", "angle", "keyphasor") if k in self.model_fields_set]
+        if len(given) > 1:
+            raise InputError(
+                " and ".join(given),
+                "one of speed, angle and keyphasor",
+                "remove the other: a mark gives speed and angle",
+                place=given[1],
+            )
+        if given not in ([], ["speed"]) and "phase" in self.model_fields_set:
+            raise InputError(
+                f"phase with {given[0]}",
+                "the phase where only the speed is known",
+                "remove it: the mark sets the angle",
+                place="phase",
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_of_each(self) -> RecordEntry:

@@ -10,10 +10,9 @@ import numpy as np
 
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
-from rotorid.actuators.reading import ForceReading
 from rotorid.errors import InputError
 from rotorid.models import Model
-from rotorid.simulation.logger import Column, RigRecord, force_reading, label
+from rotorid.simulation.logger import Column, RigRecord, actuator_position, label
 from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor
 from rotorid.simulation.rig import Rig
 from rotorid.simulation.rig_file import RigPlan
@@ -152,12 +151,24 @@ def _inputs(rig: Rig, record: RigRecord) -> list[str]:
     plant = rig.plant(1.0)
     found = []
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        kinds = ("i",) if part.flux is None else ("b1", "b2")
+        sources = [_recorded(columns[label(name, part, kind)]) for kind in kinds]
         if part.law is None:
-            found.append(f"{name} = {{ {_recorded(columns[label(name, part)])} }}")
-            continue
-        reading = force_reading(rig, plant, j)
-        found.append(f"{name} = {{ {_law(reading, columns)} }}")
+            keys = sources[0]
+        elif part.flux is not None:
+            keys = _flux(part.flux.law, sources)
+        else:
+            keys = _law(part.law, sources[0], _place(rig, actuator_position(rig, plant, j)))
+        found.append(f"{name} = {{ {keys} }}")
     return found
+
+
+def _place(rig: Rig, position: Mapping[str, float]) -> str:
+    """Name the sensor that reads a displacement; or say which coordinates it is made of."""
+    for sensor in rig.sensors:
+        if dict(sensor.combination) == dict(position):
+            return sensor.name
+    return _combination(position)
 
 
 def _recorded(column: Column) -> str:
@@ -169,30 +180,27 @@ def _recorded(column: Column) -> str:
     return ", ".join(keys)
 
 
-def _law(reading: ForceReading, columns: dict[str, Column]) -> str:
-    sources = [f"{{ {_recorded(columns[name])} }}" for name in reading.channels]
-    law = reading.law
-    if isinstance(law, Flux):
-        keys = [
-            'law = "flux"',
-            f"flux = [{', '.join(sources)}]",
-            f'area = "{_number(law.area)} m^2"',
-            f"poles = {law.poles}",
-        ]
-        return ", ".join([*keys, *_angle(law.angle)])
-    keys = [f"current = {sources[0]}", f'position = "{_combination(reading.position)}"']
-    if isinstance(law, Differential):
-        constants = [
-            f'K = "{_number(law.constant)} N m^2/A^2"',
-            f'bias = "{_number(law.bias)} A"',
-            f'gap = "{_number(law.gap)} m"',
-            *_angle(law.angle),
-        ]
-        return ", ".join(['law = "differential"', *keys, *constants])
-    if not isinstance(law, Linear):
-        raise TypeError(f"no entry for {type(law).__name__}")
-    constants = [f'ki = "{_number(law.ki)} N/A"', f'ks = "{_number(law.ks)} N/m"']
-    return ", ".join(['law = "linear"', *keys, *constants])
+def _flux(law: Flux, sources: list[str]) -> str:
+    keys = [
+        'law = "flux"',
+        f"flux = [{', '.join(f'{{ {source} }}' for source in sources)}]",
+        f'area = "{_number(law.area)} m^2"',
+        f"poles = {law.poles}",
+    ]
+    return ", ".join([*keys, *_angle(law.angle)])
+
+
+def _law(law: Linear | Differential, source: str, position: str) -> str:
+    keys = [f"current = {{ {source} }}", f'position = "{position}"']
+    if isinstance(law, Linear):
+        keys += [f'ki = "{_number(law.ki)} N/A"', f'ks = "{_number(law.ks)} N/m"']
+        return ", ".join(['law = "linear"', *keys])
+    keys += [
+        f'K = "{_number(law.constant)} N m^2/A^2"',
+        f'bias = "{_number(law.bias)} A"',
+        f'gap = "{_number(law.gap)} m"',
+    ]
+    return ", ".join(['law = "differential"', *keys, *_angle(law.angle)])
 
 
 def _angle(angle: float) -> list[str]:

@@ -1,0 +1,276 @@
+"""From the channels of an experiment file to a record: columns, force laws, rotor angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rotorid.actuators.flux import Flux
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.actuators.reading import ForceReading, as_channels, forces
+from rotorid.errors import InputError
+from rotorid.experiment.names import source, timing
+from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.io import Source, read_record
+from rotorid.models import Model
+from rotorid.models.combination import linear_combination
+from rotorid.record import Drive, PeriodicRecord, Record
+from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_times
+from rotorid.signals.average import average
+from rotorid.signals.settling import detect_settling
+from rotorid.signals.synchronism import rotation_warnings
+
+_MARK = "the mark of the rotor angle"
+
+
+@dataclass(frozen=True)
+class InputLaw:
+    """How an input's force follows from columns.
+
+    Parameters
+    ----------
+    law : Linear or Differential or Flux
+    sources : sequence of str
+        Its columns, among the sources of the `Recording`.
+    position : mapping of str to float
+        Displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law.
+    """
+
+    law: Linear | Differential | Flux
+    sources: tuple[str, ...]
+    position: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Where the columns of a record come from, and what is made of them."""
+
+    sources: dict[str, Source]
+    laws: dict[str, InputLaw]
+
+
+def recording(entries: Mapping[str, ChannelEntry], model: Model) -> Recording:
+    """Return where the channels of a record come from.
+
+    Parameters
+    ----------
+    entries : mapping of str to ChannelEntry
+    model : Model
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        For channels and laws that do not fit the model, with the key.
+    """
+    sources: dict[str, Source] = {}
+    laws: dict[str, InputLaw] = {}
+    for name, entry in entries.items():
+        if entry.law is None:
+            sources[name] = source(name, entry, model)
+            continue
+        place = f"channels.{name}"
+        if name not in model.inputs:
+            raise InputError(
+                f"a force law for {name}",
+                f"an input of the model ({', '.join(model.inputs)})",
+                "give laws to inputs only",
+                place=place,
+            )
+        try:
+            law = entry.build()
+            position = _position(entry, entries, model)
+        except InputError as error:
+            raise error.at(place=place) from None
+        columns = entry.flux or ([] if entry.current is None else [entry.current])
+        labels = (
+            [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
+        )
+        unit = "T" if isinstance(law, Flux) else "A"
+        for label, column in zip(labels, columns, strict=True):
+            sources[label] = Source(
+                column=column.column,
+                unit=column.unit,
+                scale=column.scale,
+                expected=unit,
+                hold=column.hold == "zero-order",
+                delay=column.delay,
+                gain_std=column.gain_std,
+            )
+        laws[name] = InputLaw(law, tuple(labels), position)
+    return Recording(sources, laws)
+
+
+def _position(
+    entry: ChannelEntry, entries: Mapping[str, ChannelEntry], model: Model
+) -> dict[str, float]:
+    """Return the displacement in an actuator as a combination of coordinates."""
+    if entry.position is None:
+        return {}
+    reads = {
+        name: linear_combination(sensor.reads, model.coordinates)
+        for name, sensor in entries.items()
+        if sensor.reads is not None
+    }
+    known = (*model.coordinates, *(name for name in reads if name not in model.coordinates))
+    total: dict[str, float] = {}
+    for name, factor in linear_combination(entry.position, known, place="position").items():
+        for coordinate, share in reads.get(name, {name: 1.0}).items():
+            total[coordinate] = total.get(coordinate, 0.0) + factor * share
+    return {name: value for name, value in total.items() if value}
+
+
+def measured(path: Path, entry: RecordEntry, plan: Recording, *, currents: bool) -> Record:
+    """Read a record.
+
+    Parameters
+    ----------
+    path : Path
+    entry : RecordEntry
+    plan : Recording
+    currents : bool
+        Leave the currents of linear laws as they are, each with its `Drive`.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    InputError
+        For files, columns, units and samples that cannot be used; currents and positions that a
+        law cannot take; marks that give no angle.
+    """
+    columns = dict(plan.sources)
+    if entry.angle is not None:
+        columns[_MARK] = Source(
+            entry.angle.column, entry.angle.unit, expected="rad" if entry.angle.unit else None
+        )
+    elif entry.keyphasor is not None:
+        columns[_MARK] = Source(entry.keyphasor)
+    record = read_record(
+        path,
+        columns=columns,
+        sample_rate=entry.sample_rate,
+        time=timing(entry),
+        speed=entry.speed,
+        phase=entry.phase,
+    )
+    record = _with_drives(_with_angle(record, entry), plan)
+    return forces(
+        record, _readings(record, plan), drives=not currents, period=_period(record, entry)
+    )
+
+
+def _period(record: Record, entry: RecordEntry) -> int | None:
+    if entry.period_samples is not None or entry.fundamental is None:
+        return entry.period_samples
+    return round(record.sample_rate / entry.fundamental)
+
+
+def _with_angle(record: Record, entry: RecordEntry) -> Record:
+    """Return the record without the column of its mark, with the angle from it."""
+    if _MARK not in record.names:
+        return record
+    index = record.names.index(_MARK)
+    column, rate, source_file = record.samples[:, index], record.sample_rate, record.source
+    if entry.angle is not None:
+        counts = entry.angle.unit is None and entry.angle.lines is not None
+        turned = encoder_angle(
+            column,
+            rate,
+            per_revolution=float(entry.angle.lines or 1) if counts else 2 * np.pi,
+            lines=entry.angle.lines,
+            source=source_file,
+        )
+    else:
+        turned = keyphasor_angle(
+            pulse_times(column, rate, source=source_file), len(column), rate, source=source_file
+        )
+    return replace(
+        record,
+        channels=tuple(c for c in record.channels if c.name != _MARK),
+        samples=np.delete(record.samples, index, axis=1),
+        speed=turned.speed,
+        angle=turned.angle,
+    )
+
+
+def _with_drives(record: Record, plan: Recording) -> Record:
+    channels = []
+    for channel in record.channels:
+        found = plan.laws.get(channel.name)
+        if found is not None and isinstance(found.law, Linear):
+            law = found.law
+            channel = replace(
+                channel,
+                drive=Drive(law.ki, law.ks, found.position),
+                gain_std=float(np.hypot(channel.gain_std, law.ki_std / abs(law.ki))),
+            )
+        channels.append(channel)
+    return replace(record, channels=tuple(channels))
+
+
+def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
+    sensors = [channel for channel in record.channels if channel.unit in ("m", "rad")]
+    found = {}
+    for name, law in plan.laws.items():
+        if isinstance(law.law, Linear):
+            continue
+        try:
+            position = as_channels(sensors, law.position) if law.position else {}
+        except InputError as error:
+            raise error.at(file=record.source, place=f"channels.{name}.position") from None
+        found[name] = ForceReading(law.law, law.sources, position)
+    return found
+
+
+def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
+    """Cut a record into periods; drop its transient where the file does not say what to skip.
+
+    Parameters
+    ----------
+    record : Record
+    entry : RecordEntry
+
+    Returns
+    -------
+    PeriodicRecord
+        With warnings of a transient, and of a rotation that is not synchronous.
+
+    Raises
+    ------
+    InputError
+        For periods or lines that the record does not have.
+    """
+
+    def cut(skip: float) -> PeriodicRecord:
+        return average(
+            record,
+            entry.fundamental,
+            period_samples=entry.period_samples,
+            harmonics=entry.harmonics,
+            band=entry.band,
+            skip=skip,
+        )
+
+    periods = cut(entry.skip or 0.0)
+    found = detect_settling(periods)
+    warnings = []
+    if found.periods:
+        lasts = (
+            f"a transient in the first {found.periods} periods, {found.excess:.3g} times the "
+            "scatter of the later ones"
+        )
+        if entry.skip is None:
+            periods = cut(found.drop)
+            warnings.append(f"{lasts}: the first {found.drop:g} s are dropped")
+        else:
+            warnings.append(f"{lasts}, after skip = {entry.skip:g} s: skip {found.drop:g} s more")
+    return replace(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))
