@@ -156,6 +156,31 @@ def validate(result: Path, experiment: Path) -> int:
 
 
 @cli.command()
+@click.argument("rig")
+@click.option("--out", required=True, type=_FILE, help="The record to write (.h5).")
+@click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
+@_debug_option
+def simulate(rig: str, out: Path, seed: int | None) -> int:
+    """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
+    from rotorid.report.rig import record_summary  # its compiler takes its time to load
+    from rotorid.simulation.export import experiment_path, experiment_text, write_record
+    from rotorid.simulation.rig_file import load_rig
+
+    experiment = experiment_path(out, rig)
+    _check(out, experiment)
+    plan = load_rig(rig)
+    with _progress("running"):
+        record = plan.run(seed)
+    described = experiment_text(plan, record, out.name)
+    _write(
+        (out, partial(write_record, record, rig_text=plan.text)),
+        (experiment, lambda path: path.write_text(described, encoding="utf-8")),
+    )
+    _print(record_summary(record, str(out), str(experiment)))
+    return OK
+
+
+@cli.command()
 @click.argument("name", required=False)
 @_debug_option
 def models(name: str | None) -> int:

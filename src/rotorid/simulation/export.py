@@ -70,6 +70,41 @@ def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
     group.attrs["rig"] = rig_text
 
 
+def experiment_path(out: Path, rig: str) -> Path:
+    """Return where the experiment file of a record goes: beside it, with the ending .toml.
+
+    Parameters
+    ----------
+    out : Path
+        The record.
+    rig : str
+        The rig file, which must not be overwritten.
+
+    Raises
+    ------
+    InputError
+        For a record of another ending than HDF5's, or beside a rig file of its own name.
+    """
+    if out.suffix.lower() not in (".h5", ".hdf5"):
+        raise InputError(
+            f"the ending {out.suffix!r}",
+            ".h5 or .hdf5",
+            "name the record so; it is an HDF5 file",
+            file=str(out),
+            place="--out",
+        )
+    beside = out.with_suffix(".toml")
+    if beside.exists() and Path(rig).exists() and beside.samefile(rig):
+        raise InputError(
+            f"the rig file {rig}, where the experiment file goes",
+            "another name for the record",
+            "choose one",
+            file=str(out),
+            place="--out",
+        )
+    return beside
+
+
 def experiment_text(plan: RigPlan, record: RigRecord, file: str) -> str:
     """Return the experiment file that identifies the record of a rig.
 

@@ -21,6 +21,7 @@ from rotorid.signals.multisine import (
     multisine,
     odd_harmonics,
 )
+from rotorid.simulation.logger import RigRecord
 from rotorid.simulation.parts import (
     Encoder,
     Keyphasor,
@@ -61,6 +62,22 @@ class RigPlan:
     rig: Rig
     duration: float
     seed: int
+
+    def run(self, seed: int | None = None) -> RigRecord:
+        """Run the rig for its duration, with its seed or another.
+
+        Raises
+        ------
+        RigError
+            For a rig that cannot run on: what, when, and where.
+        InputError
+            For a duration or an excitation that does not fit the clocks.
+        """
+        rng = np.random.default_rng(self.seed if seed is None else seed)
+        try:
+            return self.rig.run(self.duration, rng)
+        except InputError as error:
+            raise error.at(file=self.name) from None
 
 
 def shipped_rigs() -> tuple[str, ...]:
