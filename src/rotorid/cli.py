@@ -22,7 +22,8 @@ from rotorid.estimate import Estimate, load_estimate
 from rotorid.experiment import load_experiment
 from rotorid.identify import identify as identify_model
 from rotorid.io.output import check_target, write_files
-from rotorid.models import load_model, shipped_models
+from rotorid.models import Model, load_model, shipped_models
+from rotorid.record import PeriodicRecord
 from rotorid.report import text
 from rotorid.validation import predict
 
@@ -105,7 +106,8 @@ def identify(
             estimate = error.estimate
         except InputError as error:
             raise error.at(file=str(experiment)) from None
-    _write((json, estimate.save), (report, partial(_write_estimate_report, estimate)))
+    write_report = partial(_write_estimate_report, estimate, plan.model, records)
+    _write((json, estimate.save), (report, write_report))
     _print(text.estimate_tables(estimate))
     return _exit_code(estimate, strict)
 
@@ -120,10 +122,12 @@ def _write(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
     write_files({path: write for path, write in outputs if path is not None})
 
 
-def _write_estimate_report(estimate: Estimate, path: Path) -> None:
+def _write_estimate_report(
+    estimate: Estimate, model: Model, records: Sequence[PeriodicRecord], path: Path
+) -> None:
     from rotorid.report.html import write_estimate_report  # plots take their time to load
 
-    write_estimate_report(estimate, path)
+    write_estimate_report(estimate, model, records, path)
 
 
 def _write_demo_report(result: DemoResult, path: Path) -> None:
