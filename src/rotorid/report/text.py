@@ -53,28 +53,34 @@ def prediction_table(errors: Iterable[Mapping[str, Prediction | None]]) -> Rende
 def demo_tables(result: DemoResult) -> RenderableType:
     """Return the seed's Table 1 beside the errors of all seeds here, and what they show."""
     names = result.estimators
-    rows = {row.base: row for row in TABLE}
     beside: list[tuple[str, ...]] = []
     spread: list[tuple[str, ...]] = []
-    for i, base in enumerate(result.names):
-        errors = [printed_error(rows[base], n) if base in rows else None for n in names]
+    for row in TABLE:
+        i = result.names.index(row.base)
+        errors = [printed_error(row, name) for name in names]
         printed = ["" if error is None else f"{error:.3f}" for error in errors]
         median = [f"{result.median(name)[i]:.3f}" for name in names]
         rms = [f"{result.rms(name)[i]:.3f}" for name in names]
         bias = [f"{result.bias(name)[i]:+.3f}" for name in names]
-        truth = (base, result.units[i], f"{result.truth[i]:.5g}")
+        truth = (row.base, result.units[i], f"{result.truth[i]:.5g}")
         beside.append((*truth, *_paired(printed, median)))
-        spread.append((base, *_paired(rms, bias)))
+        spread.append((row.base, *_paired(rms, bias)))
     return Group(
         Text("Table 1, |error| in %: of one run, as the paper prints it;"),
         Text(f"and beside it the median of {result.seeds} records here"),
         Text(""),
         _table(("parameter", "unit", "true", *_headings(names, "median")), beside),
+        Text(f"\nThe paper lists the unbalance times Omega^2: {_as_printed()}"),
         Text(f"\nError in %: root mean square of {result.seeds} records; and its mean, the bias\n"),
         _table(("parameter", *_headings(names, "bias")), spread),
         Text(""),
         Text(" ".join(findings(result))),
     )
+
+
+def _as_printed() -> str:
+    rows = [row for row in TABLE if row.speed_power]
+    return ", ".join(f"{row.quantity} = {row.true:.5g} {row.unit}" for row in rows)
 
 
 def _paired(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
