@@ -20,6 +20,7 @@ from rotorid.models.terms import (
     Monomial,
     Names,
     Product,
+    out_of_range,
     sort_monomials,
     split_equations,
 )
@@ -191,7 +192,7 @@ class Model:
         Raises
         ------
         InputError
-            For names that are no parameters.
+            For names that are no parameters, and values that are not finite or too large.
         """
         unknown = [name for name in fixed if name not in self.parameter_names]
         if unknown:
@@ -200,17 +201,23 @@ class Model:
                 f"one of {', '.join(self.parameter_names)}",
                 "correct the name",
             )
+        for name, value in fixed.items():
+            if not np.isfinite(value):
+                raise InputError(f"{value} for {name}", "a finite number", "correct it")
         if not fixed:
             return self
         kept = tuple(p for p in self.parameters if p.name not in fixed)
+        left, right = (
+            _substituted(side, self.parameter_names, fixed)
+            for side in (self.equations.left, self.equations.right)
+        )
+        if any(out_of_range(product.coefficient) for product in (*left, *right)):
+            raise InputError("fixed values too large or too small", "SI values", "check units")
         return replace(
             self,
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
-            equations=Equations(
-                _substituted(self.equations.left, self.parameter_names, fixed),
-                _substituted(self.equations.right, self.parameter_names, fixed),
-            ),
+            equations=Equations(left, right),
         )
 
     @cached_property

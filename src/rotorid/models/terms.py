@@ -126,11 +126,16 @@ def _products(row: int, text: str, names: Names) -> list[Product]:
             "an equation of motion",
             "drop it or correct it",
         )
-    if any(not 10**-MAX_EXPONENT < abs(p.coefficient) < 10**MAX_EXPONENT for p in products):
+    if any(out_of_range(p.coefficient) for p in products):
         raise ModelError(
             "a coefficient too large or too small", f"1e+-{MAX_EXPONENT}", "scale the equation"
         )
     return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
+
+
+def out_of_range(coefficient: Fraction) -> bool:
+    """Tell a coefficient that is too large or too small to compute with."""
+    return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
 
 
 def _factors(

@@ -1,0 +1,307 @@
+"""Base parameters: their names, their merge, and that only the equations' content matters."""
+
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+from bank import ARM, BANK, THREE_MASS, combination, table
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorid.errors import InputError
+from rotorid.models import load_model, parse_model
+from rotorid.models.base import monomial_name
+from rotorid.models.dependence import independent_signals
+from rotorid.models.expression import symbol
+from rotorid.models.model import build_model
+
+
+def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
+    """Return a model with the names among these that the equations hold."""
+    words = set(re.findall(r"\w+", " ".join(equations)))
+    return parse_model(
+        table(
+            "test",
+            equations,
+            coordinates={q: "m" for q in coordinates if q in words},
+            inputs={u: "N" for u in inputs if u in words},
+            parameters={p: "kg" for p in parameters if p in words},
+        )
+    )
+
+
+def rewritten(model, texts):
+    return build_model(model.name, "", "", texts, model.names, model.units, model.parameters)
+
+
+@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
+def test_names_of_the_bank(problem):
+    assert problem.model.substitute(problem.known).base.names == tuple(problem.base)
+
+
+def test_the_seed_s_fourteen():
+    model = load_model("three-mass")
+    assert model.base.names == (
+        "m1",
+        "m2",
+        "m2*xi",
+        "m2*zeta",
+        "m3",
+        "I_t",
+        "I_t*mu - I_p*mu",
+        "I_t*eta - I_p*eta",
+        "I_p",
+        "k1",
+        "k1*L1",
+        "k1*L1^2 + k2*L2^2",
+        "k2",
+        "k2*L2",
+    )
+    units = dict(zip(model.base.names, model.base.units, strict=True))
+    assert units["k1*L1"] == "N"
+    assert units["k1*L1^2 + k2*L2^2"] == "N m"
+    assert units["m2*xi"] == "kg m"
+    assert units["I_t*mu - I_p*mu"] == "kg m^2"
+
+
+@pytest.mark.parametrize(
+    ("fixed", "names"),
+    [
+        ({"L1": 0.3}, ["k1", "k2", "k2*L2", "k2*L2^2"]),
+        ({"L2": 0.25}, ["k1", "k1*L1", "k1*L1^2", "k2"]),
+        ({"L1": 0.3, "L2": 0.3}, ["k1", "k2"]),
+        ({"k1": 8e5}, ["k2", "k2*L2", "k2*L2^2 + 800000*L1^2", "L1"]),
+        ({"k1": 8e5, "k2": 7e5}, ["L1", "L1^2 + 0.875*L2^2", "L2"]),
+    ],
+)
+def test_fixed_values_of_the_seed_s_rotor(fixed, names):
+    found = load_model("three-mass").substitute(fixed).base.names
+    held = [name for name in found if re.search("[kL][12]", name)]
+    assert held == names
+
+
+def test_gyroscopic_inertia_alone_when_the_unbalance_angles_are_fixed():
+    model = load_model("three-mass").substitute({"mu": 0.0, "eta": 0.0})
+    assert [n for n in model.base.names if n.startswith("I_")] == ["I_t", "I_p"]
+
+
+@pytest.mark.parametrize(
+    ("equations", "names"),
+    [
+        (["a*x'' + b*x'' = F"], ["a + b"]),
+        (["a*x'' - b*x'' = F"], ["a - b"]),
+        (["b*x'' - a*x'' = F"], ["a - b"]),
+        (["2*a*x'' + 3*b*x'' = F"], ["a + 1.5*b"]),
+        (["3*a*x'' - b*x'' = F"], ["a - 0.333333333333*b"]),
+        (["a*x'' + 1e9*b*x'' - 1e-9*c*x'' = F"], ["a + 1000000000*b - 1e-09*c"]),
+        (["a*x'' + 123456789012345*b*x'' = F"], ["a + 1.23456789012e+14*b"]),
+        (["(a + b)^2*x'' = F"], ["a^2 + 2*a*b + b^2"]),
+        (["b*a*x + a*b*a*x' = F"], ["a^2*b", "a*b"]),
+        (["d*x + c*x' + b*x'' + a = F"], ["a", "b", "c", "d"]),
+        (["a*x + b*y + c*(x + y) + d*(x - y) = F"], ["a + c + d", "b + c - d"]),
+        (["a*(x + y) + b*(x - y) + c*x + d*y = F"], ["a + 0.5*c + 0.5*d", "b + 0.5*c - 0.5*d"]),
+        (["a*x'' + b*x = F", "c*y'' + b*y = 0"], ["a", "b", "c"]),
+        (["a*x + b*y = F", "a*y + b*x = 0"], ["a", "b"]),
+        (["a*x + b*x = F", "a*y + b*y = 0", "a*z + 2*b*z = 0"], ["a", "b"]),
+        (["a*F = b*x + c*x'"], ["b", "c"]),
+        (["a^2*x'' + a*x + x^3 = F"], ["a", "a^2"]),
+        (["a*x'' + Omega*b*x' + Omega^2*c*x = F"], ["a", "b", "c"]),
+        (["a*Omega*x'' + b*x''*Omega = F"], ["a + b"]),
+        (["a*pi*x'' + b*x'' + 3*pi*a*x + 3*b*x = F"], ["a + 0.318309886184*b"]),
+        (["a*sqrt(2)/2*x + b*x/sqrt(2) = F"], ["a + b"]),
+        (["a*cos(pi/3)*x + b*x = F"], ["a + 2*b"]),
+    ],
+)
+def test_names_of_combinations(equations, names):
+    model = model_of(*equations)
+    assert list(model.base.names) == names
+    values = np.random.default_rng(1).uniform(1, 2, len(model.parameters))
+    truth = dict(zip(model.parameter_names, values, strict=True))
+    for name, value in zip(names, model.base_values(values), strict=True):
+        assert value == pytest.approx(combination(name, truth), rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("equation", "names"),
+    [
+        ("a*sin(x)^2*y'' + a*cos(x)^2*y'' + b*y'' = F", ["a + b"]),
+        ("a*abs(x)^2 + b*x^2 = F", ["a + b"]),
+        ("a*sign(x)*abs(x) + b*x = F", ["a + b"]),
+        ("a*sign(x)^3 + b*sign(x) = F", ["a + b"]),
+        ("a*abs(x')*x' + b*x'^2*sign(x') = F", ["a + b"]),
+        ("a*abs(x - y) + b*abs(2*y - 2*x) = F", ["a + 2*b"]),
+        ("a*cos(2*phi)*x + b*cos(phi)^2*x + c*sin(phi)^2*x = F", ["a - c", "b + c"]),
+        ("a*cos(x + y) + b*(cos(x)*cos(y) - sin(x)*sin(y)) = F", ["a + b"]),
+        ("a*sin(3*x) + b*sin(x)^3 + c*sin(x) = F", ["a + 0.333333333333*c", "b + 1.33333333333*c"]),
+        ("a*cos(x + pi/4) + b*cos(x) + c*sin(x) = F", ["a - 1.41421356237*c", "b + c"]),
+        ("a*tan(x)*cos(x) + b*sin(x) = F", ["a + b"]),
+        ("a*x/(1 + x) + b/(1 + x) + c = F", ["a + c", "b + c"]),
+        ("a*sqrt(x^2 + 1)^2 + b*x^2 + c = F", ["a + c", "b - c"]),
+        ("a*sqrt(x^2*(x^2 + 1)) + b*abs(x)*sqrt(1 + x^2) = F", ["a + b"]),
+        ("a*exp(x)*exp(-x)*x'' + b*x'' = F", ["a + b"]),
+        ("a*exp(2*x) + b*exp(x)^2 + c*exp(-x) = F", ["a + b", "c"]),
+        ("a*tanh(x)*(exp(x) + exp(-x)) + b*(exp(x) - exp(-x)) = F", ["a + b"]),
+        # near, but not the same
+        ("a*sign(x') + b*tanh(x'/0.01) + c*tanh(x'/0.0001) + d*x' = F", ["a", "b", "c", "d"]),
+        ("a*sin(1e-4*x) + b*x + c*x^3 = F", ["a", "b", "c"]),
+        ("a*sin(x) + b*sin(1.0001*x) + c*cos(x) = F", ["a", "b", "c"]),
+        ("a*sqrt(x) + b*sqrt(x + 1e-6) + c*x = F", ["a", "b", "c"]),
+        ("a*abs(x) + b*x + c*sqrt(x^2 + 1e-12) = F", ["a", "b", "c"]),
+        ("a*cos(phi)*x + b*cos(Omega*t)*x + c*sin(phi)*x = F", ["a", "b", "c"]),
+        ("a*sin(x)^2 + b*cos(x)^2 = F", ["a", "b"]),
+    ],
+)
+def test_identities_between_functions(equation, names):
+    assert list(model_of(equation).base.names) == names
+
+
+def test_columns_of_merged_parameters_hold_for_any_motion():
+    """The left side from the base columns equals the left side from the monomials."""
+    model = ARM.model
+    coefficients, known = model.coefficients
+    rng = np.random.default_rng(5)
+    values = rng.uniform(0.5, 2, len(model.parameters))
+    mu, base = model.monomial_values(values), model.base_values(values)
+    by_monomial = np.zeros((len(model.signals), 2))
+    for term in model.terms:
+        by_monomial[model.signals.index(term.signal), term.row] += (
+            term.coefficient * mu[term.monomial]
+        )
+    point = {
+        symbol(n): v
+        for n, v in zip(
+            ["q1", "q1'", "q1''", "q2", "q2'", "q2''"], rng.standard_normal(6), strict=True
+        )
+    }
+    signals = np.array([float(s.subs(point)) for s in model.signals])
+    np.testing.assert_allclose(signals @ (coefficients @ base + known), signals @ by_monomial)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(BANK), st.randoms(use_true_random=False))
+def test_the_way_of_writing_changes_nothing(problem, random):
+    model = problem.model
+    texts = [_shuffled(text, random) for text in model.texts]
+    random.shuffle(texts)
+    other = rewritten(model, texts)
+    assert other.base.names == model.base.names
+    assert other.base.units == model.base.units
+    np.testing.assert_array_equal(other.base.gather, model.base.gather)
+    np.testing.assert_array_equal(other.monomials, model.monomials)
+
+
+def _shuffled(text, random):
+    """Return the same equation, its sides exchanged, scaled, or moved to one side."""
+    left, right = text.split("=")
+    return random.choice(
+        [
+            text,
+            f"{right} = {left}",
+            f"({left}) - ({right}) = 0",
+            f"0 = ({right}) - 1*({left})",
+            f"-3*({left}) = -({right})*3",
+            f"({left})/7 - x_0 = ({right})/7 - x_0".replace("x_0", "2.5"),
+        ]
+    )
+
+
+def test_equations_permuted_permute_the_matrices():
+    model = load_model("three-mass")
+    order = [6, 2, 0, 7, 4, 1, 5, 3]
+    other = rewritten(model, [model.texts[i] for i in order])
+    values = model.values(model.nominal)
+    first, second = (m.require_linear().matrices(values, 880.0) for m in (model, other))
+    for name in "MDGKB":
+        np.testing.assert_array_equal(getattr(second, name), getattr(first, name)[order])
+
+
+def test_monomial_names():
+    assert monomial_name((1, 2, 0), ["k1", "L1", "m"]) == "k1*L1^2"
+    assert monomial_name((0, 0, 1), ["k1", "L1", "m"]) == "m"
+
+
+@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
+def test_jacobians_agree_with_differences(problem):
+    model = problem.model
+    values = np.array([problem.truth[name] for name in model.parameter_names])
+    for function, jacobian in (
+        (model.monomial_values, model.monomial_jacobian(values)),
+        (model.base_values, model.base_jacobian(values)),
+    ):
+        for j, value in enumerate(values):
+            step = 1e-5 * abs(value) * np.eye(len(values))[j]
+            difference = (function(values + step) - function(values - step)) / (2e-5 * abs(value))
+            np.testing.assert_allclose(jacobian[:, j], difference, rtol=1e-7, atol=1e-9)
+
+
+def test_jacobian_at_zero():
+    model = model_of("a^2*x'' + a*b*x + b^3*x^3 = F")
+    assert model.base.names == ("a^2", "a*b", "b^3")
+    np.testing.assert_array_equal(model.base_jacobian([0.0, 2.0]), [[0, 0], [2, 0], [0, 12]])
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.sampled_from(BANK),
+    st.lists(st.fractions(-3, 3, max_denominator=8), min_size=13, max_size=13),
+)
+def test_substitution_is_the_same_as_writing_the_number(problem, numbers):
+    model = problem.model
+    values = dict(zip(model.parameter_names, map(float, numbers), strict=False))
+    fixed = dict(list(values.items())[::2])
+    reduced = model.substitute(fixed)
+    free = [values[name] for name in reduced.parameter_names]
+    for row in range(len(model.texts)):
+        assert _sum(model, list(values.values()), row) == _sum(reduced, free, row)
+
+
+def _sum(model, values, row):
+    """Return the left side of a row as a symbolic sum, its numbers as fractions."""
+    exact = [Fraction(repr(v)) for v in values]
+    total = 0
+    for product in model.equations.left:
+        if product.row == row:
+            factor = product.coefficient
+            for value, power in zip(exact, product.monomial, strict=True):
+                factor *= value**power
+            total += sp.Rational(factor.numerator, factor.denominator) * product.signal
+    return sp.expand(total)
+
+
+@pytest.mark.parametrize(
+    ("fixed", "message"),
+    [
+        ({"L3": 1.0}, "found no parameter 'L3'; expected one of m1"),
+        ({"L1": float("nan")}, "found nan for L1; expected a finite number"),
+        ({"L1": float("inf")}, "found inf for L1; expected a finite number"),
+        ({"k1": 1e300, "L1": 1e300}, "too large or too small"),
+    ],
+)
+def test_substitution_refuses(fixed, message):
+    with pytest.raises(InputError, match=message):
+        load_model("three-mass").substitute(fixed)
+
+
+def test_substitution_of_nothing_and_of_everything():
+    assert THREE_MASS.model.substitute({}) is THREE_MASS.model
+    everything = THREE_MASS.model.substitute(THREE_MASS.truth)
+    assert everything.base.names == ()
+    assert everything.base.gather.shape == (0, len(everything.monomials))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(-3, 3), min_size=6, max_size=6), st.data())
+def test_identities_are_found_whatever_the_order(weights, data):
+    x = symbol("x")
+    basis = [sp.Integer(1), sp.sin(x), sp.cos(x), x, x * sp.sin(x), sp.Abs(x)]
+    mixed = [sp.cos(x) ** 2, sp.sin(x) ** 2, sp.sin(2 * x) ** 2, sp.cos(4 * x), sp.sign(x) * x]
+    signals = data.draw(st.permutations(basis + mixed))
+    found = independent_signals(signals)
+    kept = {s for relation in found.values() for s in relation}
+    assert len(kept) == 8  # 1, sin, cos, x, x sin, |x|, cos 2x, cos 4x
+    for signal, relation in found.items():
+        for point in (-1.3, 0.4, 2.2):
+            total = sum(float(c) * float(s.subs(x, point)) for s, c in relation.items())
+            assert total == pytest.approx(float(signal.subs(x, point)), abs=1e-12)
