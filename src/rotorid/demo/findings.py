@@ -26,10 +26,7 @@ def findings(result: DemoResult) -> list[str]:
     """
     sentences = [_sizes(result)]
     if result.seeds < ENOUGH:
-        return [
-            *sentences,
-            f"From {result.seeds} seeds bias cannot be told from scatter; take more.",
-        ]
+        return [*sentences, "From so few bias cannot be told from scatter: take more seeds."]
     have = set(result.estimators)
     if {"ls", "batch-100"} <= have:
         sentences += [_least_squares(result)]

@@ -15,7 +15,7 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.regression import Regression, hidden_coordinates, input_spectra
 from rotorid.models import Model
 from rotorid.record import Complexes, Floats, PeriodicRecord, Record
-from rotorid.report.style import BLUE, GREY, INK, RED, decades, new_figure, panels, styled
+from rotorid.report.style import BLUE, GREY, INK, RED, decades, label, new_figure, panels, styled
 from rotorid.signals.spectrum import synthesize
 from rotorid.validation.prediction import base_of
 
@@ -114,8 +114,9 @@ def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
     axes.plot(time[step], difference, color=RED, lw=0.9, label="10 x (predicted - measured)")
     error = waves.error[index]
     said = f"relative error {100 * error:.2g} %" if np.isfinite(error) else "not driven"
-    axes.set_title(f"{waves.names[index]}: {said}", loc="left")
-    axes.set_ylabel(f"{waves.names[index]} in {waves.units[index]}")
+    name = label(waves.names[index])
+    axes.set_title(f"{name}: {said}", loc="left")
+    axes.set_ylabel(f"{name} in {label(waves.units[index], 12)}")
     axes.margins(x=0.01)
 
 
@@ -184,7 +185,7 @@ def draw_line_filter(
 
 def _shown_unit(unit: str) -> tuple[str, float]:
     """Return a handy unit for small motion, and the factor from SI."""
-    return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (unit or "1", 1.0))
+    return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (label(unit, 12) or "1", 1.0))
 
 
 @styled
@@ -208,7 +209,7 @@ def draw_spectra(record: PeriodicRecord) -> Figure:
 def _draw_spectrum(axes: Axes, record: PeriodicRecord, index: int) -> None:
     channel = record.channels[index]
     unit, factor = _shown_unit(channel.unit)
-    axes.set_title(channel.name, loc="left")
+    axes.set_title(label(channel.name, 36), loc="left")
     axes.set_ylabel(f"amplitude in {unit}")
     amplitude = 2 * factor * np.abs(np.fft.rfft(record.mean[:, index], norm="forward"))
     amplitude[0] /= 2
@@ -238,6 +239,7 @@ def _draw_spectrum(axes: Axes, record: PeriodicRecord, index: int) -> None:
 @styled
 def draw_correlation(names: Sequence[str], matrix: Floats) -> Figure:
     """Draw a correlation matrix, shape (name, name)."""
+    names = [label(name) for name in names]
     size = min(max(3.2, 0.32 * len(names) + 2.2), 14.0)
     figure = new_figure(size + 0.6, size)
     axes = figure.subplots()

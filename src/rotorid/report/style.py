@@ -47,7 +47,21 @@ def style() -> Iterator[None]:
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, no reason to fail.
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from")
+        # Too long a name for its panel: drawn without the layout, no reason to fail either.
+        warnings.filterwarnings("ignore", message="constrained_layout not applied")
         yield
+
+
+def label(name: str, most: int = 24) -> str:
+    """Return a name as a picture can hold it: printable, on one line, not too long.
+
+    Examples
+    --------
+    >>> label("a name that goes on and on and on")
+    'a name that goes on and…'
+    """
+    text = "".join(c if c.isprintable() else " " for c in name)
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
