@@ -18,7 +18,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction
 from rotorid.models import Model, Motion
-from rotorid.models.expression import evaluate
+from rotorid.models.linear import speed_factor
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
@@ -138,7 +138,7 @@ def signal_spectra(
             others.append(index)
         else:
             column, order, scale = factor
-            gain = float(evaluate(scale, {"Omega": record.speed}))
+            gain = speed_factor(scale, record.speed)
             lines[..., index] = gain * derivatives[order][..., column]
     if any(model.moves(index) for index in others):
         waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
@@ -152,8 +152,7 @@ def signal_spectra(
 
 def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Motion) -> Complexes:
     """Return the lines of a signal that has to be evaluated sample by sample, (..., line)."""
-    with np.errstate(all="ignore"):
-        value = model.signal_value(index, motion)
+    value = model.signal_value(index, motion)
     if not np.isfinite(value).all():
         raise InputError(
             f"{model.signals[index]} without a finite value on this record",

@@ -344,6 +344,8 @@ def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
 def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
     """Return the value of a symbolic expression on arrays that broadcast.
 
+    It is infinite or NaN, without a warning, where the expression has no finite value.
+
     Raises
     ------
     KeyError
@@ -354,11 +356,16 @@ def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.f
     >>> evaluate(parse("2*x", names=frozenset({"x"})), {"x": [1.0, 2.0]})
     array([2., 4.])
     """
+    with np.errstate(all="ignore"):
+        return _evaluate(value, arrays)
+
+
+def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
     if value.is_Symbol:
         return np.asarray(arrays[str(value)], dtype=float)
     if value.is_number:
         return np.asarray(float(value))
-    inner = [evaluate(argument, arrays) for argument in value.args]
+    inner = [_evaluate(argument, arrays) for argument in value.args]
     if value.is_Add:
         return np.asarray(sum(inner[1:], start=inner[0]))
     if value.is_Mul:

@@ -107,7 +107,7 @@ class LinearForm:
 
     def stiffness_terms(self, speed: float) -> LinearTerms:
         """Return the entries of Z at a speed in rad/s."""
-        factor = [float(evaluate(t.factor, {"Omega": speed})) for t in self.stiffness]
+        factor = [speed_factor(t.factor, speed) for t in self.stiffness]
         return LinearTerms(
             np.array([t.row for t in self.stiffness], dtype=np.int64),
             np.array([t.column for t in self.stiffness], dtype=np.int64),
@@ -131,7 +131,7 @@ class LinearForm:
         for term in self.stiffness:
             gyroscopic = term.order == 1 and term.factor == symbol("Omega")
             name = "G" if gyroscopic else "KDM"[term.order]
-            factor = 1.0 if gyroscopic else float(evaluate(term.factor, {"Omega": speed}))
+            factor = 1.0 if gyroscopic else speed_factor(term.factor, speed)
             blocks[name][term.row, term.column] += term.coefficient * factor * mu[term.monomial]
         return Matrices(**blocks, B=self.input_matrix(mu))
 
@@ -220,8 +220,32 @@ class LinearForm:
         columns = np.zeros((*angle.shape, self.rows, self.monomials))
         for term in self.load_terms:
             signal = evaluate(term.signal, {"t": time, "phi": angle, "Omega": speed})
+            if not np.isfinite(signal).all():
+                raise _not_finite(term.signal, speed)
             columns[..., term.row, term.monomial] += term.coefficient * signal
         return columns
+
+
+def speed_factor(factor: Expression, speed: float) -> float:
+    """Return the value of an expression that holds Omega at the most, at a speed in rad/s.
+
+    Raises
+    ------
+    InputError
+        Where it has no finite value: a division by a speed of zero.
+    """
+    value = float(evaluate(factor, {"Omega": speed}))
+    if not np.isfinite(value):
+        raise _not_finite(factor, speed)
+    return value
+
+
+def _not_finite(value: Expression, speed: float) -> InputError:
+    return InputError(
+        f"{value} without a finite value at the speed {speed:g} rad/s",
+        "a division by something other than zero",
+        "give the speed of the record, or rewrite the term",
+    )
 
 
 def motion_factor(
