@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,6 +17,8 @@ from rotorid.simulation.logger import Column, RigRecord, actuator_position, labe
 from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor
 from rotorid.simulation.rig import Rig
 from rotorid.simulation.rig_file import RigPlan
+
+_PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
@@ -44,8 +47,21 @@ def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
         _write_truth(data.create_group("truth"), record, rig_text)
 
 
+def write_columns(path: Path, columns: Sequence[Column]) -> None:
+    """Write columns as datasets of an HDF5 file, their units in the attribute ``units``.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
+    """
+    with h5py.File(path, "w") as data:
+        for column in columns:
+            _dataset(data, column)
+
+
 def _dataset(group: h5py.Group, column: Column) -> None:
-    group.create_dataset(column.name, data=column.samples, compression="gzip", compression_opts=1)
+    group.create_dataset(column.name, data=column.samples, **_PACKED)
     group[column.name].attrs["units"] = column.unit
 
 
@@ -62,7 +78,7 @@ def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
         "current": (truth.current, truth.inputs),
     }
     for name, (table, columns) in tables.items():
-        dataset = group.create_dataset(name, data=table, compression="gzip", compression_opts=1)
+        dataset = group.create_dataset(name, data=table, **_PACKED)
         dataset.attrs["columns"] = list(columns)
     parameters = group.create_group("parameters")
     for name, value in truth.parameters.items():
