@@ -18,6 +18,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction
 from rotorid.models import Model, Motion
+from rotorid.models.expression import symbol
 from rotorid.models.linear import speed_factor
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance
@@ -143,7 +144,8 @@ def signal_spectra(
     if any(model.moves(index) for index in others):
         waves = [synthesize(d, record.harmonics, record.samples) for d in derivatives]
     else:
-        waves = [np.zeros((record.samples, len(model.coordinates)))] * 3
+        still = (*coordinates.shape[:-2], record.samples, len(model.coordinates))
+        waves = [np.zeros(still)] * 3
     motion = Motion(waves[0], waves[1], waves[2], time, angle, record.speed)
     for index in others:
         lines[..., index] = _sampled_lines(model, record, index, motion)
@@ -188,13 +190,15 @@ class Regression:
     def signals(self) -> Complexes:
         """Lines of the signals on the mean motion, shape (line, signal)."""
         mean = self.coordinates.mean(axis=0)
-        return signal_spectra(self.model, self.record, mean, *_time_and_angle(self.record))
+        return signal_spectra(
+            self.model, self.record, mean, *_time_and_angle(self.model, self.record)
+        )
 
     @cached_property
     def period_signals(self) -> Complexes:
         """Lines of the signals on the motion of each period, shape (period, line, signal)."""
         return signal_spectra(
-            self.model, self.record, self.coordinates, *_time_and_angle(self.record)
+            self.model, self.record, self.coordinates, *_time_and_angle(self.model, self.record)
         )
 
     @cached_property
@@ -288,18 +292,15 @@ def load_spectra(model: Model, record: PeriodicRecord) -> Complexes:
         Where the model is not linear.
     """
     linear = model.require_linear()
-    columns = linear.load_columns(*_time_and_angle(record), record.speed).mean(axis=0)
+    columns = linear.load_columns(*_time_and_angle(model, record), record.speed).mean(axis=0)
     lines = line_spectra(columns.reshape(record.samples, -1), record.harmonics)
     return lines.reshape(len(record.harmonics), linear.rows, linear.monomials)
 
 
-def _time_and_angle(record: PeriodicRecord) -> tuple[Floats, Floats]:
-    """Return t and phi of all periods, or of the first where the others repeat it in turns."""
-    moved = (
-        record.angle - record.angle[0],
-        record.speed * (record.time - record.time[0]),
-    )
-    turns = [angle / (2 * np.pi) for angle in moved]
-    if all(np.abs(t - np.round(t)).max() < 1e-9 for t in turns):
+def _time_and_angle(model: Model, record: PeriodicRecord) -> tuple[Floats, Floats]:
+    """Return t and phi of all periods, or of the first where the others repeat it."""
+    turns = (record.angle - record.angle[0]) / (2 * np.pi)
+    timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
+    if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:
         return record.time[:1], record.angle[:1]
     return record.time, record.angle

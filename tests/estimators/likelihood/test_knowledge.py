@@ -65,7 +65,7 @@ def test_constraint_with_deviation_is_a_measurement(demo, noisy):
         assert exact.std(value.name) <= firm.std(value.name) * (1 + 1e-4)
         assert firm.std(value.name) <= scale * 1.01
     assert loose.misfit.dof == free.misfit.dof + 1
-    assert loose.misfit.expected == pytest.approx(free.misfit.expected + 0, abs=1e-3)
+    assert loose.misfit.expected == pytest.approx(free.misfit.expected + 1, abs=1e-3)
     assert truth["m2"] == pytest.approx(firm.value("m2"), abs=4 * firm.std("m2"))
 
 

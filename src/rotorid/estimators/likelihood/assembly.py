@@ -244,6 +244,7 @@ def assemble(
         calibration,
         data,
         noise,
+        scales,
         record.multiplicity,
     )
 

@@ -36,6 +36,7 @@ import numpy as np
 from rotorid.estimators.likelihood.calibration import Calibration
 from rotorid.estimators.likelihood.noise import Noise
 from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.estimators.likelihood.scaling import Scales
 from rotorid.record import Complexes, Floats, Integers
 
 
@@ -115,6 +116,8 @@ class Likelihood:
         Mean lines, inputs first, then sensors.
     noise : Noise
         Covariance C of the mean lines, factored as F F^H.
+    scales : Scales
+        What rows and coordinates were divided by.
     multiplicity : array, shape (line,)
         c: 2, or 1 for the real lines.
     """
@@ -129,12 +132,13 @@ class Likelihood:
         calibration: Calibration,
         data: Complexes,
         noise: Noise,
+        scales: Scales,
         multiplicity: Floats,
     ) -> None:
         self.entries, self.monomials, self.load = entries, monomials, load
         self.sensing, self.calibration = sensing, calibration
         self.data, self.noise, self.multiplicity = data, noise, multiplicity
-        self.factor = noise.factor
+        self.factor, self.scales = noise.factor, scales
         self.rows = rows
         self.coordinates = sensing.right.shape[0]
         self.inputs = data.shape[1] - sensing.right.shape[1]

@@ -108,6 +108,26 @@ def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
     return [*sums, per_row[first:]]
 
 
+def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
+    """Return the scaled Jacobian along the exact relations, the scale and the basis."""
+    free = point.problem.layout.free
+    jacobian = point.jacobian
+    size = np.sqrt((jacobian**2).sum(axis=0))
+    typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
+    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
+    basis = np.eye(len(free))
+    if len(exact):
+        normal = relation_jacobian(exact, point) * scale
+        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
+        basis = np.linalg.qr(normal.T, mode="complete")[0][:, len(exact) :]
+    return jacobian * scale @ basis, scale, basis
+
+
+def projected_jacobian(point: Point) -> Floats:
+    """Return the scaled Jacobian of the residual, exact relations eliminated."""
+    return _scaled(point, point.problem.exact)[0]
+
+
 def infer(point: Point, exact: Relations) -> Inference:
     """Return covariance, null space and expected cost at a minimum.
 
@@ -121,17 +141,7 @@ def infer(point: Point, exact: Relations) -> Inference:
     -------
     Inference
     """
-    free = point.problem.layout.free
-    jacobian = point.jacobian
-    size = np.sqrt((jacobian**2).sum(axis=0))
-    typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
-    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
-    basis = np.eye(len(free))
-    if len(exact):
-        normal = relation_jacobian(exact, point) * scale
-        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
-        basis = np.linalg.qr(normal.T, mode="complete")[0][:, len(exact) :]
-    scaled = jacobian * scale @ basis
+    scaled, scale, basis = _scaled(point, exact)
     left, values, right = np.linalg.svd(scaled, full_matrices=False)
     kept = values > RANK * values.max(initial=0.0)
     leverage = _line_sums(point, (left[:, kept] ** 2).sum(axis=1))

@@ -222,7 +222,7 @@ def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], flo
 def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
     """Return the constraints, linear in the base parameters, that `eliminate` solves."""
     count, size = len(layout.unknowns), layout.parameters
-    elimination = eliminate(layout.model, knowledge.constraints)
+    elimination = eliminate(layout.model, knowledge.constraints, knowledge.fixed)
     unit = np.eye(elimination.basis.shape[1])
     kept = [int((elimination.basis == row).all(axis=1).argmax()) for row in unit]
     gone = [i for i in range(size) if i not in kept]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.estimate import Estimate, LineMisfit, Misfit, Status, Value
-from rotorid.estimators.derived import base_from_physical, physical_from_base
+from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
     Trial,
@@ -16,12 +16,15 @@ from rotorid.estimators.likelihood.identifiability import (
     open_combinations,
 )
 from rotorid.estimators.likelihood.prediction import predict_channels
+from rotorid.estimators.likelihood.suspects import find_suspects
 from rotorid.estimators.likelihood.unknowns import sensor_channels
 from rotorid.models import Model
 from rotorid.record import Floats, PeriodicRecord
 
 REJECTED = 1e-6
 """The p-value below which the data reject the model."""
+DOUBTFUL = 1e-3
+"""The p-value below which a warning says so."""
 
 
 def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Estimate:
@@ -73,6 +76,7 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         ),
         covariance=inference.covariance,
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
+        suspects=find_suspects(model, _physical(model, fit), records, point),
         prediction=predict_channels(point.records, layout.model.inputs, sensors),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
         periods=min(r.periods for r in records),
@@ -107,6 +111,17 @@ def _status(fit: Fit, p_value: float) -> Status:
     if not fit.solution.converged:
         return "not_converged"
     return "rejected" if p_value < REJECTED else "ok"
+
+
+def _physical(model: Model, fit: Fit) -> Floats:
+    """Return the physical parameters at the minimum, NaN where base parameters leave them open."""
+    layout, point = fit.prepared.layout, fit.solution.point
+    if not layout.base:
+        return point.unknowns[: layout.parameters]
+    values = physical_start(layout.model, point.unknowns[: layout.parameters])
+    known = {**dict(zip(layout.model.parameter_names, values.tolist(), strict=True))}
+    known |= fit.prepared.substituted
+    return np.array([known[name] for name in model.parameter_names])
 
 
 def _line_misfits(records: Sequence[PeriodicRecord], fit: Fit) -> list[LineMisfit]:
@@ -164,5 +179,10 @@ def _warnings(records: Sequence[PeriodicRecord], fit: Fit, p_value: float) -> li
         found.append(
             f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); see the suspects; std_inflated allows for the misfit"
+        )
+    elif p_value < DOUBTFUL:
+        found.append(
+            f"the model is doubtful: cost {point.cost:.4g} where {expected:.4g} is expected "
+            f"(p = {p_value:.1g}); see the suspects"
         )
     return found

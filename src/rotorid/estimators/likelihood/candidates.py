@@ -1,0 +1,238 @@
+"""Terms that a model of a rotor may lack, found from the structure of its own matrices.
+
+A parameter p is a spring where p dK/dp is symmetric and positive semidefinite, a mass where
+p dM/dp is. Masses that stand in two places, on coordinates that nothing but rotation couples, tell
+which coordinates are a pair: the same displacement in x and in y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
+
+from rotorid.models import Model
+from rotorid.record import Floats, Integers
+
+Orders = tuple[Floats, Floats, Floats]
+"""Additions to K, D and M, each of shape (row, coordinate)."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term that may be missing: its name, and what it adds to K, D and M at a speed."""
+
+    name: str
+    matrices: Callable[[float], Orders]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Matrices of a model by parameter, rows brought to the order and sign of the coordinates.
+
+    Parameters
+    ----------
+    springs, masses : sequence of (name, array)
+        p dK/dp and p dM/dp, shape (coordinate, coordinate).
+    pairs : sequence of (int, int)
+        Coordinates of the same displacement in x and in y; forward rotation leads the first to
+        the second.
+    coordinates : sequence of str
+    rows : int array, shape (coordinate,)
+        The equation that belongs to each coordinate.
+    signs : array, shape (coordinate,)
+        The sign with which it is written.
+    """
+
+    springs: tuple[tuple[str, Floats], ...]
+    masses: tuple[tuple[str, Floats], ...]
+    pairs: tuple[tuple[int, int], ...]
+    coordinates: tuple[str, ...]
+    rows: Integers
+    signs: Floats
+
+    def in_rows(self, matrix: Floats) -> Floats:
+        """Write a matrix of coordinates in the equations as they stand."""
+        written = np.zeros_like(matrix)
+        written[self.rows] = self.signs[:, None] * matrix
+        return written
+
+    def turn(self) -> Floats:
+        """Return J, the turn by a right angle in the sense of the rotation."""
+        turn = np.zeros((len(self.coordinates), len(self.coordinates)))
+        for a, b in self.pairs:
+            turn[a, b], turn[b, a] = -1.0, 1.0
+        return turn
+
+
+def find_structure(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model, or None where its equations do not match its coordinates.
+
+    Parameters
+    ----------
+    model : Model
+        Linear in its coordinates.
+    values : array, shape (parameter,)
+    speed : float
+        rad/s.
+    """
+    linear = model.require_linear()
+    n = linear.coordinates
+    if linear.rows != n:
+        return None
+    matrices = linear.matrices(values, speed)
+    inertia = np.abs(matrices.M) + 1e-9 * np.abs(matrices.M).max(initial=0.0) * np.eye(n)
+    size = np.sqrt(np.outer(inertia.max(axis=1), inertia.max(axis=0)))
+    rows, columns = linear_sum_assignment(-inertia / np.where(size > 0, size, 1.0))
+    order = np.empty(n, dtype=np.int64)
+    order[columns] = rows
+    diagonal = matrices.M[order, np.arange(n)]
+    signs = np.where(diagonal < 0, -1.0, 1.0)
+    terms = linear.stiffness_terms(speed)
+    slopes = model.monomial_jacobian(values)
+    springs, masses = [], []
+    for j, parameter in enumerate(model.parameters):
+        parts = np.zeros((3, n, n))
+        weight = terms.coefficient * slopes[terms.monomial, j] * values[j]
+        np.add.at(parts, (terms.order, terms.row, terms.column), weight)
+        stiff, heavy = (signs[:, None] * parts[k][order] for k in (0, 2))
+        if _is_energy(stiff):
+            springs.append((parameter.name, stiff))
+        if _is_energy(heavy):
+            masses.append((parameter.name, heavy))
+    pairs = _pairs(masses)
+    return Structure(
+        tuple(springs),
+        tuple(masses),
+        tuple(_oriented(model, values, pairs, order, signs, speed)),
+        model.coordinates,
+        order,
+        signs,
+    )
+
+
+def _is_energy(matrix: Floats) -> bool:
+    """Tell whether a matrix is symmetric, positive semidefinite, and not zero."""
+    size = np.abs(matrix).max(initial=0.0)
+    if size == 0 or np.abs(matrix - matrix.T).max() > 1e-9 * size:
+        return False
+    scale = np.sqrt(np.diag(matrix).clip(0))
+    scale[scale == 0] = 1.0
+    return bool(np.linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > -1e-9)
+
+
+def _parts(matrix: Floats) -> list[Integers]:
+    """Return the groups of coordinates that a matrix couples."""
+    count, labels = connected_components(matrix != 0, directed=False)
+    used = np.abs(matrix).any(axis=0)
+    groups = [np.flatnonzero((labels == k) & used) for k in range(count)]
+    return [group for group in groups if len(group)]
+
+
+def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
+    pairs: list[tuple[int, int]] = []
+    for _, matrix in masses:
+        parts = _parts(matrix)
+        if len(parts) == 2 and all(len(part) == 1 for part in parts):
+            a, b = int(parts[0][0]), int(parts[1][0])
+            taken = {k for pair in pairs for k in pair}
+            if not {a, b} & taken:
+                pairs.append((min(a, b), max(a, b)))
+    return pairs
+
+
+def _oriented(
+    model: Model,
+    values: Floats,
+    pairs: Sequence[tuple[int, int]],
+    order: Integers,
+    signs: Floats,
+    speed: float,
+) -> list[tuple[int, int]]:
+    """Order each pair by the sense in which its unbalance turns; else as declared."""
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    linear = model.require_linear()
+    load = linear.load_columns(np.zeros(8), angle, speed or 1.0) @ model.monomial_values(values)
+    once = (load * np.exp(-1j * angle)[:, None]).mean(axis=0)[order] * signs
+    found = []
+    for a, b in pairs:
+        backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
+        found.append((b, a) if backward else (a, b))
+    return found
+
+
+def find_candidates(structure: Structure) -> list[Candidate]:
+    """Return the terms that may be missing.
+
+    Damping of each spring and each mass, of all springs together, the same in the rotating frame,
+    x/y asymmetry of each, stiffness and cross-coupling to ground of each pair of coordinates.
+    """
+    found: list[Candidate] = []
+    springs, masses = structure.springs, structure.masses
+    several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
+    for name, matrix in (*springs, *several):
+        found.append(_constant(structure, f"damping {name}", d=matrix))
+        found.append(_rotating(structure, name, matrix))
+    for name, matrix in masses:
+        found.append(_constant(structure, f"damping {name}", d=matrix))
+    for kind, energies in (("k", springs), ("m", masses)):
+        for name, matrix in energies:
+            parts = _parts(matrix)
+            for part in parts[1:]:
+                block = np.zeros_like(matrix)
+                block[np.ix_(part, part)] = matrix[np.ix_(part, part)]
+                where = structure.coordinates[part[0]]
+                text = f"asymmetry {name}" + (f" at {where}" if len(parts) > 2 else "")
+                found.append(
+                    _constant(structure, text, k=block)
+                    if kind == "k"
+                    else _constant(structure, text, m=block)
+                )
+    return found + _to_ground(structure)
+
+
+def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
+    return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
+
+
+def _to_ground(structure: Structure) -> list[Candidate]:
+    n = len(structure.coordinates)
+    single = {k for k in range(n)} - {k for pair in structure.pairs for k in pair}
+    found = []
+    for group in (*structure.pairs, *((k,) for k in sorted(single))):
+        names = ", ".join(structure.coordinates[k] for k in sorted(group))
+        stiff = np.zeros((n, n))
+        stiff[list(group), list(group)] = 1.0
+        found.append(_constant(structure, f"stiffness to ground {names}", k=stiff))
+        if len(group) == 2:
+            a, b = group
+            cross = np.zeros((n, n))
+            cross[a, b], cross[b, a] = 1.0, -1.0
+            found.append(_constant(structure, f"cross-coupling to ground {names}", k=cross))
+    return found
+
+
+def _constant(
+    structure: Structure,
+    name: str,
+    k: Floats | None = None,
+    d: Floats | None = None,
+    m: Floats | None = None,
+) -> Candidate:
+    n = len(structure.coordinates)
+    zero = np.zeros((n, n))
+    orders = tuple(structure.in_rows(zero if x is None else x) for x in (k, d, m))
+    return Candidate(name, lambda speed: (orders[0], orders[1], orders[2]))
+
+
+def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
+    """Damping that acts in the rotating frame: C (q' - Omega J q)."""
+    damping = structure.in_rows(matrix)
+    circulation = structure.in_rows(matrix @ structure.turn())
+    zero = np.zeros_like(matrix)
+    return Candidate(
+        f"rotating damping {name}", lambda speed: (-speed * circulation, damping, zero)
+    )
