@@ -187,7 +187,7 @@ class Record:
         """Return phi in rad at each sample, shape (sample,)."""
         if self.angle is not None:
             return self.angle
-        return self.speed * np.arange(len(self.samples)) / self.sample_rate
+        return np.asarray(self.speed * np.arange(len(self.samples)) / self.sample_rate, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ class PeriodicRecord:
     @property
     def frequency(self) -> Floats:
         """Frequencies of the lines in Hz, shape (line,)."""
-        return self.harmonics * self.fundamental
+        return np.asarray(self.harmonics * self.fundamental, dtype=float)
 
     @property
     def omega(self) -> Floats:
