@@ -18,13 +18,15 @@ from rotorid.estimators import (
     Estimator,
     LeastSquares,
     MaximumLikelihood,
+    Plan,
     Sequential,
+    predict_accuracy,
 )
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
 from rotorid.io import read_record
 from rotorid.models import Model, load_model, parse_model, shipped_models
-from rotorid.record import Channel, PeriodicRecord, Record
+from rotorid.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.signals import average
 from rotorid.simulation import simulate, steady_state
 
@@ -32,6 +34,7 @@ __all__ = [
     "Batch",
     "Channel",
     "Constraint",
+    "Drive",
     "Estimate",
     "Estimator",
     "Experiment",
@@ -43,6 +46,7 @@ __all__ = [
     "NotConvergedError",
     "NotIdentifiableError",
     "PeriodicRecord",
+    "Plan",
     "ReadError",
     "Record",
     "Sequential",
@@ -52,6 +56,7 @@ __all__ = [
     "load_experiment",
     "load_model",
     "parse_model",
+    "predict_accuracy",
     "read_record",
     "shipped_models",
     "simulate",

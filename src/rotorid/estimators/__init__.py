@@ -7,12 +7,22 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.batch import Batch
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.least_squares import LeastSquares
+from rotorid.estimators.likelihood.bound import Plan, predict_accuracy
 from rotorid.estimators.maximum_likelihood import MaximumLikelihood
 from rotorid.estimators.sequential import Sequential
 from rotorid.models import Model
 from rotorid.record import PeriodicRecord
 
-__all__ = ["Batch", "Constraint", "Estimator", "LeastSquares", "MaximumLikelihood", "Sequential"]
+__all__ = [
+    "Batch",
+    "Constraint",
+    "Estimator",
+    "LeastSquares",
+    "MaximumLikelihood",
+    "Plan",
+    "Sequential",
+    "predict_accuracy",
+]
 
 
 class Estimator(Protocol):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimate import Estimate
-from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators import MaximumLikelihood, Plan
 from rotorid.identify import identify
 from rotorid.models import Model, load_model
 from rotorid.models.model import Parameter, build_model
@@ -63,6 +63,24 @@ class Machine:
             speed=2 * np.pi * hertz,
             phase=phase,
             sensors=sensors,
+        )
+
+    def plan(self, sensors: Sequence[Channel | str] | None = None, hertz: float = 140.0) -> Plan:
+        """Return what `record` is a record of, with its noise."""
+        everything = (*self.model.inputs, *self.model.coordinates)
+        noise = {
+            name: self.force_noise if name in self.model.inputs else self.position_noise
+            for name in everything
+        }
+        return Plan(
+            self.forces(),
+            self.harmonics,
+            self.fundamental,
+            5000.0,
+            260,
+            noise,
+            2 * np.pi * hertz,
+            sensors,
         )
 
     def noisy(self, record: PeriodicRecord, rng: np.random.Generator) -> PeriodicRecord:

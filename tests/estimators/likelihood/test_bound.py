@@ -1,0 +1,164 @@
+"""The Cramer-Rao bound without data: the figures of theory.md, to the digits printed there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.errors import InputError
+from rotorid.estimators import Constraint, MaximumLikelihood, Plan, predict_accuracy
+from rotorid.estimators.least_squares import LeastSquares
+from rotorid.identify import identify
+from rotorid.models import load_model
+from rotorid.record import Channel, Drive
+
+
+def percent(estimate, *names):
+    return [100 * estimate.std(name) / abs(estimate.value(name)) for name in names]
+
+
+def printed(text: str) -> list[tuple[float, float]]:
+    """Return the figures of a row and the rounding of each."""
+    figures = []
+    for word in text.split():
+        digits = len(word.partition(".")[2])
+        figures.append((float(word), 0.5 * 10.0**-digits))
+    return figures
+
+
+def assert_prints(found, text: str, slack: float = 0.02):
+    """Measured deviations may be off by Monte-Carlo error: a slack relative to each."""
+    for value, (figure, rounding) in zip(found, printed(text), strict=True):
+        assert value == pytest.approx(figure, abs=rounding + slack * figure)
+
+
+def test_all_coordinates_base_parameters(demo):
+    """Table of section 1, its last row: exact figures, not measured ones."""
+    estimate = predict_accuracy(demo.model, demo.plan(), MaximumLikelihood(base=True))
+    names = [
+        *("m1", "m2", "m3", "I_t", "k1", "k2", "k1*L1", "k2*L2", "k1*L1^2 + k2*L2^2", "I_p"),
+        *("m2*xi", "m2*zeta", "I_t*mu - I_p*mu", "I_t*eta - I_p*eta"),
+    ]
+    row = ".108 .080 .109 .732 .101 .101 .102 .101 .098 .043 .300 .183 1.56 .866"
+    assert_prints(percent(estimate, *names), row, slack=0.015)
+    assert estimate.method == "bound"
+    assert estimate.misfit is None
+
+
+UNBALANCE = ("m2*xi", "m2*zeta", "I_t*mu - I_p*mu", "I_t*eta - I_p*eta")
+ROW = ("m1", "m2", "I_t", "I_p", "k1", "L2", *UNBALANCE)
+
+
+def test_bearing_planes_only(demo, bearings):
+    plan = demo.plan(bearings)
+    estimate = predict_accuracy(demo.model, plan, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert_prints(percent(estimate, *ROW), ".20 .10 1.28 .05 .20 .03 .33 .21 1.9 1.0")
+
+
+def test_runout_at_two_speeds(demo, bearings):
+    plans = [demo.plan(bearings, hertz) for hertz in (140.0, 100.0)]
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True)
+    estimate = predict_accuracy(demo.model, plans, estimator)
+    assert_prints(percent(estimate, *ROW), ".15 .07 .94 .03 .16 .01 .90 .52 41 24")
+
+
+@pytest.mark.parametrize(
+    ("gains", "ks", "row"),
+    [
+        (("ki",), 0.0, ".17 .02 1.88 .31 .17 .02 .90 .52 41 24"),
+        (("ki", "ks"), 2e5, ".42 .05 3.0 .79 .45 .25 .44 .30 28 12"),
+    ],
+)
+def test_currents_one_scale_one_ruler(demo, bearings, gains, ks, row):
+    inputs = demo.model.inputs
+    drives = {u: Drive(120.0, ks, {q: 1.0}) for u, q in zip(inputs, bearings, strict=True)}
+    plans = []
+    for hertz in (140.0, 100.0):
+        plan = demo.plan(bearings, hertz)
+        noise = {**plan.noise, **dict.fromkeys(inputs, 1.0 / 120.0)}
+        plans.append(
+            replace(plan, forces=np.asarray(plan.forces) / 120.0, noise=noise, drives=drives)
+        )
+    mass = Constraint("m1 + m2 + m3", sum(demo.truth[name] for name in ("m1", "m2", "m3")))
+    estimator = MaximumLikelihood(fixed={"L1": 0.3}, runout=True, gains=gains, constraints=(mass,))
+    estimate = predict_accuracy(demo.model, plans, estimator)
+    assert_prints(percent(estimate, *ROW), row, slack=0.04)
+
+
+def test_says_beforehand_what_stays_open(demo, bearings):
+    estimate = predict_accuracy(demo.model, demo.plan(bearings))
+    assert estimate.status == "not_identifiable"
+    assert any(w.startswith("not identifiable: L1, I_t, I_p") for w in estimate.warnings)
+    assert "cure: a sensor of theta_x or theta_y" in estimate.warnings
+    assert np.isnan(estimate.std("L1"))
+    sensors = [*bearings, "theta_x"]
+    assert predict_accuracy(demo.model, demo.plan(sensors)).status == "ok"
+
+
+def test_is_what_many_periods_reach(demo, bearings):
+    """The deviations that an estimate states exceed the bound by n / (n - t)."""
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    bound = predict_accuracy(demo.model, demo.plan(bearings), estimator)
+    ratios = []
+    for seed in range(20):
+        record = demo.noisy(demo.record(bearings), np.random.default_rng(seed))
+        stated = identify(demo.model, record, estimator)
+        ratios.append([v.std / bound.std(v.name) for v in stated.free])
+    np.testing.assert_allclose(np.mean(ratios, axis=0), 259 / (259 - 36 / 12), rtol=0.035)
+
+
+def test_accuracy_scales_as_it_should(demo, bearings):
+    """Twice the noise, twice the deviation; four times the periods, half of it."""
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    plan = demo.plan(bearings)
+    louder = replace(plan, noise={name: 2 * std for name, std in plan.noise.items()})
+    longer = replace(plan, periods=4 * plan.periods)
+    one, two, four = (predict_accuracy(demo.model, p, estimator) for p in (plan, louder, longer))
+    for value in one.free:
+        assert two.std(value.name) == pytest.approx(2 * value.std, rel=1e-6)
+        assert four.std(value.name) == pytest.approx(value.std / 2, rel=1e-6)
+
+
+def test_priors_and_values_enter(demo, bearings):
+    plan = demo.plan([Channel(name, "m", gain_std=0.01) for name in bearings])
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    estimate = predict_accuracy(demo.model, plan, estimator)
+    assert percent(estimate, "m1") == pytest.approx([0.54], abs=0.03)
+    assert percent(estimate, "I_p") == pytest.approx([0.51], abs=0.03)
+    light = predict_accuracy(demo.model, plan, estimator, values={"m2": 6.0})
+    assert light.value("m2") == 6.0
+    assert light.std("m2") != estimate.std("m2")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"forces": [[1.0]]}, "forces of shape"),
+        ({"sample_rate": 5001.0}, "a period of 250.05 samples"),
+    ],
+)
+def test_refuses_plans_that_do_not_fit(demo, change, message):
+    with pytest.raises(InputError, match=message):
+        predict_accuracy(demo.model, replace(demo.plan(), **change))
+
+
+def test_asks_for_values(demo):
+    model = load_model("three-mass")
+    bare = replace(model, parameters=tuple(replace(p, nominal=None) for p in model.parameters))
+    with pytest.raises(InputError, match="no value of m1"):
+        predict_accuracy(bare, demo.plan())
+    estimate = predict_accuracy(bare, demo.plan(), values=demo.truth)
+    assert estimate.status == "ok"
+
+
+def test_least_squares_lies_above_the_bound(demo):
+    """An estimator that ignores the noise of the regressors cannot reach it."""
+    bound = predict_accuracy(demo.model, demo.plan(), MaximumLikelihood(base=True))
+    record = demo.noisy(demo.record(), np.random.default_rng(52))
+    stated = identify(demo.model, record, LeastSquares())
+    assert all(v.std > bound.std(v.name) for v in stated.parameters)
+
+
+def test_a_plan_is_a_value():
+    plan = Plan([[1.0]], [1], 1.0, 10.0, 5, {})
+    assert replace(plan, periods=6).periods == 6
