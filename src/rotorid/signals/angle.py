@@ -11,6 +11,8 @@ from scipy import interpolate
 from rotorid.errors import InputError
 from rotorid.record import Floats
 
+_END_PULSES = 12
+
 
 @dataclass(frozen=True)
 class MeasuredAngle:
@@ -194,7 +196,8 @@ def keyphasor_angle(
 ) -> MeasuredAngle:
     """Return the angle at each sample from the times of pulses, at which phi = 2 pi n.
 
-    Between pulses by a cubic spline, before the first and after the last by the speed there.
+    Between pulses by a cubic spline, before the first and after the last by a parabola through the
+    dozen there.
 
     Parameters
     ----------
@@ -236,19 +239,22 @@ def keyphasor_angle(
     spline = interpolate.make_interp_spline(t, turns, k=3)
     time = np.arange(count) / sample_rate
     angle = spline(np.clip(time, t[0], t[-1]))
-    few = min(len(t), 8)
-    first, last = (
-        np.polyfit(t[part], turns[part], 1)[0] for part in (slice(few), slice(-few, None))
-    )
-    angle += first * np.minimum(time - t[0], 0) + last * np.maximum(time - t[-1], 0)
+    for outside, few in (
+        (time < t[0], slice(_END_PULSES)),
+        (time > t[-1], slice(-_END_PULSES, None)),
+    ):
+        fit = np.polynomial.Polynomial.fit(t[few], turns[few], 2)
+        angle[outside] = fit(time[outside])
     return MeasuredAngle(np.asarray(angle), speed, drift, scatter)
 
 
 def _require_every_pulse(times: Floats, source: str) -> None:
     """Compare each interval with those beside it."""
     spacing = np.diff(times)
-    padded = np.pad(spacing, 2, mode="edge")
-    beside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    reach = min(2, len(spacing) - 1)
+    padded = np.pad(spacing, reach, mode="reflect")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    beside = np.median(np.delete(around, reach, axis=1), axis=1)
     for fault, what, cure in (
         (spacing > 1.5 * beside, "a missing pulse", "lower the threshold, or cut the record there"),
         (spacing < 0.6 * beside, "a pulse too many", "raise the threshold, or filter the column"),

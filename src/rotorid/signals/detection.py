@@ -108,7 +108,7 @@ def detect_distortion(
     >>> record = Record([Channel("F")], (wave + 0.1 * wave**2)[:, None], 1000.0)
     >>> found = detect_distortion(record, 10.0, [1], highest=4)
     >>> [round(part, 6) for part in found.relative("F")]
-    [0.0, 0.070711, 0.0]
+    [0.0, 0.035355, 0.0]
     """
     top = int(max(excited)) if highest is None else highest
     aside = {*excited, *apart, *_rotation(record, fundamental, top)}

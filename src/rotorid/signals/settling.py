@@ -12,6 +12,7 @@ LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
 
 _ROUNDING = 1e-9
+_DRIFT = 4.0
 
 
 @dataclass(frozen=True)
@@ -58,14 +59,16 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
     -------
     Settling
         `NONE` where there are fewer than 8 periods, or where what changes does not end in the
-        first half: that is a drift.
+        first half: that is no transient but a drift.
     """
     count = periods.periods
     if count < LEAST_PERIODS:
         return NONE
     deviation, size = _deviation(periods.spectra)
     d = (deviation**2).mean(axis=1)
-    last = _last_unsettled(d, deviation.shape[1])
+    # Against differences of neighbours the second half has d = 1; a drift in it makes it large.
+    drifts = np.median(d[count // 2 :]) > _DRIFT
+    last = 0 if drifts else _last_unsettled(d, deviation.shape[1])
     if last == 0:
         return NONE
     return Settling(
