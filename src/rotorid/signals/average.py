@@ -58,7 +58,7 @@ def average(
     size = _period_samples(record, fundamental, period_samples)
     lines = _lines(record, size, harmonics, band)
     first = _first_sample(record, skip)
-    periods = (len(record.samples) - first) // size
+    periods = max(len(record.samples) - first, 0) // size
     if periods < 2:
         raise _error(
             record,
@@ -99,12 +99,13 @@ def _period_samples(record: Record, fundamental: float | None, samples: int | No
             "one of them",
             "give the fundamental frequency or the samples of a period",
         )
-    exact = samples if samples is not None else record.sample_rate / _positive(record, fundamental)
-    size = round(exact)
-    if abs(exact - size) > 1e-6 * exact:
+    exact = record.sample_rate / _positive(record, fundamental) if samples is None else samples
+    size = round(exact) if math.isfinite(exact) else 0
+    if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
+        source = "" if fundamental is None else f" ({record.sample_rate:g} / {fundamental:g} Hz)"
         raise _error(
             record,
-            f"a period of {exact:.6g} samples ({record.sample_rate:g} Hz / {fundamental:g} Hz)",
+            f"a period of {exact:.6g} samples{source}",
             "a whole number of samples",
             "give a lower common fundamental and multiply the harmonics, or resample",
         )
@@ -132,32 +133,34 @@ def _lines(
             "one of them",
             "say which lines to keep",
         )
+    chosen: Sequence[int] = () if harmonics is None else harmonics
+    shown = f"the harmonics {list(chosen)}"
     if band is not None:
         spacing = record.sample_rate / size
-        low = math.ceil(band[0] / spacing - 1e-6)
-        high = math.floor(band[1] / spacing + 1e-6)
-        if high > size // 2:
+        shown = f"the band {band[0]:g} to {band[1]:g} Hz"
+        if not band[1] <= (size // 2 + 1e-6) * spacing:
             raise _error(
                 record,
                 f"a band up to {band[1]:g} Hz",
                 f"lines up to {record.sample_rate / 2:g} Hz, half the sample rate",
                 "lower its upper end",
             )
-        lines = np.arange(low, high + 1, dtype=np.int64)
-        shown = f"the band {band[0]:g} to {band[1]:g} Hz"
-    else:
-        lines = np.array(sorted(harmonics or ()), dtype=np.int64)
-        shown = f"the harmonics {list(harmonics or ())}"
-    if not lines.size:
+        if not 0 <= band[0] <= band[1]:
+            raise _error(record, shown, "0 Hz or more, the lower end first", "correct its ends")
+        chosen = range(
+            math.ceil(band[0] / spacing - 1e-6), math.floor(band[1] / spacing + 1e-6) + 1
+        )
+    if not len(chosen):
         raise _error(record, f"no line in {shown}", "at least one line", "widen it")
-    if lines[0] < 0 or 2 * lines[-1] > size or (np.diff(lines) == 0).any():
+    lines = sorted({int(k) for k in chosen if 0 <= k <= size // 2 and k == int(k)})
+    if len(lines) < len(chosen):
         raise _error(
             record,
             shown,
             f"different whole numbers from 0 to {size // 2}, half the samples of a period",
             "correct the lines or the fundamental",
         )
-    return lines
+    return np.array(lines, dtype=np.int64)
 
 
 def _first_sample(record: Record, skip: float) -> int:
