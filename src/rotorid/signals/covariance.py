@@ -128,7 +128,8 @@ def is_correlated(residual: Complexes) -> bool:
     """Tell whether periods depend on one another: the rule that chooses the covariance.
 
     True where the lag-one correlation of the residual is more than three of its standard
-    deviations, ``1 / sqrt(2 P lines)``, away from the -1/P of independent periods.
+    deviations, ``1 / sqrt(2 P lines)`` (a real line counts half), away from the -1/P of
+    independent periods.
 
     Parameters
     ----------
@@ -137,8 +138,9 @@ def is_correlated(residual: Complexes) -> bool:
     periods, lines = residual.shape[:2]
     if periods < 8:
         return False
+    real_lines = np.count_nonzero(~residual.imag.any(axis=(0, 2)))  # DC, Nyquist
     distance = abs(lag_one_correlation(residual) + 1 / periods)
-    return bool(distance > 3 / np.sqrt(2 * periods * lines))
+    return bool(distance > 3 / np.sqrt(periods * (2 * lines - real_lines)))
 
 
 def choose_covariance(spectra: Complexes, residual: Complexes) -> LineCovariance:
