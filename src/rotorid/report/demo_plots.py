@@ -114,7 +114,6 @@ def draw_overview(result: DemoResult) -> Figure:
     draw_force(middle, waves, 0)
     low, high = middle.get_ylim()
     middle.set_ylim(low, high + 0.55 * (high - low))
-    middle.set_xlabel("time in ms")
     middle.legend(loc="upper left")
     middle.set_title("2. Fit the equations of motion to the forces", loc="left")
     draw_rms(right, result)

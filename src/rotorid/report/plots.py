@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ from rotorid.validation.prediction import base_of
 
 MOST_POINTS = 2000  # of a curve
 MOST_DOTS = 400
+MOST_STEMS = 40
 
 
 @dataclass(frozen=True)
@@ -90,25 +92,28 @@ def _length(record: PeriodicRecord, lines: Complexes) -> Floats:
 def draw_forces(waves: ForceWaves) -> Figure:
     """Draw the forces over one period, measured and predicted."""
     count = len(waves.names)
-    figure, axes = panels(count, 2, 2.1)
+    figure, axes = panels(count, 2, 2.1 if count > 1 else 3.0)
     for index, panel in zip(range(count), axes, strict=False):
         draw_force(panel, waves, index)
-        if index >= count - 2:
-            panel.set_xlabel("time in ms")
+        panel.set_xlabel(_time_unit(waves)[0] if index >= count - 2 else "")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return figure
 
 
+def _time_unit(waves: ForceWaves) -> tuple[str, float]:
+    return ("time in s", 1.0) if waves.time[-1] > 1 else ("time in ms", 1e3)
+
+
 def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
     """Draw one input over one period, measured and predicted."""
-    time, measured, predicted = (
-        1e3 * waves.time,
-        waves.measured[:, index],
-        waves.predicted[:, index],
-    )
-    dots, step = (slice(None, None, -(-len(time) // most)) for most in (125, MOST_POINTS))
-    axes.plot(time[dots], measured[dots], "o", color=GREY, ms=3.5, label="measured, kept lines")
+    text, factor = _time_unit(waves)
+    time = factor * waves.time
+    measured, predicted = waves.measured[:, index], waves.predicted[:, index]
+    step = slice(None, None, -(-len(time) // MOST_POINTS))
+    dotted: dict[str, Any] = {"marker": "o", "ms": 3.5, "ls": "none"}
+    look = dotted if len(time) <= MOST_DOTS else {"lw": 3.0}
+    axes.plot(time[step], measured[step], color=GREY, label="measured, kept lines", **look)
     axes.plot(time[step], predicted[step], color=BLUE, label="predicted")
     difference = 10 * (predicted - measured)[step]
     axes.plot(time[step], difference, color=RED, lw=0.9, label="10 x (predicted - measured)")
@@ -117,6 +122,7 @@ def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
     name = label(waves.names[index])
     axes.set_title(f"{name}: {said}", loc="left")
     axes.set_ylabel(f"{name} in {label(waves.units[index], 12)}")
+    axes.set_xlabel(text)
     axes.margins(x=0.01)
 
 
@@ -231,9 +237,13 @@ def _draw_spectrum(axes: Axes, record: PeriodicRecord, index: int) -> None:
     decades(axes, y=True)
     axes.set_ylim(floor, 3 * top)
     axes.plot(others * record.fundamental, amplitude[others], "o", color=GREY, ms=2)
-    axes.vlines(record.frequency, floor, kept, color=BLUE, lw=1.0)
-    axes.plot(record.frequency, kept, "o", color=BLUE, ms=3.5)
-    axes.plot(record.frequency, noise, "_", color=RED, ms=7, mew=1.5)
+    if len(record.frequency) <= MOST_STEMS:
+        axes.vlines(record.frequency, floor, kept, color=BLUE, lw=1.0)
+        axes.plot(record.frequency, kept, "o", color=BLUE, ms=3.5)
+        axes.plot(record.frequency, noise, "_", color=RED, ms=7, mew=1.5)
+    else:
+        axes.plot(record.frequency, kept, "o", color=BLUE, ms=2)
+        axes.plot(record.frequency, noise, color=RED, lw=0.8)
 
 
 @styled
