@@ -167,11 +167,12 @@ def pid(
         )
     a = np.exp(-2 * np.pi * filter_frequency * period)
     slope = derivative * (1 - a) / period
-    # States: the integral of y; the filtered derivative less slope * y.
+    # States: the filtered derivative less slope * y; the integral of y, where it has a gain.
+    states = slice(None) if integral else slice(1)
     return Controller(
-        A=np.array([[1.0, 0.0], [0.0, a]]),
-        B=np.array([[period], [(a - 1) * slope]]),
-        C=np.array([[-integral, -1.0]]),
+        A=np.diag([a, 1.0])[states, states],
+        B=np.array([[(a - 1) * slope], [period]])[states],
+        C=np.array([[-1.0, -integral]])[:, states],
         D=np.array([[-(proportional + slope)]]),
         period=period,
     )
