@@ -12,7 +12,7 @@ from rotorid.actuators import Differential
 from rotorid.simulation.logger import RigRecord
 from rotorid.simulation.parts import ProcessNoise
 from rotorid.simulation.rig import Rig
-from rotorid.simulation.rig_file import load_rig
+from rotorid.simulation.rig_file import load_rig, parse_rig
 
 
 def without_noise(rig: Rig) -> Rig:
@@ -36,6 +36,28 @@ def shipped() -> Rig:
 def quiet(shipped: Rig) -> Rig:
     """The shipped rig without noise."""
     return without_noise(shipped)
+
+
+MAGNETS = """
+law = "differential"
+K = "5e-6 N m^2/A^2"
+bias = "1.5 A"
+gap = "0.5 mm"
+limit = "1.5 A"
+"""
+
+
+def magnet_text() -> str:
+    """The shipped rig with opposed magnets in place of the linear law."""
+    text = load_rig("three-mass").text
+    head, rest = text.split("[actuators.all]")
+    return f"{head}[actuators.all]{MAGNETS}[sensors]{rest.split('[sensors]')[1]}"
+
+
+@pytest.fixture(scope="session")
+def magnetic() -> Rig:
+    """The shipped rig on opposed magnets, without noise; its controller made for them."""
+    return without_noise(parse_rig(magnet_text()).rig)
 
 
 @pytest.fixture
