@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 
 from rotorid.estimate import Value
 from rotorid.models import Model
 from rotorid.record import Booleans, Floats
+
+RANK_TOLERANCE = 1e-9
 
 
 def base_from_physical(model: Model, values: Floats, covariance: Floats) -> tuple[Value, ...]:
@@ -41,6 +44,7 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
     ----------
     model : Model
     base : array, shape (base,)
+        NaN where not known.
     covariance : array, shape (base, base)
 
     Returns
@@ -49,30 +53,47 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
         With deviations by the delta method. Parameters that the base does not determine are left
         out.
     """
-    if not np.isfinite(base).all():
+    known = np.isfinite(base)
+    if not known.any():
         return ()
     start = physical_start(model, base)
-    whitener = _Whitener(base, covariance)
+    whitener = _Whitener(base[known], covariance[np.ix_(known, known)])
     size = np.where(start != 0, np.abs(start), 1.0)
 
     def residual(scaled: Floats) -> Floats:
-        return whitener(model.base_values(scaled * size) - base)
+        return whitener((model.base_values(scaled * size) - base)[known])
 
     def jacobian(scaled: Floats) -> Floats:
-        return whitener(model.base_jacobian(scaled * size) * size)
+        return whitener(model.base_jacobian(scaled * size)[known] * size)
 
     # All parameters move, those too that stay undetermined: held at a start that contradicts
     # the base they would pull at the others.
-    tight = 1e-15
-    fit = scipy.optimize.least_squares(
-        residual, start / size, jac=jacobian, method="trf", xtol=tight, ftol=tight, gtol=tight
-    )
-    determined, std = _deviations(jacobian(fit.x))
+    scaled = _gauss_newton(residual, jacobian, start / size)
+    determined, std = _deviations(jacobian(scaled))
     return tuple(
-        Value(p.name, p.unit, float(fit.x[i] * size[i]), float(std[i] * size[i]))
+        Value(p.name, p.unit, float(scaled[i] * size[i]), float(std[i] * size[i]))
         for i, p in enumerate(model.parameters)
         if determined[i]
     )
+
+
+def _gauss_newton(
+    residual: Callable[[Floats], Floats], jacobian: Callable[[Floats], Floats], x: Floats
+) -> Floats:
+    """Minimize a sum of squares; what it does not determine stays as near as it can."""
+    value = residual(x)
+    for _ in range(100):
+        slope, length = _normalized(jacobian(x))
+        step = np.linalg.lstsq(slope, -value, rcond=RANK_TOLERANCE)[0] / length
+        while np.abs(step).max() > 1e-14 * np.abs(x).max():
+            trial = residual(x + step)
+            if trial @ trial < value @ value:
+                break
+            step = step / 2
+        else:
+            break
+        x, value = x + step, trial
+    return x
 
 
 class _Whitener:
@@ -102,7 +123,7 @@ def physical_start(model: Model, base: Floats) -> Floats:
         for gathered, value in zip(model.base.gather, base, strict=True):
             used = (model.monomials[gathered != 0] > 0).any(axis=0)
             unknown = np.flatnonzero(used & ~known)
-            if len(unknown) == 1:
+            if len(unknown) == 1 and np.isfinite(value):
                 (index,) = unknown
                 values[index] = _root(model, gathered, value, values, int(index))
                 known[index] = progress = True
@@ -128,10 +149,16 @@ def _root(model: Model, gathered: Floats, value: float, values: Floats, index: i
 
 def _deviations(jacobian: Floats) -> tuple[Booleans, Floats]:
     """Return which parameters a whitened Jacobian determines, and the deviations of all."""
-    length = np.sqrt((jacobian**2).sum(axis=0))
-    scale = np.where(length > 0, length, 1.0)
-    _, singular, directions = np.linalg.svd(jacobian / scale)
-    rank = int((singular > 1e-9 * singular.max(initial=1e-300)).sum())
+    slope, length = _normalized(jacobian)
+    _, singular, directions = np.linalg.svd(slope)
+    rank = int((singular > RANK_TOLERANCE * singular.max(initial=1e-300)).sum())
     determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
-    spread = directions[:rank].T / singular[:rank] / scale[:, None]
+    spread = directions[:rank].T / singular[:rank] / length[:, None]
     return determined, np.sqrt((spread**2).sum(axis=1))
+
+
+def _normalized(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return columns of length one, and their lengths; an empty one stays."""
+    length = np.sqrt((jacobian**2).sum(axis=0))
+    length = np.where(length > 0, length, 1.0)
+    return jacobian / length, length

@@ -12,8 +12,15 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.knowledge import Constraint, Elimination, eliminate
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.summary import describe_open_directions, summarize
-from rotorid.estimators.weighted import Solution, pooled, sandwich
+from rotorid.estimators.weighted import (
+    POOLING_PERIODS,
+    Solution,
+    pooled,
+    sandwich,
+    scatter_of_answers,
+)
 from rotorid.models import Model, unit_faults
+from rotorid.models.expression import symbol
 from rotorid.record import Complexes, Floats, PeriodicRecord
 
 
@@ -45,8 +52,26 @@ class Problem:
     @property
     def names(self) -> list[str]:
         """Names of the free unknowns: base parameters that no constraint eliminates."""
-        kept = self.elimination.basis.argmax(axis=0)
-        return [self.model.base.names[i] for i in kept]
+        return [self.model.base.names[i] for i in self.elimination.kept]
+
+    @property
+    def structure(self) -> Floats:
+        """What each row holds of each unknown, shape (signal, row, unknown)."""
+        return self.model.coefficients[0] @ self.elimination.basis
+
+    @property
+    def unreached(self) -> list[int]:
+        """Unknowns that no chain of equations ties to a measured input or a known term.
+
+        Their equations have zero on the right side, which any multiple of a solution solves.
+        """
+        holds = (self.structure != 0).any(axis=0)
+        rows = set(self.regressions[0].driven)
+        reached = holds[sorted(rows)].any(axis=0)
+        while more := {int(r) for r in np.flatnonzero(holds[:, reached].any(axis=1))} - rows:
+            rows |= more
+            reached = holds[sorted(rows)].any(axis=0)
+        return [int(i) for i in np.flatnonzero(~reached)]
 
     def free_equations(self, regression: Regression) -> tuple[Complexes, Complexes]:
         """Return design (line, row, free) and target (line, row) of one record."""
@@ -60,14 +85,24 @@ class Problem:
         values[self.elimination.basis[:, ~known].any(axis=1)] = np.nan
         return np.asarray(values)
 
-    def summarize(self, method: str, solution: Solution, warnings: Sequence[str] = ()) -> Estimate:
+    def summarize(self, method: str, solution: Solution) -> Estimate:
         """Return the estimate of a solution, with the sandwich for its covariance."""
-        base = self.base(solution.values)
+        values = solution.values.copy()
+        values[self.unreached] = np.nan
+        base = self.base(values)
         determined = np.where(np.isfinite(base), base, 0.0)
         spreads = [r.residual_covariance(determined).matrices for r in self.regressions]
         records = [r.record for r in self.regressions]
-        free = sandwich(solution.gains, spreads, records)
+        if self.model.nonlinear and min(r.periods for r in records) >= POOLING_PERIODS:
+            residuals = [r.period_residual(determined) for r in self.regressions]
+            free = scatter_of_answers(solution.gains, residuals)
+        else:
+            free = sandwich(solution.gains, spreads, records)
         basis = self.elimination.basis
+        unreached = [
+            f"{self.names[i]} is in no row that a measured input or a known parameter drives"
+            for i in self.unreached
+        ]
         opened = describe_open_directions(self.names, solution.undetermined)
         cures = ["fix one of them, excite more lines, or measure more"] if opened else []
         return summarize(
@@ -79,7 +114,7 @@ class Problem:
             basis @ free @ basis.T,
             spreads,
             solution.condition_number,
-            [*unit_faults(self.full), *warnings, *opened, *cures],
+            [*unit_faults(self.full), *unreached, *opened, *cures],
         )
 
 
@@ -100,8 +135,9 @@ def pose(
     reduced = model.substitute(fixed)
     if not reduced.base.names:
         raise InputError("every parameter fixed", "something to estimate", "free one")
+    turning = any(symbol("phi") in signal.free_symbols for signal in reduced.signals)
     for record in records:
-        if not record.phase_known and record.speed:
+        if turning and not record.phase_known:
             raise InputError(
                 "a rotor angle of unknown phase", "a known phase", "use ml", file=record.source
             )

@@ -31,6 +31,14 @@ class Constraint:
     value: float
     std: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.value, self.std]).all() and self.std >= 0):
+            raise InputError(
+                f"value {self.value} and std {self.std} of {self.expression[:60]!r}",
+                "finite numbers, the deviation not negative",
+                "correct the constraint",
+            )
+
 
 def constraint_polynomial(
     model: Model, constraint: Constraint, fixed: Mapping[str, float] | None = None
@@ -68,10 +76,18 @@ class Elimination:
 
     Each exact constraint eliminates one base parameter, so that the free unknowns are base
     parameters themselves and equations keep what they do not share.
+
+    Parameters
+    ----------
+    origin : array, shape (base,)
+    basis : array, shape (base, free)
+    kept : sequence of int
+        The base parameter that each free unknown is.
     """
 
     origin: Floats
     basis: Floats
+    kept: tuple[int, ...]
 
 
 def eliminate(
@@ -89,7 +105,7 @@ def eliminate(
     Returns
     -------
     Elimination
-        ``origin``, shape (base,), and ``basis``, shape (base, free).
+        With one free unknown less for each constraint.
 
     Raises
     ------
@@ -99,7 +115,7 @@ def eliminate(
     """
     size = len(model.base.names)
     if not constraints:
-        return Elimination(np.zeros(size), np.eye(size))
+        return Elimination(np.zeros(size), np.eye(size), tuple(range(size)))
     rows, values = zip(*(_base_row(model, c, fixed) for c in constraints), strict=True)
     matrix, right = np.array(rows), np.array(values)
     scale = np.abs(matrix).max(axis=1)
@@ -119,7 +135,7 @@ def eliminate(
     origin, basis = np.zeros(size), np.zeros((size, len(kept)))
     origin[gone], basis[gone] = solved[:, 0], solved[:, 1:]
     basis[kept, np.arange(len(kept))] = 1.0
-    return Elimination(origin, basis)
+    return Elimination(origin, basis, tuple(int(i) for i in kept))
 
 
 def _base_row(

@@ -24,6 +24,8 @@ from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
+ROUNDING = 1e-12
+
 
 def sensors(model: Model, record: PeriodicRecord) -> tuple[list[int], Floats]:
     """Return the channels that read coordinates, and C with y = C q.
@@ -165,7 +167,9 @@ def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Mot
     axes = motion.position.ndim - 1
     mean = value.mean(axis=0) if value.ndim > axes else value
     whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
-    return line_spectra(whole[..., None], record.harmonics)[..., 0]
+    lines = line_spectra(whole[..., None], record.harmonics)[..., 0]
+    # What rounding leaves on a line is no signal: an unbalance whose line is not kept.
+    return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
 
 
 @dataclass(frozen=True)

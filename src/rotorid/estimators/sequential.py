@@ -64,13 +64,7 @@ class Sequential(LinearEstimator):
             For records that do not fit the model, or knowledge that only ml can use.
         """
         problem = pose(model, records, self.fixed, self.constraints)
-        stages = plan_stages(problem)
-        solution, missing = _solve_stages(problem, stages)
-        warnings = [
-            f"{name} is in no row that a measured input or a known parameter drives"
-            for name in missing
-        ]
-        return problem.summarize("sequential", solution, warnings)
+        return problem.summarize("sequential", _solve_stages(problem, plan_stages(problem)))
 
 
 def plan_stages(problem: Problem) -> list[Stage]:
@@ -88,7 +82,7 @@ def plan_stages(problem: Problem) -> list[Stage]:
         The unknowns that no stage reaches are in none.
     """
     first = problem.regressions[0]
-    structure = problem.model.coefficients[0] @ problem.elimination.basis
+    structure = problem.structure
     holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
     known: Booleans = np.zeros(holds.shape[1], dtype=bool)
     rows, left = first.driven, set(range(first.rows))
@@ -120,14 +114,17 @@ def _rows_that_help(
     return sorted(r for r in further if structure[:, r][:, tangled].any())
 
 
-def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> tuple[Solution, list[str]]:
+def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
     """Solve stage by stage; the gains carry the error of each stage into the next."""
-    names = problem.names
+    names, holds = problem.names, (problem.structure != 0).any(axis=0)
     values = np.full(len(names), np.nan)
     equations = [problem.free_equations(r) for r in problem.regressions]
     gains = [np.zeros((len(names), *target.shape), dtype=complex) for _, target in equations]
     condition, opened = 1.0, []
-    for stage in stages:
+    for planned in stages:
+        # What an earlier stage left open stays an unknown of the rows that hold it.
+        unknowns = np.flatnonzero(holds[list(planned.rows)].any(axis=0) & ~np.isfinite(values))
+        stage = Stage(planned.rows, tuple(int(u) for u in unknowns))
         rows, own = list(stage.rows), list(stage.unknowns)
         known = np.asarray(np.isfinite(values).nonzero()[0], dtype=np.int64)
         blocks = [
@@ -146,10 +143,9 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> tuple[Solution, 
         for direction in solution.undetermined.T:
             opened.append(np.zeros(len(names)))
             opened[-1][own] = direction
-    reached = {u for stage in stages for u in stage.unknowns}
-    missing = [name for i, name in enumerate(names) if i not in reached]
-    directions = np.array(opened).reshape(len(opened), len(names)).T
-    return Solution(values, tuple(gains), condition, directions), missing
+    still = [direction for direction in opened if np.isnan(values[direction != 0]).any()]
+    directions = np.array(still).reshape(len(still), len(names)).T
+    return Solution(values, tuple(gains), condition, directions)
 
 
 def _carry(

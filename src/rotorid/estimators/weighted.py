@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from rotorid.record import Complexes, Floats, PeriodicRecord
+from rotorid.signals.covariance import choose_covariance
 from rotorid.signals.spectrum import synthesize
 
 POOLING_PERIODS = 30
@@ -124,22 +126,33 @@ def solve(blocks: Sequence[Block]) -> Solution:
     length = np.sqrt((matrix**2).sum(axis=0))
     scale = np.where(length > 0, length, 1.0)
     orthogonal, triangle = np.linalg.qr(matrix / scale)
-    left, singular, directions = np.linalg.svd(triangle, full_matrices=False)
-    determined = singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)
-    open_directions = directions[~determined].T
-    inverse = (directions[determined].T / singular[determined]) @ left[:, determined].T
+    left, singular, directions = np.linalg.svd(triangle)
+    rank = int((singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)).sum())
+    if not right.any():
+        rank = 0  # zero solves it, and any multiple of what else does
+    open_directions = directions[rank:].T
+    inverse = (directions[:rank].T / singular[:rank]) @ left[:, :rank].T
     gains = (inverse / scale[:, None]) @ orthogonal.T
     values = gains @ right
     unknown = (np.abs(open_directions) > 1e-6).any(axis=1)
     values[unknown] = np.nan
     split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
-    condition = singular[0] / singular[-1] if determined.all() and singular.size else np.inf
+    condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
     return Solution(
         values,
         tuple(b.line_gains(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),
-        open_directions,
+        _separated(open_directions),
     )
+
+
+def _separated(directions: Floats) -> Floats:
+    """Return a basis of the same directions in which each has a parameter of its own."""
+    if not directions.size:
+        return directions
+    _, _, order = scipy.linalg.qr(directions.T, mode="economic", pivoting=True)
+    own = directions[np.sort(order[: directions.shape[1]])]
+    return np.asarray(np.linalg.solve(own.T, directions.T).T)
 
 
 def sandwich(
@@ -173,3 +186,26 @@ def sandwich(
         shared = by_line @ matrices @ by_line.conj().swapaxes(-1, -2)
         total += np.tensordot(share, shared.real, axes=1)
     return (total + total.T) / 2
+
+
+def scatter_of_answers(gains: Sequence[Complexes], residuals: Sequence[Complexes]) -> Floats:
+    """Return the covariance of values from how they answer to the residual of each period.
+
+    For models that are not linear in the motion: there the noise of one line is on others too,
+    and `sandwich`, which takes lines as independent, is wrong by some tenths.
+
+    Parameters
+    ----------
+    gains : sequence of complex array, shape (free, line, row)
+    residuals : sequence of complex array, shape (period, line, row)
+
+    Returns
+    -------
+    array, shape (free, free)
+    """
+    free = gains[0].shape[0]
+    total = np.zeros((free, free))
+    for gain, residual in zip(gains, residuals, strict=True):
+        answers = np.einsum("fkr,pkr->pf", gain, residual).real[:, None] + 0j
+        total += choose_covariance(answers, answers).matrices[0].real
+    return total

@@ -67,10 +67,11 @@ class Machine:
 
     def plan(self, sensors: Sequence[Channel | str] | None = None, hertz: float = 140.0) -> Plan:
         """Return what `record` is a record of, with its noise."""
-        everything = (*self.model.inputs, *self.model.coordinates)
+        read = self.model.coordinates if sensors is None else sensors
+        names = [s if isinstance(s, str) else s.name for s in read]
         noise = {
-            name: self.force_noise if name in self.model.inputs else self.position_noise
-            for name in everything
+            **dict.fromkeys(self.model.inputs, self.force_noise),
+            **dict.fromkeys(names, self.position_noise),
         }
         return Plan(
             self.forces(),

@@ -100,7 +100,7 @@ def fit(
     solution, inference = _globally(prepared, records, covariances)
     if covariance == "auto":
         chosen = _chosen(solution, records, covariances, neighbours)
-        if chosen != covariances:
+        if any(new is not old for new, old in zip(chosen, covariances, strict=True)):
             covariances = chosen
             start = solution.point.unknowns
             solution, inference = _solve(prepared, records, covariances, start, (0.0,))
@@ -152,7 +152,8 @@ def _chosen(
     layout, chosen = solution.point.problem.layout, []
     for record, at, white in zip(records, solution.point.records, covariances, strict=True):
         residual = at.period_residual(record.spectra[:, :, channel_order(layout.model, record)])
-        if is_correlated(residual):
+        # Whitened rows are independent of one another: each counts as a line of its own.
+        if is_correlated(residual.reshape(len(residual), -1, 1)):
             chosen.append(correlated_covariance(record.spectra, neighbours))
         else:
             chosen.append(white)

@@ -1,0 +1,159 @@
+"""The levitated rig: sensor noise comes back through the controller as motion and as current.
+
+The true random motion carries over from one period to the next, so that the scatter between
+periods overstates the noise of the mean, and the noise of currents and positions is correlated.
+"""
+
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.preparation import Knowledge
+from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.solver import solve
+from rotorid.estimators.likelihood.unknowns import Nuisances
+from rotorid.identify import identify
+from rotorid.signals.average import average
+from rotorid.signals.covariance import LineCovariance, correlated_covariance
+from rotorid.simulation.rig import Rig
+from rotorid.simulation.rig_file import parse_rig
+
+HARMONICS = (1, 3, 5, 7, 9, 11)
+
+
+@cache
+def rig(rate: str = "4 kHz") -> Rig:
+    """The shipped rig at a lower rate, so that hundreds of runs take minutes."""
+    text = files("rotorid.simulation").joinpath("library/three-mass.toml").read_text("utf-8")
+    text = text.replace("10 kHz", rate).replace('settling = "2 s"', 'settling = "0.5 s"')
+    return parse_rig(text).rig
+
+
+def run(seed: int, periods: int = 260):
+    record = rig().run(periods / 20.0, np.random.default_rng([77, seed]))
+    return average(record, 20.0, harmonics=HARMONICS)
+
+
+def test_choice_of_covariance(demo):
+    """By the residual's correlation between periods: in closed loop yes, open loop no."""
+    estimator = MaximumLikelihood()
+    closed = run(0)
+    chosen = identify(demo.model, closed, estimator)
+    correlated = identify(demo.model, closed, replace(estimator, covariance="correlated"))
+    assert chosen.misfit.expected == pytest.approx(correlated.misfit.expected, rel=1e-6)
+    assert chosen.status == "ok"
+    assert chosen.misfit.cost == pytest.approx(correlated.misfit.cost, rel=1e-6)
+    open_loop = demo.noisy(demo.record(), np.random.default_rng(61))
+    chosen = identify(demo.model, open_loop, estimator)
+    white = identify(demo.model, open_loop, replace(estimator, covariance="white"))
+    assert chosen.misfit == white.misfit
+
+
+def test_neighbours_may_be_chosen(demo):
+    record = run(1)
+    narrow, wide = (
+        identify(demo.model, record, MaximumLikelihood(covariance="correlated", neighbours=m))
+        for m in (15, 25)
+    )
+    # About dof n / (n - t), of which theory.md has 106.2 and 95.0 for 82 degrees of freedom; the
+    # sum over lines, each with its own t, is a little more.
+    assert narrow.misfit.expected == pytest.approx(83 * 30 / (30 - 83 / 12), rel=5e-3)
+    assert wide.misfit.expected == pytest.approx(83 * 50 / (50 - 83 / 12), rel=5e-3)
+
+
+class Figures:
+    """Cost, expectation, p-value, and errors over stated deviations, run by run."""
+
+    def __init__(self) -> None:
+        self.costs, self.means, self.p_values, self.scaled, self.distances = [], [], [], [], []
+
+    def add(self, solution, inference, truth) -> None:
+        error = solution.point.unknowns - truth
+        std = np.sqrt(np.diag(inference.covariance))
+        self.costs.append(solution.point.cost)
+        self.means.append(inference.expectation.mean)
+        self.p_values.append(inference.expectation.p_value(solution.point.cost))
+        self.scaled.append(error / std)
+        correlation = inference.covariance / np.outer(std, std)
+        self.distances.append(error / std @ np.linalg.solve(correlation, error / std))
+
+    @property
+    def cost_deviation(self) -> float:
+        difference = np.array(self.costs) - np.array(self.means)
+        return float(difference.mean() / difference.std(ddof=1) * np.sqrt(len(difference)))
+
+    @property
+    def distance(self) -> tuple[float, float]:
+        d = np.array(self.distances)
+        return float(d.mean()), float(d.std(ddof=1) / np.sqrt(len(d)))
+
+    @property
+    def rejected(self) -> float:
+        return float((np.array(self.p_values) < 0.05).mean())
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """Scatter over stated deviation, per parameter."""
+        return np.sqrt((np.array(self.scaled) ** 2).mean(axis=0))
+
+    @property
+    def coverage(self) -> np.ndarray:
+        return (np.abs(self.scaled) < 1.959964).mean(axis=0)
+
+    def __str__(self) -> str:
+        return (
+            f"J {np.mean(self.costs):.1f} expected {np.mean(self.means):.1f} "
+            f"({self.cost_deviation:+.1f} se), rejected {100 * self.rejected:.1f} %, distance "
+            f"{self.distance[0]:.2f} +- {self.distance[1]:.2f} of 13, scatter over stated "
+            f"{self.ratio.min():.2f} to {self.ratio.max():.2f}, cover "
+            f"{100 * self.coverage.min():.0f} to {100 * self.coverage.max():.0f} %"
+        )
+
+
+@pytest.mark.slow
+def test_statistics_of_the_three_covariances(demo):
+    """400 records. What holds: cross terms, from neighbouring lines; what does not: the rest."""
+    model = demo.model
+    knowledge = Knowledge(start=demo.truth)
+    found = {"correlated": Figures(), "white": Figures(), "diagonal": Figures()}
+    for seed in range(400):
+        record = run(seed)
+        for choice in ("auto", "white"):
+            fitted = fit(model, [record], knowledge, Nuisances(), covariance=choice)
+            name = "correlated" if choice == "auto" else choice
+            assert fitted.covariances[0].kind == name
+            found[name].add(fitted.solution, fitted.inference, demo.values)
+        whole = correlated_covariance(record.spectra)
+        alone = LineCovariance(whole.matrices * np.eye(12), whole.dof, whole.kind)
+        prepared = fitted.prepared
+        problem = Problem(
+            prepared.layout,
+            (assemble(prepared.layout, record, alone),),
+            prepared.exact,
+            prepared.known,
+            prepared.bounds,
+        )
+        solution = solve(problem, prepared.layout.start)
+        found["diagonal"].add(solution, infer(solution.point, problem.exact), demo.values)
+    for name, figures in found.items():
+        print(f"{name:>10}: {figures}")
+    right = found["correlated"]
+    assert abs(right.cost_deviation) < 3
+    assert 0.03 <= right.rejected <= 0.075
+    assert abs(right.distance[0] - 13) < 3 * right.distance[1]
+    # Over 400 runs one standard error of a coverage is 1.1 %.
+    assert (np.abs(right.coverage - 0.95) < 0.035).all()
+    assert (np.abs(right.ratio - 1) < 0.12).all()
+    white, diagonal = found["white"], found["diagonal"]
+    assert white.cost_deviation < -10
+    assert white.rejected < 0.02
+    assert diagonal.cost_deviation < -50
+    assert diagonal.rejected < 0.01
+    assert diagonal.ratio.min() < 0.6  # deviations up to two and a half times too wide
