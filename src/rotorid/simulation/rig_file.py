@@ -46,6 +46,8 @@ class RigPlan:
     ----------
     name, title, text : str
         The rig's name and title, and its file as it stands.
+    file : str
+        Where it comes from, for messages.
     model : str
         A shipped model, or the path of a model file.
     rig : Rig
@@ -58,6 +60,7 @@ class RigPlan:
     name: str
     title: str
     text: str
+    file: str
     model: str
     rig: Rig
     duration: float
@@ -77,7 +80,7 @@ class RigPlan:
         try:
             return self.rig.run(self.duration, rng)
         except InputError as error:
-            raise error.at(file=self.name) from None
+            raise error.at(file=self.file or self.name) from None
 
 
 def shipped_rigs() -> tuple[str, ...]:
@@ -165,9 +168,8 @@ def parse_rig(
         rig = _build(entry, load_model(entry.model, folder=folder))
     except InputError as error:
         raise error.at(file=file) from None
-    return RigPlan(
-        name, entry.title, raw.decode(), _model_path(entry, folder), rig, entry.duration, entry.seed
-    )
+    model = _model_path(entry, folder)
+    return RigPlan(name, entry.title, raw.decode(), file, model, rig, entry.duration, entry.seed)
 
 
 def _model_path(entry: RigFile, folder: str | Path) -> str:
@@ -290,9 +292,8 @@ def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
         )
     except InputError as error:
         raise error.at(place="excitation") from None
-    if entry.minimize_crest:
-        signals = minimize_crest(signals)
-    return signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
+    turned = signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
+    return minimize_crest(turned) if entry.minimize_crest else turned
 
 
 def _lines(entry: ExcitationEntry, rng: np.random.Generator) -> np.ndarray:

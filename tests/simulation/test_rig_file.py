@@ -1,0 +1,278 @@
+"""Rig files, the shipped ones and others; and the files that a rig leaves."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.actuators import Differential, Linear
+from rotorid.errors import InputError
+from rotorid.experiment import load_experiment
+from rotorid.signals.multisine import multisine
+from rotorid.simulation.export import experiment_text, write_record
+from rotorid.simulation.parts import Encoder
+from rotorid.simulation.rig_file import load_rig, parse_rig, shipped_rigs
+
+TEXT = load_rig("three-mass").text
+
+
+def changed(old: str, new: str) -> str:
+    assert old in TEXT
+    return TEXT.replace(old, new)
+
+
+def test_the_seeds_rotor_as_it_is_described() -> None:
+    plan = load_rig("three-mass")
+    rig = plan.rig
+    assert plan.duration == 13.0
+    assert rig.rotation.speed == pytest.approx(2 * np.pi * 140.0)
+    assert rig.parts[0].law == Linear(ki=120.0, ks=2e5)
+    assert rig.parts[0].noise * 120.0 == pytest.approx(1.0)
+    assert {sensor.noise for sensor in rig.sensors} == {2e-6}
+    assert set(rig.process_noise.std.values()) == {2.0}
+    t = np.arange(500) / 10e3
+    turns = 2 * np.pi * 20.0 * np.multiply.outer(t, [1, 3, 5, 7, 9, 11])
+    seed = (10 * np.sin(turns) + 10 * np.cos(turns)).sum(axis=1)
+    shares = np.array([0.5, 1.0, 1.0, -0.5])
+    played = rig.excitation.samples(10e3)
+    np.testing.assert_allclose(played, np.outer(seed, shares), atol=1e-10)
+
+
+@pytest.mark.parametrize("name", shipped_rigs())
+def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
+    from rotorid.simulation.assembly import growth
+
+    rig = load_rig(name).rig
+    for speed in (0.0, rig.rotation.speed / 2, rig.rotation.speed):
+        turning = replace(rig, rotation=replace(rig.rotation, speed=speed))
+        assert growth(turning, turning.plant(1.0), speed)[0] < -5.0
+
+
+def test_one_actuator_may_differ() -> None:
+    text = changed("[sensors]", '[actuators.F_y1]\nki = "100 N/A"\nnoise = "1 mA"\n\n[sensors]')
+    parts = parse_rig(text).rig.parts
+    assert [part.law.ki for part in parts] == [120.0, 100.0, 120.0, 120.0]
+    assert parts[1].law.ks == 2e5
+    assert parts[1].noise == 1e-3
+
+
+def test_parameters_replace_nominal_values() -> None:
+    plan = parse_rig(TEXT + '\n[parameters]\nm2 = "11 kg"\nL1 = "25 cm"\n')
+    assert plan.rig.values["m2"] == 11.0
+    assert plan.rig.values["L1"] == 0.25
+
+
+def test_rigid_rig_holds_every_kind_of_key() -> None:
+    rig = load_rig("rigid").rig
+    part = rig.parts[0]
+    assert isinstance(part.law, Differential)
+    assert part.slew == pytest.approx(150.0 / 25e-3)
+    assert rig.logger.angle == Encoder(1024, np.radians(0.05))
+    assert rig.feedback == ("s_xa", "s_ya", "s_xb", "s_yb")
+    assert rig.excitation.crest_factor.max() < 1.5
+
+
+PID = re.search(r"stiffness.*\n.*\n.*\n.*\n", TEXT).group()
+
+
+def test_a_transfer_function_on_every_axis() -> None:
+    keys = 'kind = "transfer-function"\nnumerator = [-9e3, 8.7e3]\ndenominator = [1.0, -0.2]\n'
+    controller = parse_rig(changed(PID, keys)).rig.controller
+    z = np.exp(2j * np.pi * 100.0 * 1e-4)
+    expected = (-9e3 * z + 8.7e3) / (z - 0.2)
+    np.testing.assert_allclose(
+        controller.response([200 * np.pi])[0], expected * np.eye(4), atol=1e-6
+    )
+
+
+def test_a_state_space() -> None:
+    D = [[-4e3, 0, 0, 0], [0, -4e3, 0, 0], [0, 0, -4e3, 0], [0, 0, 0, -4e3]]
+    controller = parse_rig(changed(PID, f'kind = "state-space"\nD = {D}\n')).rig.controller
+    np.testing.assert_array_equal(controller.D, D)
+    assert controller.states == 0
+
+
+def test_feedback_from_named_sensors() -> None:
+    text = changed("x1 = { noise", 's1 = { reads = "x1 + 0.01*theta_y", noise')
+    with pytest.raises(InputError, match=r"controller: feedback: found no sensor .* at F_x1"):
+        parse_rig(text)
+    wired = text.replace("[controller]", '[controller]\nfeedback = { F_x1 = "s1" }', 1)
+    assert parse_rig(wired).rig.feedback == ("s1", "y1", "x3", "y3")
+
+
+def test_multisines_of_a_file() -> None:
+    old = TEXT[TEXT.index("harmonics = ") : TEXT.index("[excitation.signals]")]
+    text = changed(old, 'odd = 39\nleave_out = 4\nphases = "random"\nseed = 3\n\n')
+    with pytest.raises(InputError, match=r"excitation.seed: found the unknown key 'seed'"):
+        parse_rig(text)
+    rig = parse_rig(text.replace("seed = 3\n", "")).rig
+    assert len(rig.excitation.harmonics) == 15
+    full = parse_rig(changed(old, "full = 12\napart = true\n\n")).rig.excitation
+    assert (np.count_nonzero(full.amplitudes, axis=1) == 1).all()
+
+
+def test_currents_as_excitation() -> None:
+    text = re.sub(r'amplitude = "[\d.]+ N"', 'amplitude = "50 mA"', TEXT)
+    excitation = parse_rig(text).rig.excitation
+    assert excitation.unit == "A"
+    np.testing.assert_allclose(np.abs(excitation.amplitudes), 0.05)
+
+
+BAD = [
+    ("[rotation]", "[rotatoin]", "rotatoin: found the unknown key 'rotatoin'.*did you mean"),
+    ('"13 s"', '"13 m"', "duration: found unit 'm'; expected a unit that converts to s"),
+    ('"13 s"', '"0 s"', "duration: found 0.0 s; expected one sample or more"),
+    ('ki = "120 N/A"', "", "actuators.all: found no ki"),
+    ('ki = "120 N/A"', 'ki = "0 N/A"', "actuators.all: ki: found ki = 0.0"),
+    ('limit = "3 A"', 'limit = "3 N"', "actuators.all: limit: found unit 'N'"),
+    ('limit = "3 A"', 'gap = "1 mm"', "gap with the linear law"),
+    ('limit = "3 A"', 'supply = "60 V"', "one of supply and inductance"),
+    (
+        'limit = "3 A"',
+        'supply = "60 V"\ninductance = "20 mH"',
+        "a slew limit without bandwidth",
+    ),
+    ("x1 = { noise", "x9 = { noise", r"sensors: found 'x9'; expected one of x1, y1"),
+    ('"2 um" }', '"2 kg" }', r"sensors.x1.noise: found unit 'kg'"),
+    ('"2 um" }', '"-2 um" }', "sensors.x1: noise: found noise = -2e-06; expected 0 or more"),
+    ("F_x1 = { amp", "F_x7 = { amp", "excitation: found 'F_x7'; expected one of F_x1"),
+    ("[1, 3, 5, 7, 9, 11]", "[1, 3, 5000]", "sample_rate: found 10000 Hz for a line at 100000 Hz"),
+    ("[1, 3, 5, 7, 9, 11]", "[3, 1]", "excitation: found harmonics .*increasing"),
+    ("[1, 3, 5, 7, 9, 11]", "[1, 3]\nodd = 5", "excitation: found harmonics and odd"),
+    ('fundamental = "20 Hz"', 'fundamental = "30 Hz"', "10000 Hz for a fundamental of 30 Hz"),
+    ('F_x1 = "2 N"', 'theta_x = "2 N"', "process_noise.theta_x: found unit 'N'"),
+    ('model = "three-mass"', 'model = "emps"', "sensors: found 'x1'; expected one of q"),
+    ('stiffness = "2e5 N/m"', "", "controller: found no stiffness or no damping"),
+    (PID, 'kind = "transfer-function"\n', "controller: found no numerator"),
+    (
+        PID,
+        'kind = "transfer-function"\nnumerator = [1.0, 2.0]\ndenominator = [1.0]\n',
+        "a controller cannot look ahead",
+    ),
+    (PID, 'kind = "state-space"\nD = [[1.0]]\n', "a controller from 1 positions to 1 commands"),
+    (PID, 'kind = "state-space"\n', "controller: found no D"),
+    ('sample_rate = "10 kHz"', 'sample_rate = "10001 Hz"', "a ratio of whole numbers"),
+    ('current = "command"', 'current = "amps"', "logger.current: found 'amps'"),
+    (
+        'current = "command"',
+        "encoder = { lines = 10 }\nkeyphasor = {}",
+        "logger.encoder: found both",
+    ),
+    ('current = "command"', "encoder = { lines = 0 }", "logger: lines: found lines = 0"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD)
+def test_bad_rig_files_are_refused(old: str, new: str, message: str) -> None:
+    text = TEXT.replace(old, new, 1)
+    assert text != TEXT
+    with pytest.raises(InputError, match=message) as caught:
+        parse_rig(text, name="my.toml", file="my.toml").run()
+    assert str(caught.value).startswith("my.toml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_rigs_that_are_not_there() -> None:
+    with pytest.raises(InputError, match="no rig 'three-mas'; expected one of rigid, three-mass"):
+        load_rig("three-mas")
+    with pytest.raises(InputError, match=r"absent.toml: found No such file"):
+        load_rig("absent.toml")
+    with pytest.raises(InputError, match=r"odd.toml: found"):
+        parse_rig(b"\xff\xfe", file="odd.toml")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rig")
+    plan = parse_rig(TEXT.replace('"13 s"', '"1 s"'), name="short")
+    record = plan.run()
+    write_record(record, folder / "run.h5", rig_text=plan.text)
+    (folder / "run.toml").write_text(experiment_text(plan, record, "run.h5"))
+    return folder
+
+
+def test_the_loggers_file(written: Path) -> None:
+    with h5py.File(written / "run.h5") as data:
+        assert set(data) == {
+            "t",
+            "truth",
+            *(f"i_{name}" for name in ("x1", "y1", "x3", "y3")),
+            *rid.load_model("three-mass").coordinates,
+        }
+        assert data["i_x1"].attrs["units"] == "A"
+        assert data["theta_x"].attrs["units"] == "rad"
+        np.testing.assert_allclose(data["t"][:3], [0.0, 1e-4, 2e-4])
+        truth = data["truth"]
+        assert truth["parameters"].attrs["m2"] == 11.322
+        assert list(truth["force"].attrs["columns"]) == ["F_x1", "F_y1", "F_x3", "F_y3"]
+        assert truth["position"].shape == (10_000, 8)
+        assert truth.attrs["rig"].startswith("title = ")
+
+
+def test_a_reader_makes_the_same_record(written: Path) -> None:
+    plan = parse_rig(TEXT.replace('"13 s"', '"1 s"'))
+    (read,) = load_experiment(written / "run.toml").measured("ml")
+    made = plan.run()
+    for one, other in zip(read.channels, made.channels, strict=True):
+        assert one.delay == pytest.approx(other.delay, abs=1e-15)
+        assert replace(one, delay=other.delay) == other
+    np.testing.assert_array_equal(read.samples, made.samples)
+    assert read.speed == made.speed
+    (as_forces,) = load_experiment(written / "run.toml").measured("batch")
+    assert {c.unit for c in as_forces.channels} == {"N", "m", "rad"}
+
+
+def test_reading_the_file_whole_shows_columns_and_no_truth(written: Path) -> None:
+    record = rid.read_record(written / "run.h5", time="t")
+    assert set(record.names) == {
+        *(f"i_{name}" for name in ("x1", "y1", "x3", "y3")),
+        *rid.load_model("three-mass").coordinates,
+    }
+
+
+def test_experiment_of_magnets_flux_and_combinations() -> None:
+    plan = load_rig("rigid")
+    short = parse_rig(plan.text.replace('"10 s"', '"0.3 s"'))
+    text = experiment_text(short, short.run(), "run.h5")
+    assert 'position = "s_xa"' in text
+    assert 's_xa = { reads = "x - 0.2*theta_y", column = "s_xa", unit = "m" }' in text
+    assert 'L_a = { fixed = "0.2 m" }' in text
+    assert 'angle = { column = "encoder", lines = 1024 }' in text
+    hall = plan.text.replace(
+        'bandwidth = "1.5 kHz"',
+        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
+    ).replace('"10 s"', '"0.3 s"')
+    flux = parse_rig(hall)
+    text = experiment_text(flux, flux.run(), "run.h5")
+    assert 'flux = [{ column = "b1_xa", unit = "T" }, { column = "b2_xa", unit = "T" }]' in text
+
+
+def test_flux_densities_through_the_files(tmp_path: Path) -> None:
+    hall = load_rig("rigid").text.replace(
+        'bandwidth = "1.5 kHz"',
+        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "0.1 mT" }',
+    )
+    plan = parse_rig(hall.replace('"10 s"', '"0.5 s"'))
+    record = plan.run()
+    write_record(record, tmp_path / "run.h5")
+    (tmp_path / "run.toml").write_text(experiment_text(plan, record, "run.h5"))
+    (read,) = load_experiment(tmp_path / "run.toml").measured("batch")
+    assert read.names[:4] == plan.rig.model.inputs
+    np.testing.assert_allclose(read.samples[:, :4], record.samples[:, :4], atol=1e-9)
+
+
+def test_a_rig_without_excitation_has_no_experiment() -> None:
+    start, end = TEXT.index("[excitation]"), TEXT.index("[process_noise]")
+    plan = parse_rig((TEXT[:start] + TEXT[end:]).replace('"13 s"', '"0.1 s"'))
+    with pytest.raises(InputError, match=r"excitation: found a rig without excitation"):
+        experiment_text(plan, plan.run(), "run.h5")
+
+
+def test_excitation_beyond_the_inputs_is_refused() -> None:
+    rig = load_rig("three-mass").rig
+    with pytest.raises(InputError, match="excitation: found 'F_z'"):
+        replace(rig, excitation=multisine(20.0, [1], {"F_z": 1.0}))
