@@ -109,11 +109,20 @@ def test_physical_parameters_may_be_zero_or_negative():
     np.testing.assert_allclose([v.value for v in found], values, rtol=1e-8, atol=1e-12)
 
 
-def test_nothing_follows_from_base_parameters_that_are_not_known():
+def test_what_follows_from_a_part_of_the_base_parameters():
     model, values = truth_of(THREE_MASS)
     base = model.base_values(values)
-    base[3] = np.nan
-    assert physical_from_base(model, base, np.eye(len(base))) == ()
+    cov = np.diag((1e-3 * base) ** 2)
+    base[[2, 9]] = np.nan  # m2*xi, k1; the latter follows from k1*L1^2 and k1*L1 all the same
+    found = {v.name: v.value for v in physical_from_base(model, base, cov)}
+    assert set(found) == set(THREE_MASS.derived) - {"xi"}
+    for name, value in found.items():
+        assert value == pytest.approx(THREE_MASS.truth[name], rel=1e-9)
+
+
+def test_nothing_follows_from_nothing():
+    model, _ = truth_of(THREE_MASS)
+    assert physical_from_base(model, np.full(14, np.nan), np.eye(14)) == ()
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)

@@ -274,6 +274,12 @@ class Model:
         """Tell whether a signal depends on the motion, not on t, phi and Omega alone."""
         return not self.signals[index].free_symbols <= {symbol(name) for name in RESERVED}
 
+    @property
+    def nonlinear(self) -> bool:
+        """Whether a signal is not linear in the motion."""
+        factors = enumerate(self.motion_factors)
+        return any(factor is None and self.moves(index) for index, factor in factors)
+
     def signal_value(self, index: int, motion: Motion) -> Floats:
         """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
         derivatives = (motion.position, motion.velocity, motion.acceleration)
