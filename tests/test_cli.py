@@ -56,7 +56,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    options = ["--method", "batch", "--json", "run.json"]
+    assert cli.run(["identify", "run.toml", *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     assert printed.out.startswith("jeffcott, batch: ok\n")
@@ -71,6 +72,25 @@ def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert name in printed.out
     shown = [line.rstrip() for line in printed.out.splitlines()]
     assert str(estimate).splitlines() == shown
+
+
+def test_maximum_likelihood_is_the_default(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the model is linear and the record has periods enough, else batch."""
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("jeffcott, ml: ok\n")
+    data = json.loads((folder / "run.json").read_text())
+    assert [row["name"] for row in data["parameters"]] == ["m", "c", "k", "xi", "zeta"]
+    assert data["misfit"]["dof"] == 2 * 4 * 2 - 5
+    assert data["suspects"]
+    shown = [line.rstrip() for line in out.splitlines()]
+    assert str(rid.load_estimate("run.json")).splitlines() == shown
+    samples = (folder / "run.csv").read_text().splitlines()
+    (folder / "run.csv").write_text("\n".join(samples[: 1 + 4 * 200]) + "\n")
+    assert cli.run(["identify", "run.toml"]) == 0
+    assert capsys.readouterr().out.startswith("jeffcott, batch: ok\n")
 
 
 def test_method_overrides_the_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -281,4 +301,4 @@ def test_silent_in_a_pipe(folder: Path) -> None:
     process = subprocess.run(command("identify", "run.toml"), capture_output=True, check=True)
     assert process.stderr == b""
     assert b"\x1b" not in process.stdout
-    assert process.stdout.decode("ascii").startswith("jeffcott, batch: ok")
+    assert process.stdout.decode("ascii").startswith("jeffcott, ml: ok")

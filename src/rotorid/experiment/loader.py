@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from rotorid.errors import InputError
 from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
-from rotorid.experiment.methods import DEFAULT, build_estimator
+from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values
 from rotorid.experiment.recording import Recording, measured, periods_of, recording
 from rotorid.experiment.schema import ExperimentFile, Method
@@ -58,10 +59,36 @@ class Experiment:
         InputError
             For files, columns, units and samples that cannot be used.
         """
-        currents = (method or self.entry.estimator.method or DEFAULT) == "ml"
+        return self._measured(currents=self.method(method) == "ml")
+
+    def _measured(self, *, currents: bool) -> list[Record]:
         return [
             measured(self.folder / entry.file, entry, plan, currents=currents)
             for entry, plan in zip(self.entry.records, self.channels, strict=True)
+        ]
+
+    def method(self, method: Method | None = None) -> Method:
+        """Return the method to use: the one given, the file's, or what the records allow.
+
+        Raises
+        ------
+        InputError
+            As `records`, where the records have to be read to tell.
+        """
+        return method or self.entry.estimator.method or self._default
+
+    @cached_property
+    def _default(self) -> Method:
+        """Maximum likelihood where model and periods allow it, else batch."""
+        if self.model.linear is None:
+            return "batch"
+        return default_method(self.model, self._likelihood_records)
+
+    @cached_property
+    def _likelihood_records(self) -> list[PeriodicRecord]:
+        return [
+            periods_of(record, entry)
+            for record, entry in zip(self._measured(currents=True), self.entry.records, strict=True)
         ]
 
     def records(self, method: Method | None = None) -> list[PeriodicRecord]:
@@ -77,6 +104,8 @@ class Experiment:
         InputError
             As `measured`, and for periods or lines that the record does not have.
         """
+        if self.method(method) == "ml":
+            return self._likelihood_records
         return [
             periods_of(record, entry)
             for record, entry in zip(self.measured(method), self.entry.records, strict=True)
@@ -96,7 +125,9 @@ class Experiment:
             For a method that cannot honour what the file says.
         """
         try:
-            return build_estimator(self.entry, method, self.fixed, self.constraints)
+            return build_estimator(
+                self.entry, self.method(method), self.fixed, self.constraints, self.model
+            )
         except InputError as error:
             raise error.at(file=self.file) from None
 

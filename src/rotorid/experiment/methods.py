@@ -2,87 +2,148 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from rotorid.errors import InputError
-from rotorid.estimators import Batch, Constraint, Estimator, LeastSquares, Sequential
+from rotorid.estimators import (
+    Batch,
+    Constraint,
+    Estimator,
+    LeastSquares,
+    MaximumLikelihood,
+    Sequential,
+)
+from rotorid.experiment.names import bounds, stated
 from rotorid.experiment.schema import ExperimentFile, Method
+from rotorid.models import Model
+from rotorid.record import PeriodicRecord
 
-Builder = Callable[[ExperimentFile, dict[str, float], tuple[Constraint, ...]], Estimator]
+Builder = Callable[[ExperimentFile, dict[str, float], tuple[Constraint, ...], Model], Estimator]
 
 
 def _least_squares(
-    entry: ExperimentFile, fixed: dict[str, float], constraints: tuple[Constraint, ...]
+    entry: ExperimentFile,
+    fixed: dict[str, float],
+    constraints: tuple[Constraint, ...],
+    model: Model,
 ) -> Estimator:
     _refuse_deviations(entry)
     return LeastSquares(fixed=fixed, constraints=constraints)
 
 
 def _batch(
-    entry: ExperimentFile, fixed: dict[str, float], constraints: tuple[Constraint, ...]
+    entry: ExperimentFile,
+    fixed: dict[str, float],
+    constraints: tuple[Constraint, ...],
+    model: Model,
 ) -> Estimator:
     _refuse_deviations(entry)
     return Batch(free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints)
 
 
 def _sequential(
-    entry: ExperimentFile, fixed: dict[str, float], constraints: tuple[Constraint, ...]
+    entry: ExperimentFile,
+    fixed: dict[str, float],
+    constraints: tuple[Constraint, ...],
+    model: Model,
 ) -> Estimator:
     _refuse_deviations(entry)
     return Sequential(fixed=fixed, constraints=constraints)
+
+
+def _maximum_likelihood(
+    entry: ExperimentFile,
+    fixed: dict[str, float],
+    constraints: tuple[Constraint, ...],
+    model: Model,
+) -> Estimator:
+    values, deviations = (stated(entry.parameters, model, key) for key in ("value", "std"))
+    return MaximumLikelihood(
+        fixed=fixed,
+        constraints=constraints,
+        known={name: (value, deviations[name]) for name, value in values.items()},
+        start=stated(entry.parameters, model, "start"),
+        bounds=bounds(entry.parameters, entry.constraints, model),
+        runout=entry.estimator.runout,
+        gains=tuple(entry.estimator.gains),
+        delays=tuple(entry.estimator.delays),
+    )
 
 
 BUILDERS: Mapping[Method, Builder] = {
     "ls": _least_squares,
     "batch": _batch,
     "sequential": _sequential,
+    "ml": _maximum_likelihood,
 }
-DEFAULT: Method = "batch"
 
 
 def build_estimator(
     entry: ExperimentFile,
-    method: Method | None,
+    method: Method,
     fixed: dict[str, float],
     constraints: tuple[Constraint, ...],
+    model: Model,
 ) -> Estimator:
     """Return the estimator of an experiment.
 
     Parameters
     ----------
     entry : ExperimentFile
-    method : {"ls", "batch", "sequential", "ml"}, optional
-        In place of the file's.
+    method : {"ls", "batch", "sequential", "ml"}
     fixed : mapping of str to float
         SI.
     constraints : sequence of Constraint
+    model : Model
 
     Raises
     ------
     InputError
-        For a method that is not there, or that cannot honour what the file says.
+        For a method that cannot honour what the file says.
     """
-    chosen = method or entry.estimator.method or DEFAULT
-    if chosen not in BUILDERS:
-        raise InputError(
-            f"{chosen!r}, which this version does not have yet",
-            f"one of {', '.join(BUILDERS)}",
-            "choose one of these",
-            place="--method" if method else "estimator.method",
-        )
-    return BUILDERS[chosen](entry, fixed, constraints)
+    return BUILDERS[method](entry, fixed, constraints, model)
+
+
+def default_method(model: Model, records: Sequence[PeriodicRecord]) -> Method:
+    """Return ml where the model is linear and every record has periods enough, else batch.
+
+    Enough are those that give the covariance of the equations of a line twice as many degrees of
+    freedom as it has rows, of which there is one for each sensor.
+    """
+    if model.linear is None:
+        return "batch"
+    for record in records:
+        sensors = sum(channel.name not in model.inputs for channel in record.channels)
+        if record.periods - 1 < 2 * sensors:
+            return "batch"
+    return "ml"
 
 
 def _refuse_deviations(entry: ExperimentFile) -> None:
     """Refuse what only a likelihood can weigh: knowledge with a deviation."""
+    asked = entry.estimator
+    given = {"runout": asked.runout, "gains": asked.gains, "delays": asked.delays}
+    for key, value in given.items():
+        if value:
+            raise InputError(
+                f"{key} = {str(value).lower()}",
+                "a measurement without unknown constants for this method",
+                "use ml",
+                place=f"estimator.{key}",
+            )
     places = [f"parameters.{name}.std" for name, p in entry.parameters.items() if p.std is not None]
     places += [f"constraints.{i}.std" for i, c in enumerate(entry.constraints) if c.std is not None]
-    places += [f"channels.{name}.gain_std" for name, c in entry.channels.items() if c.gain_std]
-    places += [
-        f"records.{i}.channels.{name}.gain_std"
-        for i, record in enumerate(entry.records)
-        for name, c in record.channels.items()
-        if c.gain_std
-    ]
+    channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}
+    for i, record in enumerate(entry.records):
+        channels |= {f"records.{i}.channels.{name}": c for name, c in record.channels.items()}
+    places += [f"{place}.gain_std" for place, c in channels.items() if c.gain_std]
+    places += [f"{place}.delay.std" for place, c in channels.items() if c.delay.std]
+    places += [f"parameters.{name}.min, max" for name, p in entry.parameters.items() if p.bounded]
+    places += [f"constraints.{i}.min, max" for i, c in enumerate(entry.constraints) if c.bounded]
     if places:
-        raise InputError("a deviation", "exact values for this method", "use ml", place=places[0])
+        raise InputError(
+            "a bound" if "max" in places[0] else "a deviation",
+            "exact values for this method",
+            "use ml",
+            place=places[0],
+        )

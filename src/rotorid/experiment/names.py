@@ -65,7 +65,8 @@ def source(name: str, entry: ChannelEntry, model: Model) -> Source:
         expected=model.units[name] if reads is None else None,
         reads=reads,
         hold=entry.hold == "zero-order",
-        delay=entry.delay,
+        delay=entry.delay.value,
+        delay_std=entry.delay.std or 0.0,
         gain_std=entry.gain_std,
     )
 
@@ -89,7 +90,7 @@ def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[st
     for name, entry in entries.items():
         if name not in units:
             raise unknown(name, units, "parameter", f"parameters.{name}")
-        for key in ("fixed", "value", "std", "start"):
+        for key in ("fixed", "value", "std", "start", "min", "max"):
             quantity = getattr(entry, key)
             if quantity is not None:
                 number = to_si(quantity, units[name], place=f"parameters.{name}.{key}")
@@ -98,6 +99,35 @@ def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[st
                 if key == "fixed":
                     fixed[name] = number
     return fixed
+
+
+def stated(entries: Mapping[str, ParameterEntry], model: Model, key: str) -> dict[str, float]:
+    """Return what the entries state under a key, in SI; parameters without it are left out."""
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    given = {name: getattr(entry, key) for name, entry in entries.items()}
+    return {
+        name: to_si(quantity, units[name], place=f"parameters.{name}.{key}")
+        for name, quantity in given.items()
+        if quantity is not None
+    }
+
+
+def bounds(
+    parameters: Mapping[str, ParameterEntry], entries: Sequence[ConstraintEntry], model: Model
+) -> dict[str, tuple[float | None, float | None]]:
+    """Return lower and upper bounds of parameters and of expressions, in SI."""
+    low, high = (stated(parameters, model, key) for key in ("min", "max"))
+    found = {name: (low.get(name), high.get(name)) for name in (*low, *high)}
+    for number, entry in enumerate(entries):
+        if entry.value is None:
+            place = f"constraints.{number}"
+            unit = _unit_of(entry.expression, model, place)
+            lower, upper = (
+                None if limit is None else to_si(limit, unit, place=f"{place}.{key}")
+                for key, limit in (("min", entry.min), ("max", entry.max))
+            )
+            found[entry.expression] = lower, upper
+    return found
 
 
 def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Constraint, ...]:
@@ -113,6 +143,8 @@ def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Const
     for number, entry in enumerate(entries):
         place = f"constraints.{number}"
         unit = _unit_of(entry.expression, model, place)
+        if entry.value is None:
+            continue
         value = to_si(entry.value, unit, place=f"{place}.value")
         std = 0.0
         if entry.std is not None:

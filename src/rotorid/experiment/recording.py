@@ -100,7 +100,8 @@ def recording(entries: Mapping[str, ChannelEntry], model: Model) -> Recording:
                 scale=column.scale,
                 expected=unit,
                 hold=column.hold == "zero-order",
-                delay=column.delay,
+                delay=column.delay.value,
+                delay_std=column.delay.std or 0.0,
                 gain_std=column.gain_std,
             )
         laws[name] = InputLaw(law, tuple(labels), position)
@@ -160,8 +161,9 @@ def measured(path: Path, entry: RecordEntry, plan: Recording, *, currents: bool)
         sample_rate=entry.sample_rate,
         time=timing(entry),
         speed=entry.speed,
-        phase=entry.phase,
+        phase=entry.phase or 0.0,
     )
+    record = replace(record, phase_known=entry.phase is not None)
     record = _with_drives(_with_angle(record, entry), plan)
     return forces(
         record, _readings(record, plan), drives=not currents, period=_period(record, entry)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, StrictInt, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
 
 from rotorid.actuators.entry import LawEntry, LawName, law_keys
 from rotorid.errors import InputError
@@ -17,21 +17,6 @@ def _quantity(unit: str) -> BeforeValidator:
     return BeforeValidator(lambda value: to_si(value, unit))
 
 
-def _later(cure: str) -> AfterValidator:
-    """Refuse a key of the format that this version cannot honour."""
-
-    def refuse(value: Any) -> Any:
-        if value:
-            raise InputError(
-                f"{str(value)[:60]!r}, which this version cannot honour yet",
-                "a file without this key",
-                cure,
-            )
-        return value
-
-    return AfterValidator(refuse)
-
-
 Hertz = Annotated[float, _quantity("Hz"), Field(ge=1e-9, le=1e12)]
 Seconds = Annotated[float, _quantity("s"), Field(ge=0, le=1e9)]
 RadiansPerSecond = Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)]
@@ -40,24 +25,23 @@ Method = Literal["ls", "batch", "sequential", "ml"]
 Quantity = str | int | float  # in a unit that the model knows
 
 
-def _phase(value: object) -> float:
-    if value == "unknown":
-        raise InputError(
-            "'unknown', which this version cannot honour yet",
-            "the rotor angle at the file's first sample, such as '0 deg'",
-            "give it; 0 turns the directions of the unbalance and nothing else",
-        )
-    return to_si(value, "rad")
+def _phase(value: object) -> float | None:
+    """Return the angle in rad; None where it is to be estimated."""
+    return None if value == "unknown" else to_si(value, "rad")
 
 
-def _delay(value: object) -> float:
-    if isinstance(value, dict):
-        raise InputError(
-            "a table, which this version cannot honour yet",
-            "a known delay, such as '50 us'",
-            "give the delay as a number and a unit",
-        )
-    return to_si(value, "s")
+class DelayEntry(Schema):
+    """By how long a column lags the truth, and how well that is known (0: exactly)."""
+
+    value: Annotated[float, _quantity("s")] = 0.0
+    std: Annotated[float, _quantity("s"), Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+def _delay(value: object) -> object:
+    return value if isinstance(value, dict | DelayEntry) else {"value": value}
+
+
+Delay = Annotated[DelayEntry, BeforeValidator(_delay)]
 
 
 def _band(value: object) -> tuple[float, float]:
@@ -95,7 +79,7 @@ class ColumnEntry(Schema):
     unit: str | None = None
     scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
     hold: Literal["none", "zero-order"] = "none"
-    delay: Annotated[float, BeforeValidator(_delay)] = 0.0
+    delay: Delay = DelayEntry()
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
 
 
@@ -107,7 +91,7 @@ class ChannelEntry(LawEntry):
     unit: str | None = None
     scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
     hold: Literal["none", "zero-order"] = "none"
-    delay: Annotated[float, BeforeValidator(_delay)] = 0.0
+    delay: Delay = DelayEntry()
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     reads: str | None = None
     current: ColumnEntry | None = None
@@ -162,7 +146,7 @@ class RecordEntry(Schema):
     speed: RadiansPerSecond = 0.0
     angle: AngleEntry | None = None
     keyphasor: str | None = None
-    phase: Annotated[float, BeforeValidator(_phase)] = 0.0
+    phase: Annotated[float | None, BeforeValidator(_phase)] = 0.0
     fundamental: Hertz | None = None
     period_samples: Count | None = None
     harmonics: list[Count] | None = None
@@ -214,17 +198,26 @@ class ParameterEntry(Schema):
     value: Quantity | None = None
     std: Quantity | None = None
     start: Quantity | None = None
+    min: Quantity | None = None
+    max: Quantity | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether there is a bound."""
+        return self.min is not None or self.max is not None
 
     @model_validator(mode="after")
     def _one_kind(self) -> ParameterEntry:
         given = {
             key for key in ("fixed", "value", "std", "start") if getattr(self, key) is not None
         }
-        if given not in ({"fixed"}, {"value", "std"}, {"start"}):
+        kinds: list[set[str]] = [{"value", "std"}, {"start"}]
+        kinds.append(set() if self.bounded else {"fixed"})
+        if given not in kinds:
             raise InputError(
                 " and ".join(sorted(given)) or "nothing",
                 "fixed, or value and std, or start",
-                "keep one of these",
+                "keep one of these; min and max may stand beside the last two, or alone",
             )
         return self
 
@@ -233,8 +226,27 @@ class ConstraintEntry(Schema):
     """A combination of parameters that is known."""
 
     expression: str
-    value: Quantity
+    value: Quantity | None = None
     std: Quantity | None = None
+    min: Quantity | None = None
+    max: Quantity | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether there is a bound."""
+        return self.min is not None or self.max is not None
+
+    @model_validator(mode="after")
+    def _value_or_bounds(self) -> ConstraintEntry:
+        if (self.value is None) != self.bounded or (self.std is not None and self.bounded):
+            raise InputError(
+                "neither value nor bounds"
+                if not self.bounded
+                else "value or std beside min or max",
+                "value, with std or without, or min and max",
+                "keep one of these",
+            )
+        return self
 
 
 class EstimatorEntry(Schema):
@@ -242,9 +254,9 @@ class EstimatorEntry(Schema):
 
     method: Method | None = None
     free_weight: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 100.0
-    runout: Annotated[bool, _later("remove it, or subtract the runout beforehand")] = False
-    gains: Annotated[list[str], _later("give the constants")] = Field(default_factory=list)
-    delays: Annotated[list[str], _later("give the delays")] = Field(default_factory=list)
+    runout: StrictBool = False
+    gains: list[Literal["ki", "ks", "ks*"]] = Field(default_factory=list)
+    delays: list[Literal["force", "position"]] = Field(default_factory=list)
 
 
 class ExperimentFile(Schema):
