@@ -12,7 +12,7 @@ from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import summarize
-from rotorid.estimators.likelihood.unknowns import Nuisances
+from rotorid.estimators.likelihood.unknowns import Nuisances, linear_form
 from rotorid.models import Model
 from rotorid.record import PeriodicRecord
 
@@ -109,7 +109,7 @@ class MaximumLikelihood:
         NotConvergedError
             Where the iteration ran into parameters without meaning.
         """
-        model.require_linear() if model.linear is None else None
+        linear_form(model)
         found = fit(
             model,
             records,

@@ -38,7 +38,7 @@ def test_all_coordinates_base_parameters(demo, monte_carlo):
     assert found.statuses.count("ok") == 2000
     assert agrees(found)
     assert covers(found)
-    assert np.mean(found.expected) == pytest.approx(84.2, abs=0.1)
+    assert np.mean(found.expected) == pytest.approx(84.2, abs=0.2)
     assert (found.rms <= 1.06 * bounds_of(demo, found, base=True)).all()
 
 

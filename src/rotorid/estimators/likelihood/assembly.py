@@ -13,9 +13,15 @@ from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sen
 from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
-from rotorid.estimators.likelihood.unknowns import Layout, input_channels, sensor_channels
+from rotorid.estimators.likelihood.unknowns import (
+    Layout,
+    input_channels,
+    linear_form,
+    sensor_channels,
+)
 from rotorid.models import Model
-from rotorid.models.expression import evaluate
+from rotorid.models.expression import Expression, evaluate
+from rotorid.models.linear import LinearForm
 from rotorid.record import Channel, Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance
 from rotorid.signals.spectrum import line_spectra
@@ -35,6 +41,12 @@ class Term:
     coefficient: float
 
 
+def speed_factors(linear: LinearForm, speed: float) -> dict[Expression, float]:
+    """Return the value of each distinct factor of the speed among the entries of Z."""
+    distinct = dict.fromkeys(term.factor for term in linear.stiffness)
+    return {factor: float(evaluate(factor, {"Omega": speed})) for factor in distinct}
+
+
 def equation_terms(layout: Layout, inputs: Sequence[Channel], speed: float) -> list[Term]:
     """Return the entries of ``[P, B]``, P = -Z, at one speed; columns of B after those of P.
 
@@ -42,8 +54,8 @@ def equation_terms(layout: Layout, inputs: Sequence[Channel], speed: float) -> l
     ks x, with the true displacement, is a stiffness of the machine.
     """
     model = layout.model
-    linear = model.linear or model.require_linear()
-    factor = {t.factor: float(evaluate(t.factor, {"Omega": speed})) for t in linear.stiffness}
+    linear = linear_form(model)
+    factor = speed_factors(linear, speed)
     terms = []
     for t in linear.stiffness:
         factors = layout.monomial_factors[t.monomial]
@@ -107,7 +119,7 @@ def load_lines(
     orders : array, shape (order,)
         n of exp(i n delta), delta what is added to phi; (0,) where the phase is known.
     """
-    linear = layout.model.linear or layout.model.require_linear()
+    linear = linear_form(layout.model)
     signals = list(dict.fromkeys(term.signal for term in linear.load_terms))
     steps = PHASE_STEPS if phase_unknown else 1
     shifts = 2 * np.pi * np.arange(steps) / steps

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse.csgraph import connected_components
 
+from rotorid.estimators.likelihood.assembly import speed_factors
+from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
 from rotorid.record import Floats, Integers
 
@@ -79,30 +80,23 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     speed : float
         rad/s.
     """
-    linear = model.require_linear()
+    linear = linear_form(model)
     n = linear.coordinates
     if linear.rows != n:
         return None
-    matrices = linear.matrices(values, speed)
-    inertia = np.abs(matrices.M) + 1e-9 * np.abs(matrices.M).max(initial=0.0) * np.eye(n)
-    size = np.sqrt(np.outer(inertia.max(axis=1), inertia.max(axis=0)))
-    rows, columns = linear_sum_assignment(-inertia / np.where(size > 0, size, 1.0))
-    order = np.empty(n, dtype=np.int64)
-    order[columns] = rows
-    diagonal = matrices.M[order, np.arange(n)]
-    signs = np.where(diagonal < 0, -1.0, 1.0)
-    terms = linear.stiffness_terms(speed)
-    slopes = model.monomial_jacobian(values)
-    springs, masses = [], []
-    for j, parameter in enumerate(model.parameters):
-        parts = np.zeros((3, n, n))
-        weight = terms.coefficient * slopes[terms.monomial, j] * values[j]
-        np.add.at(parts, (terms.order, terms.row, terms.column), weight)
-        stiff, heavy = (signs[:, None] * parts[k][order] for k in (0, 2))
-        if _is_energy(stiff):
-            springs.append((parameter.name, stiff))
-        if _is_energy(heavy):
-            masses.append((parameter.name, heavy))
+    factor, slopes = speed_factors(linear, speed), model.monomial_jacobian(values)
+    mu = model.monomial_values(values)
+    inertia, parts = np.zeros((n, n)), np.zeros((len(values), 3, n, n))
+    for t in linear.stiffness:
+        size = t.coefficient * factor[t.factor]
+        parts[:, t.order, t.row, t.column] += size * slopes[t.monomial] * values
+        if t.order == 2:
+            inertia[t.row, t.column] += size * mu[t.monomial]
+    order, signs = _order(inertia)
+    ordered = signs[:, None] * parts[:, :, order]
+    names = model.parameter_names
+    springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
+    masses = [(name, p[2]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[2])]
     pairs = _pairs(masses)
     return Structure(
         tuple(springs),
@@ -112,6 +106,17 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         order,
         signs,
     )
+
+
+def _order(inertia: Floats) -> tuple[Integers, Floats]:
+    """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
+    n = len(inertia)
+    size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
+    scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
+    rows, columns = linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
+    order = np.empty(n, dtype=np.int64)
+    order[columns] = rows
+    return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
 
 
 def _is_energy(matrix: Floats) -> bool:
@@ -126,10 +131,19 @@ def _is_energy(matrix: Floats) -> bool:
 
 def _parts(matrix: Floats) -> list[Integers]:
     """Return the groups of coordinates that a matrix couples."""
-    count, labels = connected_components(matrix != 0, directed=False)
-    used = np.abs(matrix).any(axis=0)
-    groups = [np.flatnonzero((labels == k) & used) for k in range(count)]
-    return [group for group in groups if len(group)]
+    coupled = (matrix != 0) | (matrix != 0).T
+    left = set(np.flatnonzero(coupled.any(axis=0)).tolist())
+    groups = []
+    while left:
+        group = {min(left)}
+        while True:
+            wider = set(np.flatnonzero(coupled[list(group)].any(axis=0)).tolist()) | group
+            if wider == group:
+                break
+            group = wider
+        left -= group
+        groups.append(np.array(sorted(group), dtype=np.int64))
+    return groups
 
 
 def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
@@ -154,7 +168,7 @@ def _oriented(
 ) -> list[tuple[int, int]]:
     """Order each pair by the sense in which its unbalance turns; else as declared."""
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-    linear = model.require_linear()
+    linear = linear_form(model)
     load = linear.load_columns(np.zeros(8), angle, speed or 1.0) @ model.monomial_values(values)
     once = (load * np.exp(-1j * angle)[:, None]).mean(axis=0)[order] * signs
     found = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,19 +47,34 @@ class Monomials:
             factors[row, : len(flat)] = flat
         return cls(factors, unknowns)
 
-    def _padded(self, x: ArrayLike) -> Floats:
-        return np.append(np.asarray(x, dtype=float), 1.0)[self.factors]
+    @cached_property
+    def _columns(self) -> Integers:
+        """Factors as rows of columns, shape (factor, monomial)."""
+        return np.ascontiguousarray(self.factors.T)
+
+    @cached_property
+    def _flat(self) -> Integers:
+        """Place of each factor's derivative in the flattened Jacobian."""
+        rows = np.arange(len(self.factors)) * (self.unknowns + 1)
+        return (rows + self._columns).ravel()
+
+    def _held(self, x: ArrayLike) -> Floats:
+        padded = np.empty(self.unknowns + 1)
+        padded[:-1], padded[-1] = x, 1.0
+        return np.asarray(padded[self._columns])
 
     def values(self, x: ArrayLike) -> Floats:
         """Return mu, shape (monomial,)."""
-        return np.asarray(self._padded(x).prod(axis=1))
+        return np.asarray(np.multiply.reduce(self._held(x), axis=0))
 
     def jacobian(self, x: ArrayLike) -> Floats:
         """Return d mu / d x, shape (monomial, unknown); exact where unknowns are zero."""
-        held = self._padded(x)
-        jacobian = np.zeros((len(held), self.unknowns + 1))
-        rows = np.arange(len(held))
-        for j in range(held.shape[1]):
-            others = np.delete(held, j, axis=1).prod(axis=1)
-            np.add.at(jacobian, (rows, self.factors[:, j]), others)
-        return jacobian[:, :-1]
+        held = self._held(x)
+        others = np.ones_like(held)
+        for j in range(len(held)):
+            others[:j] *= held[j]
+            others[j + 1 :] *= held[j]
+        width = self.unknowns + 1
+        size = len(self.factors) * width
+        flat = np.bincount(self._flat, weights=others.ravel(), minlength=size)
+        return np.asarray(flat.reshape(-1, width)[:, :-1])

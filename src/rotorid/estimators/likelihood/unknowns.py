@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.models import Model
+from rotorid.models.linear import LinearForm
 from rotorid.record import Channel, Floats, Integers, PeriodicRecord
 
 
@@ -74,6 +76,17 @@ class Nuisances:
             raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
 
 
+def linear_form(model: Model) -> LinearForm:
+    """Return the linear form, found once.
+
+    Raises
+    ------
+    ModelError
+        Naming the term that is not linear.
+    """
+    return model.linear or model.require_linear()
+
+
 @dataclass(frozen=True)
 class Layout:
     """Names of the unknowns, and the monomials of the model in their terms.
@@ -100,12 +113,12 @@ class Layout:
         index = {unknown.name: i for i, unknown in enumerate(self.unknowns)}
         object.__setattr__(self, "index", index)
 
-    @property
+    @cached_property
     def start(self) -> Floats:
         """Starting values, shape (unknown,)."""
         return np.array([unknown.start for unknown in self.unknowns])
 
-    @property
+    @cached_property
     def free(self) -> Integers:
         """Indices of the unknowns that are not fixed."""
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
@@ -113,7 +126,7 @@ class Layout:
     def load_only(self) -> set[int]:
         """Return the parameters that only loads hold, each load at most one: the unbalance."""
         model = self.model
-        linear = model.linear or model.require_linear()
+        linear = linear_form(model)
         elsewhere = {t.monomial for t in linear.stiffness} | {
             b.monomial for b in linear.input_terms
         }
