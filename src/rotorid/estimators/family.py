@@ -141,8 +141,11 @@ def pose(
             raise InputError(
                 "a rotor angle of unknown phase", "a known phase", "use ml", file=record.source
             )
+    elimination = eliminate(reduced, constraints, fixed)
+    if not elimination.kept:
+        raise InputError("every parameter constrained", "something to estimate", "free one")
     regressions = tuple(Regression(reduced, record) for record in records)
-    return Problem(model, dict(fixed), regressions, eliminate(reduced, constraints, fixed))
+    return Problem(model, dict(fixed), regressions, elimination)
 
 
 def force_variance(regression: Regression) -> Floats:

@@ -120,12 +120,13 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
     values = np.full(len(names), np.nan)
     equations = [problem.free_equations(r) for r in problem.regressions]
     gains = [np.zeros((len(names), *target.shape), dtype=complex) for _, target in equations]
-    condition, opened = 1.0, []
+    condition, directions = 1.0, np.zeros((len(names), 0))
+    waiting: tuple[int, ...] = ()
     for planned in stages:
-        # What an earlier stage left open stays an unknown of the rows that hold it.
-        unknowns = np.flatnonzero(holds[list(planned.rows)].any(axis=0) & ~np.isfinite(values))
-        stage = Stage(planned.rows, tuple(int(u) for u in unknowns))
-        rows, own = list(stage.rows), list(stage.unknowns)
+        # Rows whose unknowns the stage before left open wait for the rows of this one.
+        rows = [*waiting, *planned.rows]
+        own = [int(u) for u in np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))]
+        stage = Stage(tuple(rows), tuple(own))
         known = np.asarray(np.isfinite(values).nonzero()[0], dtype=np.int64)
         blocks = [
             Block(
@@ -140,11 +141,9 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
         _carry(gains, solution.gains, equations, stage, known)
         values[own] = solution.values
         condition = max(condition, solution.condition_number)
-        for direction in solution.undetermined.T:
-            opened.append(np.zeros(len(names)))
-            opened[-1][own] = direction
-    still = [direction for direction in opened if np.isnan(values[direction != 0]).any()]
-    directions = np.array(still).reshape(len(still), len(names)).T
+        directions = np.zeros((len(names), solution.undetermined.shape[1]))
+        directions[own] = solution.undetermined
+        waiting = tuple(row for row in rows if (holds[row] & np.isnan(values))[own].any())
     return Solution(values, tuple(gains), condition, directions)
 
 
