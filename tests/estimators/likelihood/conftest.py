@@ -226,11 +226,15 @@ class Levitated:
         }
         return {**self.machine.truth, **constants, "ks": self.ks, **vectors}
 
+    def slope(self, where: Mapping[str, str]) -> Model:
+        """Return the rotor with ks times a coordinate beside each input."""
+        return with_force_slope(self.machine.model, where)
+
     def record(self, hertz: float, *, drives: bool = True) -> PeriodicRecord:
         """Return a record of currents (or, without drives, of forces) and bearing sensors."""
         model = self.machine.model
         inputs, where = model.inputs, dict(zip(model.inputs, BEARINGS, strict=True))
-        stiff = with_force_slope(model, where) if drives else model
+        stiff = self.slope(where) if drives else model
         truth = {**self.machine.truth, "ks": self.ks}
         free = replace(self.machine, model=stiff, truth=truth).record(BEARINGS, hertz=hertz)
         spectra, channels = free.spectra.copy(), list(free.channels)

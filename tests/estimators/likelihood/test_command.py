@@ -1,0 +1,228 @@
+"""From files: experiment files that ask for maximum likelihood, and the exit codes."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid import cli
+from rotorid.simulation.steady_state import simulate
+
+RATE, PERIODS = 5000.0, 60
+HEAD = """
+model = "three-mass"
+"""
+RECORD = """
+[[records]]
+file = "{hertz:g}.h5"
+sample_rate = "5 kHz"
+speed = "{hertz:g} Hz"
+fundamental = "20 Hz"
+harmonics = [1, 3, 5, 7, 9, 11]
+"""
+FORCES = """
+[channels]
+F_x1 = { column = "F_x1", unit = "N" }
+F_y1 = { column = "F_y1", unit = "N" }
+F_x3 = { column = "F_x3", unit = "N" }
+F_y3 = { column = "F_y3", unit = "N" }
+"""
+CURRENTS = "\n[channels]\n" + "\n".join(
+    f'{force} = {{ law = "linear", current = {{ column = "{force}", unit = "A" }}, '
+    f'position = "{place}", ki = "100 N/A", ks = "1.5e5 N/m" }}'
+    for force, place in (("F_x1", "x1"), ("F_y1", "y1"), ("F_x3", "x3"), ("F_y3", "y3"))
+)
+SENSORS = """
+x1 = { column = "x1", unit = "m" }
+y1 = { column = "y1", unit = "m" }
+x3 = { column = "x3", unit = "m" }
+y3 = { column = "y3", unit = "m" }
+"""
+LENGTH = '\n[parameters]\nL1 = { fixed = "0.3 m" }\n'
+NOISE = {"force": 0.2, "position": 4e-6}
+
+
+def write(levitated, folder: Path, hertz: float, *, drives: bool, runout: bool) -> None:
+    """Write forces (or the currents that make them) and what the bearing sensors read."""
+    machine = levitated.machine
+    time = np.arange(250) / RATE
+    wave = sum(
+        10 * np.sin(2 * np.pi * f * time) + 10 * np.cos(2 * np.pi * f * time)
+        for f in (20, 60, 100, 140, 180, 220)
+    )
+    forces = np.outer(wave, machine.shares)
+    model, values = machine.model, machine.values
+    if drives:
+        where = dict(zip(model.inputs, ("x1", "y1", "x3", "y3"), strict=True))
+        model = levitated.slope(where)
+        values = model.values({**machine.truth, "ks": levitated.ks})
+    record = simulate(
+        model, values, forces, sample_rate=RATE, periods=PERIODS, speed=2 * np.pi * hertz
+    )
+    rng = np.random.default_rng(round(hertz))
+    angle = record.rotor_angle()
+    with h5py.File(folder / f"{hertz:g}.h5", "w") as file:
+        for name in machine.model.inputs:
+            size = levitated.ki[name] if drives else 1.0
+            noise = NOISE["force"] * rng.standard_normal(len(angle))
+            file[name] = (record.column(name) + noise) / size
+        for name in ("x1", "y1", "x3", "y3"):
+            cos, sin = levitated.runout[name] if runout else (0.0, 0.0)
+            shaft = cos * np.cos(angle) + sin * np.sin(angle)
+            noise = NOISE["position"] * rng.standard_normal(len(angle))
+            file[name] = record.column(name) + shaft + noise
+
+
+@pytest.fixture(scope="module")
+def folders(levitated, tmp_path_factory):
+    plain, turning, driven = (tmp_path_factory.mktemp(n) for n in ("plain", "runout", "currents"))
+    write(levitated, plain, 140.0, drives=False, runout=False)
+    for hertz in (140.0, 100.0):
+        write(levitated, turning, hertz, drives=False, runout=True)
+        write(levitated, driven, hertz, drives=True, runout=True)
+    return {"plain": plain, "runout": turning, "currents": driven}
+
+
+def identify(folder: Path, text: str, *options: str) -> tuple[int, dict]:
+    (folder / "run.toml").write_text(text)
+    result = folder / "run.json"
+    result.unlink(missing_ok=True)
+    code = cli.run(["identify", str(folder / "run.toml"), "--json", str(result), *options])
+    return code, json.loads(result.read_text())
+
+
+def rows(data: dict) -> dict[str, dict]:
+    return {row["name"]: row for key in ("derived", "nuisance", "parameters") for row in data[key]}
+
+
+def one(hertz: float = 140.0) -> str:
+    return RECORD.format(hertz=hertz)
+
+
+def test_without_length(folders, demo):
+    text = HEAD + one() + FORCES + SENSORS
+    code, data = identify(folders["plain"], text)
+    assert code == 1
+    assert data["status"] == "not_identifiable"
+    assert data["method"] == "ml"
+    assert any("L1, I_t, I_p, L2, mu, eta scale together" in w for w in data["warnings"])
+    assert "cure: fix one of L1, I_t, I_p, L2, mu, eta" in data["warnings"]
+    found = rows(data)
+    assert found["L1"]["value"] is None
+    assert found["m2"]["value"] == pytest.approx(demo.truth["m2"], abs=4 * found["m2"]["std"])
+    assert found["L2/L1"]["value"] == pytest.approx(1.0, abs=4 * found["L2/L1"]["std"])
+    code, data = identify(folders["plain"], text + LENGTH)
+    assert code == 0
+    assert data["status"] == "ok"
+    assert rid.load_estimate(folders["plain"] / "run.json").value("L1") == 0.3
+
+
+def test_runout_at_one_speed_and_at_two(folders, levitated):
+    options = "\n[estimator]\nrunout = true\n"
+    code, data = identify(folders["runout"], HEAD + one() + FORCES + SENSORS + LENGTH + options)
+    assert code == 1
+    assert data["status"] == "not_identifiable"
+    assert sum(w.startswith("not identifiable: ") for w in data["warnings"]) == 4
+    assert any("a further record at another speed" in w for w in data["warnings"])
+    both = HEAD + one() + one(100.0) + FORCES + SENSORS + LENGTH + options
+    code, data = identify(folders["runout"], both)
+    assert code == 0
+    found = rows(data)
+    for name, value in levitated.truth.items():
+        if name in found and not found[name].get("fixed"):
+            assert found[name]["value"] == pytest.approx(value, abs=4.5 * found[name]["std"])
+    assert "runout[x1].cos" in found
+
+
+def test_headline_from_files(folders, levitated):
+    """Coil currents and bearing sensors; one scale, one ruler."""
+    options = '\n[estimator]\nmethod = "ml"\nrunout = true\ngains = ["ki", "ks"]\n'
+    channels = CURRENTS + SENSORS
+    text = HEAD + one() + one(100.0) + channels + LENGTH + options
+    code, data = identify(folders["currents"], text)
+    assert code == 1
+    assert data["status"] == "not_identifiable"
+    assert any("scale together" in w for w in data["warnings"])
+    assert "cure: weigh the rotor: a constraint on m1 + m2 + m3" in data["warnings"]
+    mass = '\n[[constraints]]\nexpression = "m1 + m2 + m3"\nvalue = "12.98878 kg"\n'
+    code, data = identify(folders["currents"], text + mass)
+    assert code == 0
+    assert data["status"] == "ok"
+    found = rows(data)
+    for name, value in levitated.truth.items():
+        if not found[name].get("fixed"):
+            assert found[name]["value"] == pytest.approx(value, abs=4.5 * found[name]["std"])
+    assert found["ki[F_x1]"]["unit"] == "N/A"
+    assert len(data["covariance"]) == 12 + 4 + 1 + 8
+
+
+def test_rejected_and_strict(folders):
+    """A sensor that reads 2 % too much, not declared; then declared."""
+    wrong = SENSORS.replace('"x1", unit = "m"', '"x1", unit = "m", scale = 1.02')
+    text = HEAD + one() + FORCES + wrong + LENGTH
+    code, data = identify(folders["plain"], text)
+    assert (code, data["status"]) == (0, "rejected")
+    assert data["misfit"]["p_value"] < 1e-6
+    assert data["suspects"][0]["term"] == "gain[x1]"
+    assert any("the data reject the model" in w for w in data["warnings"])
+    found = rows(data)["m1"]
+    assert found["std_inflated"] > 1.5 * found["std"]
+    assert identify(folders["plain"], text, "--strict")[0] == 1
+    declared = wrong.replace("scale = 1.02", "scale = 1.02, gain_std = 0.02")
+    code, data = identify(folders["plain"], HEAD + one() + FORCES + declared + LENGTH, "--strict")
+    assert (code, data["status"]) == (0, "ok")
+    gain = rows(data)["gain[x1]"]
+    assert gain["value"] == pytest.approx(1.02, abs=4 * gain["std"])
+
+
+def test_knowledge_with_deviations(folders, demo):
+    known = """
+[parameters]
+L1 = { value = "300 mm", std = "0.5 mm" }
+m1 = { start = "1 kg", min = "0.1 kg" }
+
+[[constraints]]
+expression = "m1 + m2 + m3"
+value = "12.99 kg"
+std = "10 g"
+
+[[constraints]]
+expression = "2*I_t - I_p"
+min = "0 kg m^2"
+"""
+    code, data = identify(folders["plain"], HEAD + one() + FORCES + SENSORS + known)
+    assert (code, data["status"]) == (0, "ok")
+    found = rows(data)
+    assert found["L1"]["std"] == pytest.approx(0.5e-3, rel=0.05)
+    assert found["I_p"]["value"] == pytest.approx(demo.truth["I_p"], abs=4 * found["I_p"]["std"])
+    assert data["misfit"]["dof"] == 48 + 2 - 13
+
+
+def test_unknown_phase_and_delays(folders):
+    turned = one(100.0).replace("speed", 'phase = "unknown"\nspeed')
+    late = FORCES.replace('"F_x1", unit = "N"', '"F_x1", unit = "N", delay = { std = "5 us" }')
+    options = '\n[estimator]\nrunout = true\ndelays = ["position"]\n'
+    text = HEAD + one() + turned + late + SENSORS + LENGTH + options
+    code, data = identify(folders["runout"], text)
+    assert (code, data["status"]) == (0, "ok")
+    found = rows(data)
+    for name in ("phase[1]", "delay[position]", "delay[F_x1]"):
+        assert found[name]["value"] == pytest.approx(0.0, abs=4.5 * found[name]["std"])
+    alone = HEAD + turned + FORCES + SENSORS + LENGTH
+    (folders["runout"] / "alone.toml").write_text(alone)
+    assert cli.run(["identify", str(folders["runout"] / "alone.toml"), "--method", "batch"]) == 2
+
+
+def test_prediction_and_validation(folders, capsys):
+    text = HEAD + one() + FORCES + SENSORS + LENGTH
+    _, data = identify(folders["plain"], text)
+    assert set(data["prediction"]) == {"x1", "y1", "x3", "y3"}
+    assert all(0 < p["relative_error"] < 0.01 for p in data["prediction"].values())
+    capsys.readouterr()
+    folder = folders["plain"]
+    assert cli.run(["validate", str(folder / "run.json"), str(folder / "run.toml")]) == 0
+    shown = capsys.readouterr().out
+    assert [line.split()[0] for line in shown.splitlines()] == ["relative", "x1", "y1", "x3", "y3"]
