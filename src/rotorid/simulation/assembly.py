@@ -147,10 +147,10 @@ def rotor_table(rig: Rig, plant: Plant) -> tables.Rotor:
     turn = rig.rotation
     rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
     return tables.Rotor(
-        motion=np.ascontiguousarray(plant.motion.swapaxes(1, 2)),
-        load=np.ascontiguousarray(plant.load.swapaxes(2, 3)),
+        motion=np.ascontiguousarray(plant.motion),
+        load=np.ascontiguousarray(plant.load),
         harmonics=plant.harmonics,
-        force=np.ascontiguousarray(plant.force.T),
+        force=np.ascontiguousarray(plant.force),
         noise=np.ascontiguousarray(plant.inverse_mass @ noise_matrix(rig)),
         centre=plant.centre,
         width=plant.width,

@@ -100,7 +100,7 @@ def run(
 
     loads holds the cosines and sines of the rotor angle at each event of a linear rig.
     """
-    inputs, n = rotor.force.shape
+    n, inputs = rotor.force.shape
     x, moved = np.zeros(steps.state.shape[1]), np.zeros(steps.state.shape[1])
     y, stages = np.zeros((2, 2 * n)), np.zeros((7, 2 * n))
     peak = rotor.floor.copy()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
-from rotorid.models import Model
-from rotorid.record import Channel, Floats, Record
+from rotorid.models import LinearForm, Model
+from rotorid.record import Channel, Complexes, Floats, Record
 from rotorid.signals.spectrum import line_spectra, synthesize
 
 
@@ -49,7 +49,8 @@ def steady_state(
     Raises
     ------
     InputError
-        Where the rotation does not fit the period, or a line meets an undamped resonance.
+        Where the rotation or a load does not fit the period or the sample rate, where a line
+        meets an undamped resonance, and for shapes that do not fit the model.
     ModelError
         Where the model is not linear.
 
@@ -64,17 +65,55 @@ def steady_state(
     """
     linear = model.require_linear()
     values, forces = np.asarray(values, dtype=float), np.asarray(forces, dtype=float)
+    _check_numbers(model, values, forces, sample_rate)
     samples = len(forces)
-    time = np.arange(samples) / sample_rate
     _check_synchronous(speed, samples, sample_rate)
     mu = model.monomial_values(values)
-    load = linear.load_columns(time, speed * time + phase, speed) @ mu
     every = np.arange(samples // 2 + 1)
-    right = line_spectra(forces @ linear.input_matrix(mu).T + load, every)
+    right = line_spectra(forces @ linear.input_matrix(mu).T, every)
+    right += _load_lines(linear, mu, samples, sample_rate, speed, phase)
+    if samples % 2 == 0 and np.abs(right[-1]).max() > 1e-12 * np.abs(right).max():
+        raise InputError(
+            f"a force at {sample_rate / 2:g} Hz, half the sample rate",
+            "forces band-limited below it",
+            "leave that line out or sample faster",
+        )
     excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * np.abs(right).max(initial=1e-300))
     omega = 2 * np.pi * excited * sample_rate / samples
     lines = linear.response(omega, values, speed, right[excited])
     return synthesize(lines, excited, samples)
+
+
+def _check_numbers(model: Model, values: Floats, forces: Floats, sample_rate: float) -> None:
+    wanted = (("values", values.shape, (len(model.parameters),)),)
+    wanted += (("forces", forces.shape, (max(len(forces.T.T), 2), len(model.inputs))),)
+    for name, found, shape in wanted:
+        if found != shape:
+            raise InputError(f"{name} of shape {found}", f"{shape}", "one per name of the model")
+    if not (np.isfinite(values).all() and np.isfinite(forces).all() and 0 < sample_rate < np.inf):
+        raise InputError("values that are not finite", "finite numbers", "correct them")
+
+
+def _load_lines(
+    linear: LinearForm, mu: Floats, samples: int, sample_rate: float, speed: float, phase: float
+) -> Complexes:
+    """Return the lines of g, (line, row), none of it left beside them.
+
+    Two periods at twice the sample rate show what does not repeat and what is too fast.
+    """
+    time = np.arange(4 * samples) / (2 * sample_rate)
+    load = linear.load_columns(time, speed * time + phase, speed) @ mu
+    lines = line_spectra(load, np.arange(2 * samples + 1))
+    kept = np.arange(0, samples + 1, 2)
+    beside = np.delete(np.abs(lines), kept, axis=0)
+    if beside.max() > 1e-9 * np.abs(lines).max():
+        where = np.delete(np.arange(2 * samples + 1), kept)[beside.max(axis=1).argmax()]
+        raise InputError(
+            f"a load of the model at {where * sample_rate / (2 * samples):g} Hz",
+            f"lines of the period, below half the sample rate, {sample_rate / 2:g} Hz",
+            "choose a period that holds it, or sample faster",
+        )
+    return lines[kept]
 
 
 def _check_synchronous(speed: float, samples: int, sample_rate: float) -> None:
