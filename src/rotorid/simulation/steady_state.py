@@ -70,28 +70,36 @@ def steady_state(
     _check_synchronous(speed, samples, sample_rate)
     mu = model.monomial_values(values)
     every = np.arange(samples // 2 + 1)
-    right = line_spectra(forces @ linear.input_matrix(mu).T, every)
-    right += _load_lines(linear, mu, samples, sample_rate, speed, phase)
-    if samples % 2 == 0 and np.abs(right[-1]).max() > 1e-12 * np.abs(right).max():
+    driven = line_spectra(forces @ linear.input_matrix(mu).T, every)
+    load = _load_lines(linear, mu, samples, sample_rate, speed, phase)
+    right = driven + load
+    size = np.abs(driven).max() + np.abs(load).max()
+    if samples % 2 == 0 and np.abs(right[-1]).max() > 1e-12 * size:
         raise InputError(
             f"a force at {sample_rate / 2:g} Hz, half the sample rate",
             "forces band-limited below it",
             "leave that line out or sample faster",
         )
-    excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * np.abs(right).max(initial=1e-300))
+    excited = np.flatnonzero(np.abs(right).max(axis=1) > 1e-14 * size)
     omega = 2 * np.pi * excited * sample_rate / samples
     lines = linear.response(omega, values, speed, right[excited])
     return synthesize(lines, excited, samples)
 
 
 def _check_numbers(model: Model, values: Floats, forces: Floats, sample_rate: float) -> None:
-    wanted = (("values", values.shape, (len(model.parameters),)),)
-    wanted += (("forces", forces.shape, (max(len(forces.T.T), 2), len(model.inputs))),)
-    for name, found, shape in wanted:
-        if found != shape:
-            raise InputError(f"{name} of shape {found}", f"{shape}", "one per name of the model")
+    parameters, inputs = len(model.parameters), len(model.inputs)
+    if values.shape != (parameters,):
+        raise InputError(
+            f"values of shape {values.shape}", f"({parameters},)", "give one value per parameter"
+        )
+    if forces.ndim != 2 or forces.shape[1] != inputs or len(forces) < 2:
+        raise InputError(
+            f"forces of shape {forces.shape}",
+            f"(sample, {inputs}), 2 samples or more",
+            "give one column per input",
+        )
     if not (np.isfinite(values).all() and np.isfinite(forces).all() and 0 < sample_rate < np.inf):
-        raise InputError("values that are not finite", "finite numbers", "correct them")
+        raise InputError("values, forces or rate not finite", "finite numbers", "correct them")
 
 
 def _load_lines(
@@ -160,6 +168,8 @@ def simulate(
     InputError
         As `steady_state`; and for noise without `rng`, or on channels that do not exist.
     """
+    if periods < 1:
+        raise InputError(f"{periods} periods", "1 or more", "correct it")
     position = steady_state(
         model, values, forces, sample_rate=sample_rate, speed=speed, phase=phase
     )
@@ -176,6 +186,9 @@ def simulate(
 
 
 def _deviations(names: Sequence[str], noise: Mapping[str, float]) -> Floats:
+    negative = [value for value in noise.values() if not 0 <= value < np.inf]
+    if negative:
+        raise InputError(f"noise of {negative[0]}", "a standard deviation", "correct it")
     unknown = [name for name in noise if name not in names]
     if unknown:
         raise InputError(

@@ -1,0 +1,301 @@
+"""The periodic answer against time integration, direct formulas, and its own equations."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bank import (
+    BANK,
+    THREE_MASS,
+    Grid,
+    line_response,
+    table,
+    three_mass_load,
+    three_mass_matrices,
+)
+from scipy.integrate import solve_ivp
+
+from rotorid.errors import InputError, ModelError
+from rotorid.models import load_model, parse_model
+from rotorid.simulation.steady_state import simulate, steady_state
+
+JEFFCOTT = load_model("jeffcott")
+VALUES = JEFFCOTT.values({"m": 2.0, "c": 150.0, "k": 2e5, "xi": 2e-4, "zeta": -1e-4})
+GRID = Grid(200, 4000.0, turns=3, phase=0.6)
+
+
+def multisine(grid, harmonics, inputs):
+    t = grid.time
+    waves = [np.cos(h * grid.omega * t + h**2) + np.sin(h * grid.omega * t) for h in harmonics]
+    return np.outer(10 * np.sum(waves, axis=0), np.linspace(1, 2, inputs))
+
+
+def test_integration_in_time_until_it_has_settled():
+    grid, harmonics = GRID, (1, 2, 5)
+    forces = multisine(grid, harmonics, 2) + np.array([3.0, 0.0])
+    found = steady_state(
+        JEFFCOTT,
+        VALUES,
+        forces,
+        sample_rate=grid.sample_rate,
+        speed=grid.speed,
+        phase=grid.phase,
+    )
+    m, c, k, xi, zeta = VALUES
+
+    def slope(t, state):
+        q, dq = state[:2], state[2:]
+        total = sum(
+            np.cos(h * grid.omega * t + h**2) + np.sin(h * grid.omega * t) for h in harmonics
+        )
+        u = 10 * total * np.array([1.0, 2.0]) + [3.0, 0.0]
+        turn = np.exp(1j * (grid.speed * t + grid.phase)) * (xi + 1j * zeta)
+        u = u + m * grid.speed**2 * np.array([turn.real, turn.imag])
+        return np.concatenate([dq, (u - c * dq - k * q) / m])
+
+    settle = 20 * grid.samples / grid.sample_rate  # exp(-37 * 1)
+    answer = solve_ivp(
+        slope,
+        (0, settle + grid.time[-1]),
+        np.zeros(4),
+        method="DOP853",
+        t_eval=settle + grid.time,
+        rtol=1e-10,
+        atol=1e-14,
+    )
+    np.testing.assert_allclose(found, answer.y[:2].T, rtol=0, atol=1e-6 * np.abs(found).max())
+
+
+def test_one_degree_of_freedom_in_closed_form():
+    m, c, k = VALUES[:3]
+    w, t = GRID.omega * 4, GRID.time
+    forces = np.column_stack([7 * np.cos(w * t + 0.3), 0 * t])
+    values = [*VALUES[:3], 0.0, 0.0]
+    found = steady_state(JEFFCOTT, values, forces, sample_rate=GRID.sample_rate)
+    size, lag = 7 / abs(k - m * w**2 + 1j * c * w), np.angle(k - m * w**2 + 1j * c * w)
+    np.testing.assert_allclose(found[:, 0], size * np.cos(w * t + 0.3 - lag), atol=1e-16)
+    np.testing.assert_array_equal(found[:, 1], 0)
+
+
+def test_unbalance_alone_in_closed_form():
+    """A circle: z = m Omega^2 (xi + i zeta) exp(i phi) / (k - m Omega^2 + i c Omega)."""
+    m, c, k, xi, zeta = VALUES
+    W = GRID.speed
+    found = steady_state(
+        JEFFCOTT,
+        VALUES,
+        np.zeros((GRID.samples, 2)),
+        sample_rate=GRID.sample_rate,
+        speed=W,
+        phase=GRID.phase,
+    )
+    answer = m * W**2 * (xi + 1j * zeta) / (k - m * W**2 + 1j * c * W) * np.exp(1j * GRID.angle)
+    np.testing.assert_allclose(found[:, 0] + 1j * found[:, 1], answer, rtol=1e-12)
+
+
+def test_the_seed_s_rotor_by_hand():
+    grid = THREE_MASS.grids[0]
+    p = SimpleNamespace(**THREE_MASS.truth)
+    M, _, G, K, B = three_mass_matrices(p)
+    forces = multisine(grid, THREE_MASS.harmonics, 4)
+    right = forces @ B.T + three_mass_load(p, grid.speed, grid.angle)
+    expected = line_response(
+        grid,
+        THREE_MASS.harmonics,
+        lambda w: -(w**2) * M + 1j * w * grid.speed * G + K,
+        right,
+    )
+    values = THREE_MASS.model.values(THREE_MASS.truth)
+    found = steady_state(
+        THREE_MASS.model, values, forces, sample_rate=grid.sample_rate, speed=grid.speed
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("samples", [40, 41])
+@pytest.mark.parametrize("problem", [p for p in BANK if p.linear], ids=lambda p: p.name)
+def test_the_answer_fulfils_the_equations(problem, samples):
+    """Residual of M q'' + (D + Omega G) q' + K q - B u - g at the samples, by the DFT."""
+    grid = Grid(samples, 3333.0, turns=3, phase=0.2)
+    model = problem.model
+    values = model.values(problem.truth)
+    linear = model.require_linear()
+    forces = multisine(grid, (1, 2, 7), len(model.inputs))
+    free = np.linalg.matrix_rank(linear.matrices(values, grid.speed).K) < linear.rows
+    if problem.name == "hoist":
+        forces = forces + 9.81 * problem.truth["m"]  # it hangs still
+        with pytest.raises(InputError, match="singular dynamic stiffness at 0 Hz"):
+            steady_state(model, values, forces + 1.0, sample_rate=3333.0)
+    q = steady_state(model, values, forces, sample_rate=3333.0, speed=grid.speed, phase=grid.phase)
+    spectrum = np.fft.fft(q, axis=0)
+    omega = 2 * np.pi * np.fft.fftfreq(samples, 1 / 3333.0)[:, None]
+    first, second = (np.fft.ifft((1j * omega) ** n * spectrum, axis=0).real for n in (1, 2))
+    m = linear.matrices(values, grid.speed)
+    left = second @ m.M.T + first @ (m.D + grid.speed * m.G).T + q @ m.K.T
+    columns = linear.load_columns(grid.time, grid.angle, grid.speed)
+    right = forces @ m.B.T + columns @ model.monomial_values(values)
+    scale = np.abs(second @ m.M.T).max() + np.abs(q @ m.K.T).max()
+    np.testing.assert_allclose(left, right, atol=1e-10 * scale)
+    assert free or problem.name not in ("rigid", "hoist")
+
+
+def test_amplitudes_add_and_time_shifts():
+    forces = multisine(GRID, (1, 3), 2)
+    one = steady_state(JEFFCOTT, [*VALUES[:3], 0, 0], forces, sample_rate=GRID.sample_rate)
+    twice = steady_state(JEFFCOTT, [*VALUES[:3], 0, 0], 2 * forces, sample_rate=GRID.sample_rate)
+    np.testing.assert_allclose(twice, 2 * one, rtol=1e-10, atol=1e-18)
+    later = np.roll(forces, 17, axis=0)
+    shifted = steady_state(JEFFCOTT, [*VALUES[:3], 0, 0], later, sample_rate=GRID.sample_rate)
+    np.testing.assert_allclose(shifted, np.roll(one, 17, axis=0), atol=1e-12 * np.abs(one).max())
+
+
+def test_resonance_without_damping_is_refused():
+    m, k = 2.0, 2.0 * (4 * GRID.omega) ** 2
+    values = [m, 0.0, k, 0.0, 0.0]
+    forces = multisine(GRID, (4,), 2)
+    with pytest.raises(InputError, match=r"a singular dynamic stiffness at 80 Hz; .*damping"):
+        steady_state(JEFFCOTT, values, forces, sample_rate=GRID.sample_rate)
+    values[1] = 1.0
+    found = steady_state(JEFFCOTT, values, forces, sample_rate=GRID.sample_rate)
+    size = np.abs(forces[:, 0]).max() / (1.0 * 4 * GRID.omega)
+    assert np.abs(found[:, 0]).max() == pytest.approx(size, rel=5e-3)
+
+
+def test_a_constant_force_on_a_free_rotor_is_refused():
+    model = load_model("rigid")
+    forces = multisine(GRID, (1, 2), 4) + 1.0
+    with pytest.raises(InputError, match="a singular dynamic stiffness at 0 Hz"):
+        steady_state(model, model.values(model.nominal), forces, sample_rate=4000.0)
+
+
+def small(equation, **parameters):
+    return parse_model(
+        table(
+            "small",
+            [equation],
+            coordinates={"x": "m"},
+            inputs={"F": "N"},
+            parameters={"m": "kg", "k": "N/m", **dict.fromkeys(parameters, "N")},
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("load", "speed", "message"),
+    [
+        ("h*cos(25*phi)", 2 * np.pi * 20, None),
+        ("h*cos(99*phi)", 2 * np.pi * 20, None),
+        ("h*cos(100*phi)", 2 * np.pi * 20, "a force at 2000 Hz, half the sample rate"),
+        ("h*cos(150*phi)", 2 * np.pi * 20, "a load of the model at 3000 Hz"),
+        ("h*cos(phi)", 2 * np.pi * 2200, "a load of the model at 2200 Hz"),
+        ("h*cos(phi/2)", 2 * np.pi * 20, "a load of the model at 10 Hz; .*a period that holds it"),
+        ("h*cos(2*pi*40*t)", 0.0, None),
+        ("h*cos(250*t)", 0.0, "a load of the model at"),
+        ("h*t", 0.0, "a load of the model at"),
+        ("h*sign(sin(phi))", 2 * np.pi * 20, "a load of the model at"),
+    ],
+)
+def test_loads_that_the_lines_of_a_period_do_not_hold(load, speed, message):
+    model = small(f"m*x'' + k*x = F + {load}", h="N")
+    forces = np.zeros((200, 1))
+    values = [1.0, 5e3, 2.0]
+    if message is None:
+        found = steady_state(model, values, forces, sample_rate=4000.0, speed=speed)
+        assert np.abs(found).max() > 0
+        return
+    with pytest.raises(InputError, match=message):
+        steady_state(model, values, forces, sample_rate=4000.0, speed=speed)
+
+
+def test_a_force_at_half_the_sample_rate_is_refused():
+    forces = np.column_stack([(-1.0) ** np.arange(200), np.zeros(200)])
+    with pytest.raises(InputError, match="a force at 2000 Hz, half the sample rate"):
+        steady_state(JEFFCOTT, VALUES, forces, sample_rate=4000.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed": 100.0}, "0.795775 revolutions in a period; expected a whole number"),
+        ({"forces": np.zeros(200)}, r"forces of shape \(200,\); expected \(sample, 2\)"),
+        ({"forces": np.zeros((200, 3))}, r"forces of shape \(200, 3\)"),
+        ({"forces": np.zeros((0, 2))}, r"forces of shape \(0, 2\)"),
+        ({"forces": np.full((200, 2), np.nan)}, "not finite"),
+        ({"values": [1.0, 2.0]}, r"values of shape \(2,\); expected \(5,\)"),
+        ({"values": [np.inf, 1, 1, 1, 1]}, "not finite"),
+        ({"sample_rate": 0.0}, "not finite"),
+    ],
+)
+def test_refusals(change, message):
+    options = {
+        "values": VALUES,
+        "forces": np.zeros((200, 2)),
+        "sample_rate": 4000.0,
+        "speed": 0.0,
+        **change,
+    }
+    with pytest.raises(InputError, match=message):
+        steady_state(JEFFCOTT, options.pop("values"), options.pop("forces"), **options)
+
+
+def test_models_that_are_not_linear_or_not_complete():
+    emps = load_model("emps")
+    with pytest.raises(ModelError, match=r"equation 1: found the term .*sign\(q'\)"):
+        steady_state(emps, emps.values(emps.nominal), np.zeros((8, 1)), sample_rate=8.0)
+    text = table(
+        "t",
+        ["m*x'' + k*(x - y) = F"],
+        coordinates={"x": "m", "y": "m"},
+        inputs={"F": "N"},
+        parameters={"m": "kg", "k": "N/m"},
+    )
+    with pytest.raises(InputError, match="1 equations for 2 coordinates"):
+        steady_state(parse_model(text), [1.0, 2.0], np.ones((8, 1)), sample_rate=8.0)
+
+
+def test_no_force_is_no_motion():
+    found = steady_state(JEFFCOTT, VALUES, np.zeros((8, 2)), sample_rate=8.0)
+    np.testing.assert_array_equal(found, 0)
+
+
+def test_record_of_a_simulation():
+    forces = multisine(GRID, (1, 2), 2)
+    record = simulate(
+        JEFFCOTT,
+        VALUES,
+        forces,
+        sample_rate=GRID.sample_rate,
+        periods=3,
+        speed=GRID.speed,
+        phase=GRID.phase,
+    )
+    assert record.names == ("F_x", "F_y", "x", "y")
+    assert [c.unit for c in record.channels] == ["N", "N", "m", "m"]
+    assert record.samples.shape == (600, 4)
+    np.testing.assert_array_equal(record.samples[:200], record.samples[400:])
+    np.testing.assert_array_equal(record.samples[:200, :2], forces)
+    np.testing.assert_allclose(record.rotor_angle()[:200], GRID.angle)
+    np.testing.assert_allclose(np.diff(record.rotor_angle()), GRID.speed / GRID.sample_rate)
+
+
+def test_noise_of_a_simulation():
+    options = {"sample_rate": GRID.sample_rate, "periods": 100}
+    forces = multisine(GRID, (1, 2), 2)
+    clean = simulate(JEFFCOTT, VALUES, forces, **options)
+    noise = {"F_x": 0.5, "y": 1e-3}
+    first, second = (
+        simulate(JEFFCOTT, VALUES, forces, **options, noise=noise, rng=np.random.default_rng(1))
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.samples, second.samples)
+    difference = first.samples - clean.samples
+    np.testing.assert_allclose(difference.std(axis=0), [0.5, 0, 0, 1e-3], rtol=0.02)
+    assert abs(np.corrcoef(difference[:, 0], difference[:, 3])[0, 1]) < 0.03
+    with pytest.raises(InputError, match="noise without rng"):
+        simulate(JEFFCOTT, VALUES, forces, **options, noise=noise)
+    with pytest.raises(InputError, match="noise of 'z'; expected one of F_x, F_y, x, y"):
+        simulate(JEFFCOTT, VALUES, forces, **options, noise={"z": 1.0})
+    with pytest.raises(InputError, match="0 periods"):
+        simulate(JEFFCOTT, VALUES, forces, sample_rate=GRID.sample_rate, periods=0)
+    with pytest.raises(InputError, match="noise of -1"):
+        simulate(JEFFCOTT, VALUES, forces, **options, noise={"x": -1.0})
