@@ -163,12 +163,12 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["demo", "--seeds", "3", "--json", str(target)]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias"):
+    for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias", "ml", "bound"):
         assert text in printed.out
     data = json.loads(target.read_text())
-    assert set(data) == {"seeds", "noise", "estimators"}
+    assert set(data) == {"seeds", "noise", "estimators", "bound"}
     assert data["seeds"] == 3
-    assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls"}
+    assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
     row = data["estimators"]["ls"]["I_t*mu - I_p*mu"]
     assert set(row) == {"bias_percent", "rms_percent", "median_abs_percent"}
 

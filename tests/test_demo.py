@@ -35,7 +35,16 @@ REFERENCE = {
         *(1.31, 1.47, 1.30, 2.42, 1.42, 1.38, 1.43),
         *(1.39, 1.40, 1.48, 1.56, 1.45, 3.15, 1.96),
     ),
+    "ml": (
+        *(0.112, 0.081, 0.108, 0.837, 0.107, 0.104, 0.108),
+        *(0.106, 0.105, 0.042, 0.307, 0.216, 1.61, 0.899),
+    ),
 }
+# Exact figures, no draws.
+BOUND = (
+    *(0.108, 0.080, 0.109, 0.732, 0.101, 0.101, 0.102),
+    *(0.101, 0.098, 0.043, 0.300, 0.183, 1.56, 0.866),
+)
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +61,15 @@ def in_paper_order(result: DemoResult, values: np.ndarray) -> np.ndarray:
 def test_rms_errors_agree_with_the_reference(demo: DemoResult, estimator: str) -> None:
     rms = in_paper_order(demo, demo.rms(estimator))
     np.testing.assert_allclose(rms, REFERENCE[estimator], rtol=0.35)
+
+
+def test_bound_agrees_with_the_reference(demo: DemoResult) -> None:
+    np.testing.assert_allclose(in_paper_order(demo, demo.bound_percent), BOUND, rtol=0.015)
+    assert (demo.rms("ml") < 1.35 * demo.bound_percent).all()
+    for name in ("batch-100", "batch-10", "sequential", "ls"):
+        assert (demo.rms(name) > 1.35 * demo.bound_percent).all()
+    text = " ".join(findings(demo))
+    assert "the rms errors of ml are 0." in text
 
 
 def test_ls_is_nearly_all_bias(demo: DemoResult) -> None:
@@ -115,7 +133,7 @@ def test_printed_truth_is_that_of_the_model(row) -> None:
 
 def test_table_holds_every_base_parameter_once(demo: DemoResult) -> None:
     assert sorted(row.base for row in TABLE) == sorted(demo.names)
-    assert tuple(COLUMNS) == demo.estimators
+    assert (*COLUMNS, "ml") == demo.estimators
 
 
 def test_records_depend_on_the_generator_alone() -> None:
@@ -137,10 +155,11 @@ def test_needs_a_seed(seeds: int) -> None:
 def test_written_figures(demo: DemoResult, tmp_path: Path) -> None:
     demo.save(tmp_path / "demo.json")
     data = json.loads((tmp_path / "demo.json").read_text())
-    assert set(data) == {"seeds", "noise", "estimators"}
+    assert set(data) == {"seeds", "noise", "estimators", "bound"}
     assert data["seeds"] == 60
     assert data["noise"] == {"force": 1.0, "position": 22e-6}
-    assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls"}
+    assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
+    assert data["bound"]["I_p"]["rms_percent"] == pytest.approx(0.0434, abs=1e-3)
     truth = dict(zip(demo.names, demo.truth, strict=True))
     for name, figures in data["estimators"].items():
         assert set(figures) == set(demo.names)

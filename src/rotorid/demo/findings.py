@@ -34,6 +34,8 @@ def findings(result: DemoResult) -> list[str]:
         sentences += [_sequential(result)]
     if {"batch-10", "batch-100"} <= have:
         sentences += [_free_weight(result)]
+    if "ml" in have:
+        sentences += [_maximum_likelihood(result)]
     return [*sentences, *_draws(result), *_deviations(result)]
 
 
@@ -152,6 +154,20 @@ def _trade(result: DemoResult) -> str:
         if traded
         else text.capitalize()
     )
+
+
+def _maximum_likelihood(result: DemoResult) -> str:
+    least = result.bound_percent
+    ratios = {name: result.rms(name) / least for name in result.estimators}
+    own = ratios.pop("ml")
+    text = (
+        f"No unbiased estimate can do better than the Cramer-Rao bound: the rms errors of ml are "
+        f"{own.min():.2f} to {own.max():.2f} times that"
+    )
+    if not ratios:
+        return f"{text}."
+    others = np.concatenate(list(ratios.values()))
+    return f"{text}, those of the others {others.min():.1f} to {others.max():.1f} times."
 
 
 def _draws(result: DemoResult) -> list[str]:

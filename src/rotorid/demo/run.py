@@ -22,7 +22,15 @@ from threadpoolctl import threadpool_limits
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
-from rotorid.estimators import Batch, Estimator, LeastSquares, Sequential
+from rotorid.estimators import (
+    Batch,
+    Estimator,
+    LeastSquares,
+    MaximumLikelihood,
+    Plan,
+    Sequential,
+    predict_accuracy,
+)
 from rotorid.identify import identify
 from rotorid.models import Model, load_model
 from rotorid.record import Floats, PeriodicRecord, Record
@@ -44,6 +52,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "batch-10": Batch(free_weight=10.0),
     "sequential": Sequential(),
     "ls": LeastSquares(),
+    "ml": MaximumLikelihood(base=True),
 }
 
 
@@ -68,6 +77,8 @@ class DemoResult:
     truth : array, shape (base,)
     values, deviations : mapping of estimator name to array, shape (seed, base)
         Estimates and the standard deviations that they state.
+    bound : array, shape (base,)
+        The least standard deviation that an unbiased estimate can have (Cramer and Rao).
     example : Example
     """
 
@@ -76,6 +87,7 @@ class DemoResult:
     truth: Floats
     values: Mapping[str, Floats]
     deviations: Mapping[str, Floats]
+    bound: Floats
     example: Example
 
     @property
@@ -104,6 +116,11 @@ class DemoResult:
         """Return the median of |error| in %, shape (base,)."""
         return np.asarray(np.median(np.abs(self.errors(estimator)), axis=0))
 
+    @property
+    def bound_percent(self) -> Floats:
+        """Return the bound in % of the truth, shape (base,)."""
+        return np.asarray(100 * self.bound / np.abs(self.truth))
+
     def scatter_over_stated(self, estimator: str) -> Floats:
         """Return the scatter of the estimates over the deviation they state, shape (base,)."""
         stated = np.sqrt((self.deviations[estimator] ** 2).mean(axis=0))
@@ -131,6 +148,10 @@ class DemoResult:
                 }
                 for estimator in self.estimators
             },
+            "bound": {
+                name: {"rms_percent": float(least)}
+                for name, least in zip(self.names, self.bound_percent, strict=True)
+            },
         }
 
     def save(self, path: str | Path) -> None:
@@ -153,6 +174,28 @@ def excitation(model: Model) -> Floats:
     return np.asarray(np.outer(wave, [SHARES[name] for name in model.inputs]))
 
 
+def demo_plan(model: Model) -> Plan:
+    """Return the example as a plan, for the accuracy that it can give."""
+    line = AMPLITUDE * (1 - 1j) / 2  # of a sine and a cosine
+    shares = [SHARES[name] for name in model.inputs]
+    return Plan(
+        forces=np.outer(np.full(len(HARMONICS), line), shares),
+        harmonics=HARMONICS,
+        fundamental=FUNDAMENTAL,
+        sample_rate=SAMPLE_RATE,
+        periods=PERIODS,
+        noise=_noise(model),
+        speed=SPEED,
+    )
+
+
+def _noise(model: Model) -> dict[str, float]:
+    return {
+        **dict.fromkeys(model.inputs, FORCE_NOISE),
+        **dict.fromkeys(model.coordinates, POSITION_NOISE),
+    }
+
+
 def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Record:
     """Return a record of the example in steady state; without `rng` free of noise.
 
@@ -162,8 +205,6 @@ def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Rec
         `three-mass`; its nominal values are the truth.
     rng : numpy.random.Generator, optional
     """
-    noise = {name: FORCE_NOISE for name in model.inputs}
-    noise |= {name: POSITION_NOISE for name in model.coordinates}
     return simulate(
         model,
         model.values(model.nominal),
@@ -171,7 +212,7 @@ def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Rec
         sample_rate=SAMPLE_RATE,
         periods=PERIODS,
         speed=SPEED,
-        noise=noise if rng is not None else None,
+        noise=_noise(model) if rng is not None else None,
         rng=rng,
     )
 
@@ -209,7 +250,7 @@ def run_demo(
     --------
     >>> result = run_demo(2, rng=np.random.default_rng(1))
     >>> result.estimators, result.errors("ls").shape
-    (('batch-100', 'batch-10', 'sequential', 'ls'), (2, 14))
+    (('batch-100', 'batch-10', 'sequential', 'ls', 'ml'), (2, 14))
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds", "one or more", "ask for more", place="--seeds")
@@ -231,4 +272,6 @@ def run_demo(
                 progress(seed + 1, seeds)
     assert example is not None
     truth = model.base_values(model.values(model.nominal))
-    return DemoResult(names, model.base.units, truth, values, deviations, example)
+    bounds = predict_accuracy(model, demo_plan(model), MaximumLikelihood(base=True))
+    bound = np.array([bounds.std(name) for name in names], dtype=float)
+    return DemoResult(names, model.base.units, truth, values, deviations, bound, example)

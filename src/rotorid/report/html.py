@@ -161,6 +161,7 @@ def _table_row(result: DemoResult, row: PaperRow) -> dict[str, Any]:
         "true": f"{result.truth[index]:.5g} {result.units[index]}",
         "printed": f"{row.quantity} = {row.true:.5g} {row.unit}" if row.speed_power else "",
         "cells": cells,
+        "bound": f"{result.bound_percent[index]:.3f}",
     }
 
 

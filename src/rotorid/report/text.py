@@ -64,15 +64,16 @@ def demo_tables(result: DemoResult) -> RenderableType:
         bias = [f"{result.bias(name)[i]:+.3f}" for name in names]
         truth = (row.base, result.units[i], f"{result.truth[i]:.5g}")
         beside.append((*truth, *_paired(printed, median)))
-        spread.append((row.base, *_paired(rms, bias)))
+        spread.append((row.base, *_paired(rms, bias), f"{result.bound_percent[i]:.3f}"))
     return Group(
         Text("Table 1, |error| in %: of one run, as the paper prints it;"),
         Text(f"and beside it the median of {result.seeds} records here"),
         Text(""),
         _table(("parameter", "unit", "true", *_headings(names, "median")), beside),
         Text(f"\nThe paper lists the unbalance times Omega^2: {_as_printed()}"),
-        Text(f"\nError in %: root mean square of {result.seeds} records; and its mean, the bias\n"),
-        _table(("parameter", *_headings(names, "bias")), spread),
+        Text(f"\nError in %: root mean square of {result.seeds} records; and its mean, the bias;"),
+        Text("last the least that the data allow, the Cramer-Rao bound\n"),
+        _table(("parameter", *_headings(names, "bias"), "bound"), spread),
         Text(""),
         Text(" ".join(findings(result))),
     )
