@@ -1,0 +1,110 @@
+"""The levitated rig against ROSS's `run_time_response` (ross-rotordynamics 2.3.0).
+
+    python benchmarks/rig_ross.py
+
+makes an environment of its own for ROSS beside this file (`.venv`, 400 MB: 2.3.0 needs plotly < 7),
+runs a comparable rotor there and the shipped three-mass rig here.
+
+ROSS's rotor: the three masses as discs on a massless elastic shaft of two elements, magnetic
+bearings with PID at both ends, 10 kHz; its nodes have 6 degrees of freedom each, so 18 in place
+of 8. It is run by Newmark's method, which is its closed loop with magnetic bearings, and open loop
+on springs and dampers by its default method. Its controller runs at the steps of the integration,
+without hold, delay, noise, or limits.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+import venv
+from pathlib import Path
+
+ENVIRONMENT = Path(__file__).parent / "ross" / ".venv"
+PACKAGES = ["ross-rotordynamics==2.3.0", "plotly<7"]
+DURATION, SHORT, RATE = 13.0, 1.0, 10_000
+
+
+def in_ross() -> None:
+    """Run inside ROSS's environment; prints JSON."""
+    import contextlib
+    import io
+
+    import numpy as np
+    import ross as rs
+
+    steel = rs.Material(name="light", rho=1e-3, E=211e9, G_s=81.2e9)
+    shaft = [rs.ShaftElement(L=0.3, idl=0.0, odl=0.0265, material=steel, n=n) for n in (0, 1)]
+    discs = [
+        rs.DiskElement(n=0, m=0.83339, Id=1e-4, Ip=1e-4),
+        rs.DiskElement(n=1, m=11.322, Id=2.5425e-2, Ip=4.8275e-2),
+        rs.DiskElement(n=2, m=0.83339, Id=1e-4, Ip=1e-4),
+    ]
+    magnetic = [
+        rs.MagneticBearingElement(
+            n=n, g0=4e-4, i0=2.0, ag=4e-4, nw=140, kp_pid=2.4e4, ki_pid=1e4, kd_pid=8.0, n_f=12e3,
+            sensors_axis_rotation=0.0,
+        )
+        for n in (0, 2)
+    ]  # fmt: skip
+    springs = [rs.BearingElement(n=n, kxx=2e5, cxx=800.0) for n in (0, 2)]
+    t = np.arange(round(SHORT * RATE)) / RATE
+    found = {}
+    for name, bearings, method in (
+        ("closed loop, Newmark", magnetic, "newmark"),
+        ("open loop on springs, default", springs, "default"),
+    ):
+        rotor = rs.Rotor(shaft, discs, bearings)
+        force = np.zeros((len(t), rotor.ndof))
+        for dof in (0, 1, 12, 13):
+            force[:, dof] = sum(14.0 * np.cos(2 * np.pi * 20 * k * t) for k in (1, 3, 5, 7, 9, 11))
+        rotor_run = lambda n: rotor.run_time_response(880.0, force[:n], t[:n], method=method)  # noqa: E731, B023
+        with contextlib.redirect_stdout(io.StringIO()):
+            rotor_run(50)
+            start = time.perf_counter()
+            response = rotor_run(len(t))
+            took = time.perf_counter() - start
+        largest = float(np.abs(response.yout[:, [0, 1, 12, 13]]).max())
+        found[name] = {"seconds": took, "dof": rotor.ndof, "largest": largest}
+    print(json.dumps(found))
+
+
+def prepare() -> Path:
+    """Return the interpreter of ROSS's environment, made if it is not there."""
+    python = ENVIRONMENT / "bin" / "python"
+    if not (ENVIRONMENT / "ready").exists():
+        print(f"setting up {ENVIRONMENT} with {', '.join(PACKAGES)}")
+        venv.create(ENVIRONMENT, with_pip=True, clear=True)
+        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
+        (ENVIRONMENT / "ready").touch()
+    return python
+
+
+def main() -> None:
+    import numpy as np
+
+    from rotorid.simulation.rig_file import load_rig
+
+    rig = load_rig("three-mass").rig
+    rig.run(0.01, np.random.default_rng(0))
+    start = time.perf_counter()
+    rig.run(DURATION, np.random.default_rng(0))
+    ours = time.perf_counter() - start
+    print(f"rotorid, {DURATION:g} s closed loop with noise, 8 degrees of freedom: {ours:.2f} s")
+    clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    run = subprocess.run(
+        [prepare(), __file__, "--in-ross"], check=True, capture_output=True, text=True, env=clean
+    )
+    for name, result in json.loads(run.stdout.splitlines()[-1]).items():
+        whole = result["seconds"] * DURATION / SHORT
+        print(
+            f"ROSS, {name}, {result['dof']} degrees of freedom: {result['seconds']:.2f} s for "
+            f"{SHORT:g} s, so {whole:.0f} s for {DURATION:g} s ({whole / ours:.0f} times ours); "
+            f"largest displacement {1e6 * result['largest']:.0f} um"
+        )
+
+
+if __name__ == "__main__":
+    in_ross() if "--in-ross" in sys.argv else main()
