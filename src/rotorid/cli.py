@@ -25,7 +25,7 @@ from rotorid.io.output import check_target, write_files
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.record import PeriodicRecord
 from rotorid.report import text
-from rotorid.validation import predict
+from rotorid.validation import information_of, predict
 
 OK, NO_ANSWER, WRONG_INPUT, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 141, 130
 _FILE = click.Path(path_type=Path)
@@ -150,12 +150,15 @@ def validate(result: Path, experiment: Path) -> int:
     estimate = load_estimate(result)
     with _progress("reading"):
         plan = load_experiment(experiment)
-        records = plan.records()
+        records = plan.records(plan.method(estimate.method))
     try:
         errors = [predict(plan.model, estimate, record) for record in records]
+        told = [information_of(plan.model, estimate, record) for record in records]
     except InputError as error:
         raise error.at(file=str(result)) from None
     _print(text.prediction_table(errors))
+    for line in text.information_lines(told):
+        _print(line)
     return OK
 
 

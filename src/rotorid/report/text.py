@@ -14,6 +14,7 @@ from rotorid.estimate import Estimate, Prediction
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.models.model import Parameter
+from rotorid.validation.information import Information
 
 _MATRICES = (("M", "''"), ("D", "'"), ("G", "'"), ("K", ""))
 _COLOURS = {
@@ -90,6 +91,18 @@ def _paired(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
 
 def _headings(names: Sequence[str], second: str) -> tuple[str, ...]:
     return _paired(names, [second] * len(names))
+
+
+def information_lines(records: Iterable[Information | None]) -> list[Text]:
+    """Return the condition number of the regressor of each record, as the seed's robots have it."""
+    return [
+        Text(
+            f"condition number of the regressor: {told.scaled_condition_number:.4g} with its "
+            f"columns scaled, {told.condition_number:.4g} in SI units as it is"
+        )
+        for told in records
+        if told is not None
+    ]
 
 
 def model_list(models: Iterable[Model]) -> RenderableType:

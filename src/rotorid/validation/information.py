@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid.estimate import Estimate
 from rotorid.estimators.family import force_variance
-from rotorid.estimators.regression import Regression
+from rotorid.estimators.regression import Regression, hidden_coordinates
 from rotorid.estimators.weighted import Block
 from rotorid.models import Model
 from rotorid.record import Floats, PeriodicRecord
@@ -33,6 +34,22 @@ class Information:
     matrix: Floats
     condition_number: float
     scaled_condition_number: float
+
+
+def information_of(model: Model, estimate: Estimate, record: PeriodicRecord) -> Information | None:
+    """Return the information of a record about what an estimate left free.
+
+    ``None`` for an estimate by maximum likelihood, whose own covariance says all there is to say.
+
+    Raises
+    ------
+    InputError
+        As `information`.
+    """
+    if estimate.method == "ml" or hidden_coordinates(model, record):
+        return None
+    held = {value.name: value.value for value in estimate.parameters if value.fixed}
+    return information(model.substitute(held), record)
 
 
 def information(model: Model, record: PeriodicRecord) -> Information:

@@ -6,6 +6,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.likelihood.prediction import predict_with
 from rotorid.estimators.regression import (
     Regression,
     hidden_coordinates,
@@ -46,6 +47,9 @@ def predict(
     ModelError
         For hidden coordinates of a model that is not linear.
     """
+    _check_determined(estimate)
+    if estimate.method == "ml":
+        return predict_with(model, estimate, [record])
     reduced, base = base_of(model, estimate)
     if not hidden_coordinates(model, record):
         return predict_inputs([Regression(reduced, record)], base)
@@ -61,9 +65,6 @@ def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
         Where the estimate does not hold them.
     """
     found = {value.name: value.value for value in estimate.parameters}
-    if set(model.parameter_names) <= found.keys():
-        values = model.values(found)
-        return model, _finite(model.base_values(values))
     fixed = {value.name: value.value for value in estimate.parameters if value.fixed}
     reduced = model.substitute(fixed)
     missing = [name for name in reduced.base.names if name not in found]
@@ -73,20 +74,22 @@ def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
             f"the base parameters of {model.name!r}: {', '.join(reduced.base.names)}",
             "use the result and the experiment of one model",
         )
-    return reduced, _finite(np.array([found[name] for name in reduced.base.names], dtype=float))
+    return reduced, np.array([found[name] for name in reduced.base.names], dtype=float)
 
 
 def _physical(model: Model, estimate: Estimate) -> Floats:
     found = {value.name: value.value for value in (*estimate.derived, *estimate.parameters)}
-    return _finite(model.values({n: found[n] for n in model.parameter_names if n in found}))
+    return model.values({n: found[n] for n in model.parameter_names if n in found})
 
 
-def _finite(values: Floats) -> Floats:
-    if not np.isfinite(values).all():
+def _check_determined(estimate: Estimate) -> None:
+    unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
+    if unknown:
         raise InputError(
-            "a result with undetermined parameters", "a value of each", "fix one or measure more"
+            f"a result that leaves {', '.join(unknown)} undetermined",
+            "a value of every parameter",
+            "fix one or measure more, then identify again",
         )
-    return values
 
 
 def _predict_outputs(

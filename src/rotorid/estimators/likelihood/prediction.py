@@ -1,4 +1,4 @@
-"""How well an estimate predicts its own records: inputs, or outputs with hidden coordinates."""
+"""How well an estimate predicts records: inputs, or outputs with hidden coordinates."""
 
 from __future__ import annotations
 
@@ -6,9 +6,72 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.estimate import Prediction
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.cost import Evaluation
-from rotorid.record import Complexes
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.unknowns import Nuisances, nuisance_unknowns, sensor_channels
+from rotorid.models import Model
+from rotorid.record import Complexes, PeriodicRecord
+from rotorid.signals.covariance import white_covariance
+
+
+def predict_with(
+    model: Model, estimate: Estimate, records: Sequence[PeriodicRecord]
+) -> dict[str, Prediction | None]:
+    """Return how well an estimate predicts records that need not be its own.
+
+    Parameters
+    ----------
+    model : Model
+    estimate : Estimate
+        By maximum likelihood, its nuisances included.
+    records : sequence of PeriodicRecord
+
+    Returns
+    -------
+    dict of channel name to Prediction
+        As `predict_channels`.
+
+    Raises
+    ------
+    InputError
+        For an estimate that is not of this model, and for a rotor angle of unknown phase.
+    """
+    values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
+    nuisances = Nuisances(
+        runout=any(name.startswith("runout[") for name in values),
+        gains=tuple(
+            kind
+            for kind, sign in (("ki", "ki["), ("ks", "ks"), ("ks*", "ks["))
+            if any(name == sign or ("[" in sign and name.startswith(sign)) for name in values)
+        ),
+        delays=tuple(kind for kind in ("force", "position") if f"delay[{kind}]" in values),
+    )
+    for record in records:
+        if not record.phase_known:
+            raise InputError(
+                "a rotor angle of unknown phase", "a known phase", "give it", file=record.source
+            )
+    base = not {*model.parameter_names} <= values.keys()
+    unknown = {u.name for u in nuisance_unknowns(model, records, nuisances)}
+    held = {v.name: v.value for v in estimate.parameters if v.fixed}
+    start = {
+        name: value
+        for name, value in values.items()
+        if name not in held and (name in unknown or "[" not in name)
+    }
+    prepared = prepare(model, records, Knowledge(fixed=held, start=start), nuisances, base, {})
+    likelihoods = tuple(
+        assemble(prepared.layout, record, white_covariance(record.spectra), number)
+        for number, record in enumerate(records)
+    )
+    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    sensors = [[c.name for c in sensor_channels(prepared.layout.model, r)] for r in records]
+    evaluations = problem.at(prepared.layout.start).records
+    return predict_channels(evaluations, prepared.layout.model.inputs, sensors)
 
 
 def predict_channels(
