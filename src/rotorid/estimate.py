@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -232,10 +233,8 @@ class Estimate:
 
         data = asdict(self)
         data["covariance"] = self.covariance.tolist()
-        for nuisance in data["nuisance"]:
-            del nuisance["fixed"], nuisance["std_inflated"]
-        for derived in data["derived"]:
-            del derived["fixed"], derived["std_inflated"]
+        for row in (*data["nuisance"], *data["derived"]):
+            del row["fixed"], row["std_inflated"]
         return {"schema": SCHEMA, "version": __version__, **data}
 
     def save(self, path: str | Path) -> None:
@@ -322,55 +321,79 @@ def load_estimate(path: str | Path) -> Estimate:
     ReadError
         Where the file cannot be read or is no result file.
     """
-    file = str(path)
+    file, wanted = str(path), ("a result file", "write one with identify --json")
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise ReadError(
-            f"{error.strerror or error}", "a readable result file", "check the path", file=file
-        ) from error
+        found = str(error.strerror or error)
+        raise ReadError(found, "a readable result file", "check the path", file=file) from error
     except (ValueError, RecursionError) as error:
-        raise ReadError(
-            f"no JSON ({error})", "a result file", "write one with identify --json", file=file
-        ) from error
+        raise ReadError(f"no JSON ({error})", *wanted, file=file) from error
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
-        raise ReadError(
-            f"schema {found!r}", repr(SCHEMA), "write one with identify --json", file=file
-        )
+        found = repr(data.get("schema") if isinstance(data, dict) else type(data).__name__)
+        raise ReadError(f"schema {found}", repr(SCHEMA), wanted[1], file=file)
     try:
         return _from_dict(data)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ReadError(
-            f"{type(error).__name__}: {error}",
-            "the fields of a result file",
-            "write it again with identify --json",
-            file=file,
-        ) from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise ReadError(f"{type(error).__name__}: {error}", *wanted, file=file) from error
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
-    def values(rows: Sequence[dict[str, Any]]) -> tuple[Value, ...]:
-        return tuple(Value(**row) for row in rows)
-
-    prediction = {
-        name: None if row is None else Prediction(**row) for name, row in data["prediction"].items()
-    }
+    if data["status"] not in get_args(Status):
+        raise ValueError(f"the status {data['status']!r}")
     size = len(data["covariance"])
+    covariance = [[_number(x) for x in row] for row in data["covariance"]]
+    condition = data.get("condition_number")
     return Estimate(
-        model=data["model"],
-        method=data["method"],
+        model=_text(data["model"]),
+        method=_text(data["method"]),
         status=data["status"],
-        parameters=values(data["parameters"]),
-        nuisance=values(data["nuisance"]),
-        derived=values(data["derived"]),
-        covariance=np.array(data["covariance"], dtype=float).reshape(size, size),
-        misfit=None if data["misfit"] is None else Misfit(**data["misfit"]),
-        suspects=tuple(Suspect(**row) for row in data["suspects"]),
-        prediction=prediction,
-        lines_hz=tuple(data["lines_hz"]),
-        periods=data["periods"],
-        warnings=tuple(data["warnings"]),
-        condition_number=data.get("condition_number"),
-        line_misfit=tuple(LineMisfit(**row) for row in data.get("line_misfit", ())),
+        parameters=tuple(map(_value, data["parameters"])),
+        nuisance=tuple(map(_value, data["nuisance"])),
+        derived=tuple(map(_value, data["derived"])),
+        covariance=np.array(covariance, dtype=float).reshape(size, size),
+        misfit=_read(Misfit, data["misfit"]),
+        suspects=tuple(_read(Suspect, row) for row in data["suspects"]),
+        prediction={key: _read(Prediction, row) for key, row in data["prediction"].items()},
+        lines_hz=tuple(map(_number, data["lines_hz"])),
+        periods=int(_number(data["periods"])),
+        warnings=tuple(map(_text, data["warnings"])),
+        condition_number=None if condition is None else _number(condition),
+        line_misfit=tuple(_read(LineMisfit, row) for row in data.get("line_misfit", ())),
     )
+
+
+def _number(x: object) -> float:
+    """Return a number; null stands for one that is not finite."""
+    if isinstance(x, bool) or not isinstance(x, int | float | None):
+        raise TypeError(f"{x!r} for a number")
+    return math.nan if x is None else float(x)
+
+
+def _text(x: object) -> str:
+    if not isinstance(x, str):
+        raise TypeError(f"{x!r} for a text")
+    return x
+
+
+_FIELDS: dict[str, Callable[[object], object]] = {
+    "str": _text,
+    "float": _number,
+    "float | None": lambda x: None if x is None else _number(x),
+    "int": lambda x: int(_number(x)),
+    "bool": bool,
+}
+
+
+def _read(kind: type[Any], row: dict[str, object] | None) -> Any:
+    """Return a dataclass from a row of plain data, its fields checked; None from null."""
+    if row is None:
+        return None
+    types = {field.name: str(field.type) for field in fields(kind)}
+    return kind(**{key: _FIELDS[types[key]](x) for key, x in row.items()})
+
+
+def _value(row: dict[str, object]) -> Value:
+    value: Value = _read(Value, row)
+    # Of what is not determined no deviation is finite either: null, all of them.
+    return replace(value, std=math.nan, std_inflated=math.nan) if row["value"] is None else value

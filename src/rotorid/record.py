@@ -150,6 +150,8 @@ class Record:
             raise self._error(
                 f"sample rate {self.sample_rate}", "a positive number of Hz", "correct it"
             )
+        if not np.isfinite(self.speed):
+            raise self._error(f"speed {self.speed}", "a finite number of rad/s", "correct it")
         for name, column in zip(names, self.samples.T, strict=True):
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
@@ -164,6 +166,8 @@ class Record:
                 f"({len(self.samples)},)",
                 "give one angle per sample",
             )
+        if self.angle is not None and not np.isfinite(self.angle).all():
+            raise self._error("an angle that is not finite", "radians", "cut the record there")
 
     def _error(self, found: str, expected: str, cure: str) -> InputError:
         return InputError(found, expected, cure, file=self.source)

@@ -62,7 +62,7 @@ def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> For
     """
     try:
         reduced, base = base_of(model, estimate)
-        if hidden_coordinates(model, record):
+        if hidden_coordinates(model, record) or not np.isfinite(base).all():
             return None
         measured = input_spectra(model, record).mean(axis=0)
         residual = Regression(reduced, record).residual(base)

@@ -1,0 +1,245 @@
+"""Results: their JSON and back, whatever is in them; files that are no results."""
+
+import json
+import math
+import tempfile
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bank import BANK, JEFFCOTT, THREE_MASS, Grid
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotorid.errors import ReadError
+from rotorid.estimate import (
+    Estimate,
+    LineMisfit,
+    Misfit,
+    Prediction,
+    Suspect,
+    Value,
+    load_estimate,
+)
+from rotorid.estimators import Batch, LeastSquares, Sequential
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
+DEVIATIONS = st.none() | FINITE
+
+
+@st.composite
+def estimates(draw):
+    values = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS, DEVIATIONS, st.booleans())
+    bare = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS)
+    size = draw(st.integers(0, 4))
+    rows = draw(st.lists(FINITE, min_size=size**2, max_size=size**2))
+    return Estimate(
+        model=draw(NAMES),
+        method=draw(NAMES),
+        status=draw(st.sampled_from(["ok", "rejected", "not_identifiable", "not_converged"])),
+        parameters=tuple(draw(st.lists(values, max_size=3))),
+        nuisance=tuple(draw(st.lists(bare, max_size=3))),
+        derived=tuple(draw(st.lists(bare, max_size=3))),
+        covariance=np.array(rows).reshape(size, size),
+        misfit=draw(st.none() | st.builds(Misfit, FINITE, FINITE, st.integers(0, 999), FINITE)),
+        suspects=tuple(draw(st.lists(st.builds(Suspect, NAMES, FINITE), max_size=3))),
+        prediction=draw(st.dictionaries(NAMES, st.none() | st.builds(Prediction, FINITE))),
+        lines_hz=tuple(draw(st.lists(FINITE, max_size=3))),
+        periods=draw(st.integers(0, 10**6)),
+        warnings=tuple(draw(st.lists(NAMES, max_size=3))),
+        condition_number=draw(DEVIATIONS),
+        line_misfit=tuple(
+            draw(st.lists(st.builds(LineMisfit, st.integers(0, 9), FINITE, FINITE, FINITE)))
+        ),
+    )
+
+
+def same(first, second):
+    for field in fields(Estimate):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if field.name == "covariance":
+            np.testing.assert_array_equal(a, b)
+        else:
+            assert repr(a) == repr(b), field.name  # NaN equals NaN, None does not
+
+
+@settings(max_examples=120, deadline=None)
+@given(estimate=estimates())
+def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
+    path = tmp_path_factory.mktemp("estimate") / "result.json"
+    estimate.save(path)
+    same(load_estimate(path), estimate)
+
+
+@pytest.mark.parametrize("method", [LeastSquares, Batch, Sequential])
+@pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
+def test_results_of_the_bank(problem, method, tmp_path):
+    estimate = method(fixed=problem.known).estimate(problem.model, problem.records)
+    estimate.save(tmp_path / "result.json")
+    found = load_estimate(tmp_path / "result.json")
+    same(
+        found,
+        replace(
+            estimate,
+            derived=tuple(replace(v, std_inflated=None, fixed=False) for v in estimate.derived),
+        ),
+    )
+    assert str(found) == str(estimate)
+
+
+def test_what_is_not_determined_comes_back_as_it_was(tmp_path):
+    still = replace(THREE_MASS, grids=(Grid(250, 5000.0),))
+    estimate = Batch().estimate(still.model, still.records)
+    estimate.save(tmp_path / "result.json")
+    found = load_estimate(tmp_path / "result.json")
+    assert math.isnan(found.value("I_p"))
+    assert found.value("m1") == estimate.value("m1")
+    same(found, estimate)
+    assert str(found) == str(estimate)
+    assert found._repr_html_() == estimate._repr_html_()
+
+
+def test_keys_of_the_result_file(tmp_path):
+    """The contract of interface.md: exactly these names."""
+    estimate = Batch(fixed={"k": 9e5}).estimate(JEFFCOTT.model, JEFFCOTT.records)
+    estimate.save(tmp_path / "result.json")
+    data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    contract = {
+        "schema",
+        "version",
+        "model",
+        "method",
+        "status",
+        "parameters",
+        "nuisance",
+        "derived",
+        "covariance",
+        "misfit",
+        "suspects",
+        "prediction",
+        "lines_hz",
+        "periods",
+        "warnings",
+    }
+    assert contract <= set(data)
+    assert data["schema"] == "rotorid-estimate/1"
+    keys = {"name", "unit", "value", "std", "std_inflated", "fixed"}
+    assert all(set(row) == keys for row in data["parameters"])
+    assert all(set(row) == {"name", "unit", "value", "std"} for row in data["derived"])
+    assert [row["name"] for row in data["parameters"]] == ["m", "m*xi", "m*zeta", "c", "k"]
+    assert [row["fixed"] for row in data["parameters"]] == [False] * 4 + [True]
+    assert data["parameters"][-1]["value"] == 9e5
+    assert data["parameters"][-1]["std"] == 0
+    assert np.array(data["covariance"]).shape == (4, 4)
+    assert set(data["prediction"]) == {"F_x", "F_y"}
+    assert set(data["prediction"]["F_x"]) == {"relative_error"}
+    assert data["misfit"] is None
+    assert data["periods"] == 3
+    assert data["lines_hz"] == [5.0, 10.0, 20.0]
+
+
+def test_an_input_that_is_zero_has_no_prediction():
+    record = JEFFCOTT.records[0]
+    silent = record.spectra.copy()
+    silent[..., record.index("F_y")] = 0
+    estimate = LeastSquares().estimate(JEFFCOTT.model, [replace(record, spectra=silent)])
+    assert estimate.prediction["F_y"] is None
+    assert "F_y zero" in str(estimate)
+
+
+def test_access_by_name():
+    estimate = Batch().estimate(JEFFCOTT.model, JEFFCOTT.records)
+    assert estimate["m"].unit == "kg"
+    assert estimate.value("xi") == pytest.approx(1.5e-5)
+    assert [v.name for v in estimate.free] == list(JEFFCOTT.base)
+    with pytest.raises(KeyError, match="'q'; there are: m, m"):
+        estimate["q"]
+    with pytest.raises(KeyError, match="there are"):
+        estimate.std("q")
+
+
+def test_correlation():
+    cov = np.array([[4.0, 3.0, 0.0], [3.0, 9.0, 0.0], [0.0, 0.0, 0.0]])
+    values = tuple(Value(n, "1", 1.0, 1.0) for n in "abc")
+    found = Estimate("m", "ls", "ok", values, covariance=cov).correlation
+    np.testing.assert_allclose(found, [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 0]])
+
+
+VALID = Estimate(
+    "m",
+    "ls",
+    "ok",
+    (Value("a", "kg", 1.0, 0.1),),
+    covariance=np.array([[0.01]]),
+    prediction={"F": Prediction(0.1)},
+    misfit=Misfit(1.0, 1.0, 3, 0.5),
+    suspects=(Suspect("damping", 2.0),),
+).to_dict()
+JUNK = [None, "x", 3, -1.5, [], {}, [1], {"a": 1}, [[1, 2], [3]], True, 10**400, "nan"]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(sorted(VALID)), st.sampled_from(JUNK), st.booleans())
+def test_a_damaged_file_is_read_or_refused(key, junk, drop):
+    data = json.loads(json.dumps(VALID))
+    if drop:
+        del data[key]
+    else:
+        data[key] = junk
+    check(json.dumps(data))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.sampled_from(["parameters", "misfit", "suspects", "prediction"]),
+    st.sampled_from(["name", "unit", "value", "std", "fixed", "cost", "drop", "F", "more"]),
+    st.sampled_from(JUNK),
+)
+def test_a_damaged_row_is_read_or_refused(table, key, junk):
+    data = json.loads(json.dumps(VALID))
+    row = data[table][0] if isinstance(data[table], list) else data[table]
+    row[key] = junk
+    check(json.dumps(data))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "3", "null", "{}", '{"schema": 1}', "\0", "é", "[" * 10**5, "NaN"]
+)
+def test_files_that_are_no_results(text):
+    assert check(text)
+
+
+def check(text):
+    """Return the refusal of a text, checked for its form; "" where it is read."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "result.json"
+        path.write_text(text, encoding="utf-8")
+        try:
+            found = load_estimate(path)
+        except ReadError as error:
+            message = str(error)
+        else:
+            assert str(found)
+            return ""
+    assert "result.json: found " in message
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe{}", b"\x89PNG"])
+def test_bytes_that_are_no_text(content, tmp_path):
+    path = tmp_path / "result.json"
+    path.write_bytes(content)
+    with pytest.raises(ReadError, match="found no JSON"):
+        load_estimate(path)
+
+
+def test_paths_that_are_no_files(tmp_path):
+    with pytest.raises(ReadError, match="found No such file"):
+        load_estimate(tmp_path / "none.json")
+    with pytest.raises(ReadError, match="found Is a directory"):
+        load_estimate(tmp_path)
+    with pytest.raises(ReadError, match="embedded null byte"):
+        load_estimate("a\0b")

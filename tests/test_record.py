@@ -1,0 +1,93 @@
+"""Records: what they accept, and what they derive."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from rotorid.errors import InputError
+from rotorid.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.signals.average import average
+
+TWO = (Channel("a", "N"), Channel("b", "m"))
+
+
+@settings(max_examples=50, deadline=None)
+@given(arrays(float, (7, 2), elements=st.floats(-1e300, 1e300)), st.floats(1e-6, 1e9))
+def test_samples_are_kept_as_they_are(samples, rate):
+    record = Record(TWO, samples, rate)
+    np.testing.assert_array_equal(record.column("a"), samples[:, 0])
+    np.testing.assert_array_equal(record.column("b"), samples[:, 1])
+    assert record.names == ("a", "b")
+
+
+def test_lists_become_arrays_and_tuples():
+    record = Record(list(TWO), [[1, 2], [3, 4]], 10)
+    assert record.channels == TWO
+    assert record.samples.dtype == float
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"channels": (TWO[0], TWO[0])}, "channel 'a' twice"),
+        ({"samples": np.zeros(4)}, r"samples of shape \(4,\); expected \(sample, channel\)"),
+        ({"samples": np.zeros((4, 3))}, r"samples of shape \(4, 3\).*with 2 channels"),
+        ({"samples": np.array([[0, 1], [0, np.nan]])}, "nan in sample 1 of channel 'b', 1 in all"),
+        ({"samples": np.array([[np.inf, 1], [0, 1]])}, "inf in sample 0 of channel 'a'"),
+        ({"sample_rate": 0.0}, "sample rate 0.0"),
+        ({"sample_rate": -1.0}, "sample rate -1.0"),
+        ({"sample_rate": np.nan}, "sample rate nan"),
+        ({"sample_rate": np.inf}, "sample rate inf"),
+        ({"speed": np.nan}, "speed nan"),
+        ({"speed": np.inf}, "speed inf"),
+        ({"angle": np.zeros(3)}, r"angle of shape \(3,\); expected \(2,\)"),
+        ({"angle": np.array([0.0, np.nan])}, "an angle that is not finite"),
+    ],
+)
+def test_refusals(options, message):
+    given_ = {"channels": TWO, "samples": np.zeros((2, 2)), "sample_rate": 10.0, **options}
+    with pytest.raises(InputError, match=f"^run.csv: found {message}"):
+        Record(**given_, source="run.csv")
+
+
+def test_a_channel_that_is_not_there():
+    record = Record(TWO, np.zeros((4, 2)), 10.0)
+    with pytest.raises(InputError, match="found no channel 'c'; expected one of a, b"):
+        record.column("c")
+    periodic = average(record, period_samples=2, harmonics=[0])
+    assert periodic.index("b") == 1
+    with pytest.raises(InputError, match="found no channel 'c'"):
+        periodic.index("c")
+
+
+def test_the_angle_of_the_rotor():
+    record = Record(TWO, np.zeros((5, 2)), 10.0, speed=3.0)
+    np.testing.assert_allclose(record.rotor_angle(), [0, 0.3, 0.6, 0.9, 1.2])
+    measured = np.array([5.0, 6.0, 8.0, 9.0, 9.5])
+    record = Record(TWO, np.zeros((5, 2)), 10.0, speed=3.0, angle=measured)
+    np.testing.assert_array_equal(record.rotor_angle(), measured)
+
+
+def test_what_a_channel_reads():
+    assert Channel("x1").combination == {"x1": 1.0}
+    assert Channel("s", reads={"x1": 1.0, "t": -0.2}).combination == {"x1": 1.0, "t": -0.2}
+    drive = Drive(120.0, 2e5, {"x1": 1.0})
+    assert Channel("F", drive=drive).drive.ki == 120.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 30), st.integers(2, 9))
+def test_frequencies_and_weights_of_lines(samples, periods):
+    data = np.random.default_rng(samples).standard_normal((samples * periods, 2))
+    periodic = average(
+        Record(TWO, data, 50.0), period_samples=samples, harmonics=range(samples // 2 + 1)
+    )
+    assert isinstance(periodic, PeriodicRecord)
+    assert periodic.fundamental == 50.0 / samples
+    np.testing.assert_allclose(periodic.frequency, np.fft.rfftfreq(samples, 1 / 50.0))
+    # x = sum c_k Re(X_k exp(i omega_k t)), as the docstring says
+    t = np.arange(samples) / 50.0
+    waves = np.exp(1j * np.outer(t, periodic.omega)) * periodic.multiplicity
+    np.testing.assert_allclose((waves @ periodic.mean_spectrum).real, periodic.mean, atol=1e-12)
