@@ -74,15 +74,27 @@ def test_scaling_forces_scales_masses(demo, bearings, factor):
     record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(4))
     scale = np.array([factor] * 4 + [1.0] * 4)
     scaled = replace(record, spectra=record.spectra * scale)
+    powers = {"m1", "m2", "m3", "I_t", "I_p", "k1", "k2"}
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    start = {name: factor * demo.truth[name] for name in powers}
     one = identify(demo.model, record, estimator)
-    other = identify(demo.model, scaled, estimator)
+    other = identify(demo.model, scaled, replace(estimator, start=start))
     assert other.misfit.cost == pytest.approx(one.misfit.cost, rel=1e-7)
     for value in one.parameters:
-        powers = {"m1", "m2", "m3", "I_t", "I_p", "k1", "k2"}
         expected = value.value * (factor if value.name in powers else 1.0)
         tolerance = 1e-4 * (value.std or 0) * (factor if value.name in powers else 1.0)
         assert other.value(value.name) == pytest.approx(expected, rel=1e-9, abs=tolerance)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_start_a_thousand_times_off(demo, bearings, factor):
+    """All masses and stiffnesses alike: the finer homotopy finds the way back."""
+    record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(4))
+    names = ("m1", "m2", "m3", "I_t", "I_p", "k1", "k2")
+    start = {name: factor * demo.truth[name] for name in names}
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+    assert estimate.status == "ok"
+    assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=0.01)
 
 
 @settings(max_examples=6, deadline=None)

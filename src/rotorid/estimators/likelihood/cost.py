@@ -160,7 +160,9 @@ class Likelihood:
         """Number of lines."""
         return int(self.data.shape[0])
 
-    def evaluate(self, unknowns: Floats, relaxation: float = 0.0) -> Evaluation:
+    def evaluate(
+        self, unknowns: Floats, relaxation: float = 0.0, affine: Integers | None = None
+    ) -> Evaluation:
         """Evaluate at the unknowns, shape (unknown,).
 
         Parameters
@@ -169,8 +171,11 @@ class Likelihood:
         relaxation : float
             sigma: standard deviation of an error granted to every equation of motion, in units of
             its row.
+        affine : int array, optional
+            Unknowns that only move s, and linearly: loads and runout. Their columns are whitened
+            along, for `Evaluation.shift`.
         """
-        return Evaluation(self, unknowns, relaxation)
+        return Evaluation(self, unknowns, relaxation, affine)
 
 
 class Evaluation:
@@ -191,7 +196,13 @@ class Evaluation:
         J.
     """
 
-    def __init__(self, problem: Likelihood, unknowns: Floats, relaxation: float) -> None:
+    def __init__(
+        self,
+        problem: Likelihood,
+        unknowns: Floats,
+        relaxation: float,
+        affine: Integers | None = None,
+    ) -> None:
         self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
         self.mu = problem.monomials.values(unknowns)
         self.state = problem.calibration.at(unknowns)
@@ -205,7 +216,12 @@ class Evaluation:
         self._gain = gain
         self.whitener = _complex(np.linalg.qr(root, mode="r"))
         self.lower = self.whitener.conj().transpose(0, 2, 1)
-        self._set_whitened(self._white(self._projected(self._error[:, :, None]))[:, :, 0])
+        self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
+        self._moves = self._affine_directions()
+        every = np.concatenate([self._error[:, :, None], self._moves], axis=2)
+        whitened = self._white(self._projected(every))
+        self._whitened_moves = whitened[:, :, 1:]
+        self._set_whitened(whitened[:, :, 0])
 
     def _set_columns(self) -> None:
         p, n = self.problem, self.problem.coordinates
@@ -246,28 +262,28 @@ class Evaluation:
             return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
         return _complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
 
-    def affine_directions(self, affine: Integers) -> Complexes:
-        """Return d(rows of s) / d unknowns on which s depends linearly and V not at all.
-
-        Loads and runout are such: shape (line, row, affine unknown).
-        """
-        p = self.problem
+    def _affine_directions(self) -> Complexes:
+        """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
+        p, affine = self.problem, self._affine
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
-        columns[:, : p.rows] = self.load @ p.monomials.jacobian(self.unknowns)[:, affine]
-        p.calibration.add_runout(columns, self, affine)
+        if len(affine):
+            columns[:, : p.rows] = self.load @ p.monomials.jacobian(self.unknowns)[:, affine]
+            p.calibration.add_runout(columns, self, affine)
         return columns
 
-    def shift(self, affine: Integers, change: Floats, columns: Complexes) -> None:
-        """Move the affine unknowns, given the columns of their `affine_directions`."""
+    @property
+    def affine_jacobian(self) -> Floats:
+        """Jacobian by the affine unknowns, shape (line * 2 * equation, affine unknown)."""
+        return self._stack(self._whitened_moves)
+
+    def shift(self, change: Floats) -> None:
+        """Move the affine unknowns; nothing but s moves, and linearly."""
         self.unknowns = self.unknowns.copy()
-        self.unknowns[affine] += change
+        self.unknowns[self._affine] += change
         self.mu = self.problem.monomials.values(self.unknowns)
         self.state = self.problem.calibration.at(self.unknowns)
-        moved = columns @ change
-        self._error = self._error + moved
-        if self.null_h is not None:
-            moved = (self.null_h @ moved[:, :, None])[:, :, 0]
-        self._set_whitened(self.whitened + np.linalg.solve(self.lower, moved[:, :, None])[:, :, 0])
+        self._error = self._error + self._moves @ change
+        self._set_whitened(self.whitened + self._whitened_moves @ change)
 
     def _set_whitened(self, whitened: Complexes) -> None:
         self.whitened = whitened

@@ -16,7 +16,7 @@ from scipy import stats
 
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
-from rotorid.estimators.likelihood.solver import RANK, relation_jacobian
+from rotorid.estimators.likelihood.solver import RANK, relation_jacobian, tangent_basis
 from rotorid.record import Floats
 
 
@@ -117,9 +117,7 @@ def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
     scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
     basis = np.eye(len(free))
     if len(exact):
-        normal = relation_jacobian(exact, point) * scale
-        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
-        basis = np.linalg.qr(normal.T, mode="complete")[0][:, len(exact) :]
+        basis = tangent_basis(relation_jacobian(exact, point) * scale)
     return jacobian * scale @ basis, scale, basis
 
 

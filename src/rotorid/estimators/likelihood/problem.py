@@ -52,19 +52,18 @@ class Problem:
         affine = self.affine
         if not len(affine):
             return self.at(unknowns, relaxation)
-        records = [likelihood.evaluate(unknowns, relaxation) for likelihood in self.likelihoods]
-        columns = [record.affine_directions(affine) for record in records]
+        records = [
+            likelihood.evaluate(unknowns, relaxation, affine) for likelihood in self.likelihoods
+        ]
         known = self.known.values(unknowns)
         slopes = self.known.jacobian(unknowns)[:, affine]
-        matrix = np.concatenate(
-            [*(r.whiten(c) for r, c in zip(records, columns, strict=True)), slopes]
-        )
+        matrix = np.concatenate([*(record.affine_jacobian for record in records), slopes])
         residual = np.concatenate([*(record.residual for record in records), known])
         size = np.sqrt((matrix**2).sum(axis=0))
         scale = 1 / np.where(size > 0, size, 1.0)
         change = -scale * np.linalg.lstsq(matrix * scale, residual, rcond=1e-10)[0]
-        for record, column in zip(records, columns, strict=True):
-            record.shift(affine, change, column)
+        for record in records:
+            record.shift(change)
         moved = unknowns.copy()
         moved[affine] += change
         return Point(self, moved, records, known + slopes @ change)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -58,32 +59,51 @@ class Tangent:
     ----------
     scale : array, shape (free,)
         Unit of each unknown.
-    basis : array, shape (free, direction)
-        Directions in those units.
-    values, right : arrays
-        Singular values and right singular vectors of the scaled Jacobian along `basis`.
-    projected : array
-        The residual along the left singular vectors.
+    basis : array, shape (free, direction), or None
+        Directions in those units; None where each unknown is one.
+    triangle : array, shape (direction, direction)
+        R of the scaled Jacobian along the directions.
+    projected : array, shape (direction,)
+        The residual along its range.
     """
 
     scale: Floats
-    basis: Floats
-    values: Floats
-    right: Floats
+    basis: Floats | None
+    triangle: Floats
     projected: Floats
+
+    @cached_property
+    def regular(self) -> bool:
+        """Whether the Jacobian has full rank by far."""
+        diagonal = np.abs(np.diag(self.triangle))
+        return bool(diagonal.min(initial=1.0) > 1e-5 * diagonal.max(initial=0.0))
+
+    @cached_property
+    def _spectrum(self) -> tuple[Floats, Floats, Floats]:
+        """Singular values, right singular vectors as rows, residual along the left ones."""
+        left, values, right = np.linalg.svd(self.triangle)
+        kept = values > RANK * values.max(initial=0.0)
+        return values[kept], right[kept], left.T[kept] @ self.projected
 
     def step(self, damping: float) -> Floats:
         """Return the Levenberg-Marquardt step of the free unknowns."""
-        kept = self.values > RANK * self.values.max(initial=0.0)
-        size = np.where(kept, self.values, 1.0)
-        share = np.where(kept, size / (size**2 + damping), 0.0)
-        return np.asarray(self.scale * (self.basis @ (self.right.T @ (-share * self.projected))))
+        if damping == 0 and self.regular:
+            along = -np.linalg.solve(self.triangle, self.projected)
+        else:
+            values, right, projected = self._spectrum
+            along = right.T @ (-values / (values**2 + damping) * projected)
+        return np.asarray(self.scale * (along if self.basis is None else self.basis @ along))
 
     @property
     def decrease(self) -> float:
         """The drop of the cost that a full Gauss-Newton step would bring."""
-        kept = self.values > RANK * self.values.max(initial=0.0)
-        return float((self.projected[kept] ** 2).sum())
+        reached = self.projected if self.regular else self._spectrum[2]
+        return float(reached @ reached)
+
+    @property
+    def size(self) -> float:
+        """Largest column of the Jacobian, to measure the damping by."""
+        return float(np.sqrt((self.triangle**2).sum(axis=0).max(initial=0.0)))
 
 
 def relation_jacobian(exact: Relations, point: Point) -> Floats:
@@ -92,25 +112,39 @@ def relation_jacobian(exact: Relations, point: Point) -> Floats:
     return exact.jacobian(point.unknowns)[:, free]
 
 
+def tangent_basis(normal: Floats) -> Floats:
+    """Return an orthonormal basis of what is orthogonal to the rows, (free, free - relations).
+
+    Raises
+    ------
+    LinAlgError
+        For a relation that no free unknown moves.
+    """
+    length = np.sqrt((normal**2).sum(axis=1, keepdims=True))
+    if not (np.isfinite(length).all() and length.min() > 0):
+        raise np.linalg.LinAlgError("a relation without a free unknown")
+    orthogonal, _ = np.linalg.qr((normal / length).T, mode="complete")
+    return np.asarray(orthogonal[:, len(normal) :])
+
+
 def tangent(point: Point, exact: Relations) -> Tangent:
     """Linearize the problem at a point, in the null space of the exact relations."""
     jacobian, free = point.jacobian, point.problem.layout.free
+    if not np.abs(jacobian).max(initial=0.0) < 1e150:
+        raise np.linalg.LinAlgError("a derivative beyond all bounds")
     size = np.sqrt((jacobian**2).sum(axis=0))
     typical = np.maximum(np.abs(point.unknowns[free]), 1e-300)
-    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
+    seen = size > 1e-150
+    scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
     scaled = jacobian * scale
-    basis = np.eye(len(free))
+    basis = None
     if len(exact):
-        normal = relation_jacobian(exact, point) * scale
-        normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
-        orthogonal, _ = np.linalg.qr(normal.T, mode="complete")
-        basis = orthogonal[:, len(exact) :]
+        basis = tangent_basis(relation_jacobian(exact, point) * scale)
         scaled = scaled @ basis
     rows = np.column_stack([scaled, point.residual])
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     width = scaled.shape[1]
-    left, values, right = np.linalg.svd(triangle[:width, :width])
-    return Tangent(scale, basis, values, right, left.T @ triangle[:width, width])
+    return Tangent(scale, basis, triangle[:width, :width], triangle[:width, width])
 
 
 def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -> Floats | None:
@@ -180,7 +214,7 @@ class _Walk:
             floor = 1e-14 if relaxation > 0 else 1.0
             if where.decrease <= tolerance * max(point.cost, floor):
                 return point, True
-            top = where.values.max(initial=0.0) ** 2
+            top = where.size**2
             for _attempt in range(25):
                 aimed = point.unknowns.copy()
                 aimed[free] += where.step(damping)
@@ -201,8 +235,11 @@ class _Walk:
 
 def _evaluated(problem: Problem, unknowns: Floats, relaxation: float) -> Point | None:
     """Evaluate, or return None where the point has no finite cost."""
+    if not np.abs(unknowns).max(initial=0.0) < 1e150:
+        return None
     try:
-        point = problem.best_at(unknowns, relaxation)
+        with np.errstate(all="ignore"):
+            point = problem.best_at(unknowns, relaxation)
     except np.linalg.LinAlgError:
         return None
     return point if np.isfinite(point.cost) else None
@@ -232,15 +269,17 @@ def solve(problem: Problem, start: Floats, stages: Sequence[float] = STAGES) -> 
         walk.descend(relaxation, tolerance=1e-2, limit=30)
     walk.problem = problem
     point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=100)
-    for _ in range(2 * len(problem.bounds)):
-        if not (walk.hold(point) or walk.release(point)):
-            break
-        held = retract(point.unknowns, free, walk.exact, tangent(point, problem.exact).scale)
-        if held is None:
-            converged = False
-            break
-        walk.unknowns = held
-        point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=100)
+    try:
+        for _ in range(2 * len(problem.bounds)):
+            if not (walk.hold(point) or walk.release(point)):
+                break
+            held = retract(point.unknowns, free, walk.exact, tangent(point, problem.exact).scale)
+            if held is None:
+                raise np.linalg.LinAlgError("bounds that cannot all hold")
+            walk.unknowns = held
+            point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=100)
+    except np.linalg.LinAlgError:
+        converged = False
     return Solution(point, converged, walk.iterations, tuple(walk.active))
 
 
