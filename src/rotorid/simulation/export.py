@@ -14,7 +14,7 @@ from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.models import Model
 from rotorid.simulation.logger import Column, RigRecord, actuator_position, label
-from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor
+from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor, sensor_unit
 from rotorid.simulation.rig import Rig
 from rotorid.simulation.rig_file import RigPlan
 
@@ -269,7 +269,7 @@ def _combination(parts: Mapping[str, float]) -> str:
 
 
 def _position(sensor: PositionSensor, model: Model) -> str:
-    unit = model.units[next(iter(sensor.combination))]
+    unit = sensor_unit(sensor.combination, model.units)
     reads = "" if sensor.reads is None else f'reads = "{_combination(sensor.reads)}", '
     return f'{sensor.name} = {{ {reads}column = "{sensor.name}", unit = "{unit}" }}'
 

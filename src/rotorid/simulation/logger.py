@@ -12,7 +12,7 @@ from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
 from rotorid.record import Channel, Drive, Floats, Record
 from rotorid.simulation.marks import encoder_counts, keyphasor_pulses, read_mark
-from rotorid.simulation.parts import Actuator, Encoder, Keyphasor
+from rotorid.simulation.parts import Actuator, Encoder, Keyphasor, sensor_unit
 from rotorid.simulation.plant import Plant
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Rig
         force=log.force,
     )
     positions = [
-        Column(sensor.name, rig.model.units[next(iter(sensor.combination))], reading)
+        Column(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
     drives = _drive_columns(rig, plant, log, rng)
@@ -203,7 +203,7 @@ def actuator_position(rig: Rig, plant: Plant, index: int) -> dict[str, float]:
 def sensor_channels(rig: Rig) -> list[Channel]:
     """Return the channels of the position sensors."""
     units = rig.model.units
-    return [Channel(s.name, units[next(iter(s.combination))], reads=s.reads) for s in rig.sensors]
+    return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 
 
 def _as_read(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -174,6 +174,18 @@ class PositionSensor:
     def combination(self) -> Mapping[str, float]:
         """What it reads, as ``{coordinate: coefficient}``."""
         return {self.name: 1.0} if self.reads is None else self.reads
+
+
+def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
+    """Return the unit of what a sensor reads: that of a length, where it reads one.
+
+    Examples
+    --------
+    >>> sensor_unit(["theta_y", "x"], {"x": "m", "theta_y": "rad"})
+    'm'
+    """
+    found = [units[name] for name in combination]
+    return next((unit for unit in found if unit != "rad"), "rad")
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from rotorid.simulation.parts import (
     PositionSensor,
     ProcessNoise,
     Runout,
+    sensor_unit,
 )
 from rotorid.simulation.rig import Rig
 from rotorid.simulation.rig_actuators import build_actuators, build_controller
@@ -236,7 +237,7 @@ def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:
         reads = linear_combination(entry.reads, model.coordinates, place=f"{place}.reads")
     else:
         _require(name, model.coordinates, "sensors")
-    unit = model.units[next(iter(reads or {name: 1.0}))]
+    unit = sensor_unit(reads or [name], model.units)
 
     def si(key: str) -> float:
         value = getattr(entry, key)
