@@ -132,8 +132,8 @@ def compare(name: str, sensors: tuple[str, ...] | None, fixed: dict[str, float])
     print(
         f"{name}: {1e3 * fitted:.1f} ms to the minimum and its covariance, "
         f"{1e3 * estimated:.1f} ms to the estimate with misfit, suspects and prediction; "
-        f"scipy {1e3 * other:.0f} ms ({evaluations} evaluations), {other / fitted:.0f} times as long, with the same minimum "
-        f"in {agree} of 8"
+        f"scipy {1e3 * other:.0f} ms ({evaluations} evaluations), {other / fitted:.0f} times as "
+        f"long, with the same minimum in {agree} of 8"
     )
 
 

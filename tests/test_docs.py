@@ -143,3 +143,20 @@ def test_limits_of_the_models_page_are_those_of_the_code() -> None:
 def test_python_of_the_models_page_runs() -> None:
     for code in blocks(ROOT / "docs" / "models.md", "python"):
         exec(code, {})
+
+
+def test_python_of_the_maximum_likelihood_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    for code in blocks(ROOT / "docs" / "maximum-likelihood.md", "python"):
+        exec(code, {})
+    shown = capsys.readouterr().out
+    assert shown.startswith("0.0128")
+    assert "L1, I_t, I_p, L2, mu, eta scale together" in shown
+
+
+def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path: Path) -> None:
+    (text,) = blocks(ROOT / "docs" / "maximum-likelihood.md", "toml")
+    (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
+    estimator = rid.load_experiment(tmp_path / "experiment.toml").estimator()
+    assert isinstance(estimator, rid.MaximumLikelihood)
+    assert estimator.gains == ("ki", "ks")
+    assert estimator.runout
