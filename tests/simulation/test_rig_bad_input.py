@@ -232,6 +232,17 @@ CHANNELS = {
     "unknown position": ('position = "x1"', 'position = "x7"', "channels.F_x1: position: found"),
     "no current": (r"current = \{[^}]*\}, ", "", "channels.F_x1: current: found no such key"),
     "a column beside a law": (LAW, LAW + ', column = "x1"', "channels.F_x1: column: found column"),
+    "hold twice": (LAW, LAW + ', hold = "none"', "hold here and in the column's table"),
+    "a constant with a deviation": (
+        'ki = "120 N/A"',
+        'ki = { value = "120 N/A", std = "1 N/A" }',
+        "channels.F_x1.ki: found a deviation; expected exact values for this method; use ml",
+    ),
+    "ks with a deviation": (
+        'ks = "200000 N/m"',
+        'ks = { value = "2e5 N/m", std = "1e4 N/m" }',
+        "channels.F_x1: ks: found a deviation of ks",
+    ),
     "a law for a coordinate": (
         r"\nx1 = .*",
         '\nx1 = { law = "linear", current = { column = "x1" }, position = "x2", ki = "1 N/A" }',

@@ -276,3 +276,35 @@ def test_excitation_beyond_the_inputs_is_refused() -> None:
     rig = load_rig("three-mass").rig
     with pytest.raises(InputError, match="excitation: found 'F_z'"):
         replace(rig, excitation=multisine(20.0, [1], {"F_z": 1.0}))
+
+
+def test_hold_and_delay_may_stand_beside_the_law(written: Path, tmp_path: Path) -> None:
+    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
+    moved = re.sub(r', hold = "zero-order", delay = "-50 us" \}', " }", text)
+    moved = moved.replace('law = "linear"', 'law = "linear", hold = "zero-order", delay = "-50 us"')
+    (tmp_path / "moved.toml").write_text(moved)
+    (one,) = load_experiment(written / "run.toml").measured("batch")
+    (other,) = load_experiment(tmp_path / "moved.toml").measured("batch")
+    np.testing.assert_array_equal(one.samples, other.samples)
+
+
+def test_a_record_may_name_sensors_of_all_records(written: Path, tmp_path: Path) -> None:
+    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
+    (law,) = re.findall(r"\nF_x1 = .*", text)
+    text = text.replace(law, "").replace("\nx1 = {", '\ns1 = { reads = "x1",')
+    own = (
+        "[records.channels]" + law.replace('position = "x1"', 'position = "s1"') + "\n\n[channels]"
+    )
+    (tmp_path / "own.toml").write_text(text.replace("[channels]", own))
+    (one,) = load_experiment(written / "run.toml").measured("batch")
+    (other,) = load_experiment(tmp_path / "own.toml").measured("batch")
+    np.testing.assert_array_equal(one.column("F_x1"), other.column("F_x1"))
+
+
+def test_deviations_of_constants_reach_the_gain(written: Path, tmp_path: Path) -> None:
+    text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
+    known = 'ki = { value = "120 N/A", std = "1.2 N/A" }'
+    (tmp_path / "known.toml").write_text(text.replace('ki = "120 N/A"', known, 1))
+    (record,) = load_experiment(tmp_path / "known.toml").measured("ml")
+    assert record.channels[0].gain_std == pytest.approx(0.01)
+    assert record.channels[1].gain_std == 0.0

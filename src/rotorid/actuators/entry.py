@@ -69,6 +69,15 @@ class LawEntry(Schema):
     angle: Annotated[Constant | None, _constant("rad")] = None
     poles: StrictInt | None = None
 
+    @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Keys of the constants that are known with a deviation."""
+        return tuple(
+            key
+            for key in type(self).model_fields
+            if isinstance(getattr(self, key), Constant) and getattr(self, key).std
+        )
+
     def build(self) -> Linear | Differential | Flux:
         """Return the law.
 

@@ -157,7 +157,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         channels = []
         for number, record in enumerate(entry.records):
             try:
-                recording(record.channels, model)
+                recording(record.channels, model, entry.channels)
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
             channels.append(recording({**entry.channels, **record.channels}, model))

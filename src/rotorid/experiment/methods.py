@@ -138,6 +138,10 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
         channels |= {f"records.{i}.channels.{name}": c for name, c in record.channels.items()}
     places += [f"{place}.gain_std" for place, c in channels.items() if c.gain_std]
     places += [f"{place}.delay.std" for place, c in channels.items() if c.delay.std]
+    places += [f"{place}.{key}" for place, c in channels.items() for key in c.uncertain]
+    columns = [(place, column) for place, c in channels.items() for column in c.columns]
+    places += [f"{place}.{c.column}.gain_std" for place, c in columns if c.gain_std]
+    places += [f"{place}.{c.column}.delay.std" for place, c in columns if c.delay.std]
     places += [f"parameters.{name}.min, max" for name, p in entry.parameters.items() if p.bounded]
     places += [f"constraints.{i}.min, max" for i, c in enumerate(entry.constraints) if c.bounded]
     if places:

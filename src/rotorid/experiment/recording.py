@@ -52,13 +52,19 @@ class Recording:
     laws: dict[str, InputLaw]
 
 
-def recording(entries: Mapping[str, ChannelEntry], model: Model) -> Recording:
+def recording(
+    entries: Mapping[str, ChannelEntry],
+    model: Model,
+    others: Mapping[str, ChannelEntry] | None = None,
+) -> Recording:
     """Return where the channels of a record come from.
 
     Parameters
     ----------
     entries : mapping of str to ChannelEntry
     model : Model
+    others : mapping of str to ChannelEntry, optional
+        Further channels, whose sensors a position may name.
 
     Returns
     -------
@@ -84,11 +90,11 @@ def recording(entries: Mapping[str, ChannelEntry], model: Model) -> Recording:
                 place=place,
             )
         try:
-            law = entry.build()
-            position = _position(entry, entries, model)
+            law = _law(entry)
+            position = _position(entry, {**(others or {}), **entries}, model)
         except InputError as error:
             raise error.at(place=place) from None
-        columns = entry.flux or ([] if entry.current is None else [entry.current])
+        columns = entry.recorded
         labels = (
             [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
         )
@@ -106,6 +112,18 @@ def recording(entries: Mapping[str, ChannelEntry], model: Model) -> Recording:
             )
         laws[name] = InputLaw(law, tuple(labels), position)
     return Recording(sources, laws)
+
+
+def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
+    law = entry.build()
+    if isinstance(law, Linear) and law.ks_std:
+        raise InputError(
+            "a deviation of ks",
+            "ks as it is, or as an unknown",
+            'leave std out, or estimate it: gains = ["ks"]',
+            place="ks",
+        )
+    return law
 
 
 def _position(

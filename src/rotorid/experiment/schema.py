@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
 
@@ -106,17 +106,38 @@ class ChannelEntry(LawEntry):
         wanted = {"column"} if self.law is None else needed.get(self.law, {"flux"})
         for key in sorted(wanted - given):
             raise InputError("no such key", "a value", "add it", place=key)
+        as_recorded = {"hold", "delay", "gain_std"}
         allowed = wanted | (
-            set(law_keys()) if self.law else set(ChannelEntry.model_fields) - of_law
+            {*law_keys(), *as_recorded} if self.law else set(ChannelEntry.model_fields) - of_law
         )
         for key in sorted(given - allowed):
             raise InputError(
                 f"{key} " + ("without a law" if self.law is None else f"beside law = {self.law!r}"),
                 f"one of {', '.join(sorted(allowed))}",
-                "remove it; hold, delay and unit of a current stand in its own table",
+                "remove it; the unit of a current stands in its own table",
                 place=key,
             )
+        for column in self.columns:
+            for key in sorted(given & as_recorded & column.model_fields_set):
+                raise InputError(
+                    f"{key} here and in the column's table", "it once", "remove one", place=key
+                )
         return self
+
+    @property
+    def columns(self) -> tuple[ColumnEntry, ...]:
+        """The columns of a force law."""
+        return tuple(self.flux or (() if self.current is None else (self.current,)))
+
+    @property
+    def recorded(self) -> tuple[ColumnEntry, ...]:
+        """The columns of a force law, with what the channel says of how they were recorded."""
+        said: dict[str, Any] = {
+            key: getattr(self, key)
+            for key in ("hold", "delay", "gain_std")
+            if key in self.model_fields_set
+        }
+        return tuple(column.model_copy(update=said) for column in self.columns)
 
 
 class AngleEntry(Schema):
