@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rotorid.errors import InputError
 from rotorid.models import load_model, parse_model
 from rotorid.models.base import monomial_name
-from rotorid.models.dependence import independent_signals
+from rotorid.models.dependence import _relations, independent_signals
 from rotorid.models.expression import symbol
 from rotorid.models.model import build_model
 
@@ -305,3 +305,18 @@ def test_identities_are_found_whatever_the_order(weights, data):
         for point in (-1.3, 0.4, 2.2):
             total = sum(float(c) * float(s.subs(x, point)) for s, c in relation.items())
             assert total == pytest.approx(float(signal.subs(x, point)), abs=1e-12)
+
+
+def test_many_functions_that_are_alike_near_zero_are_independent():
+    x = symbol("x")
+    several = [
+        [sp.cos(i * x) for i in range(60)],
+        [sp.sin(i * x / 10) for i in range(1, 12)],
+        [x**i for i in range(20)] + [sp.exp(x), sp.exp(-x)],
+        [sp.tanh(10**i * x) for i in range(5)] + [sp.sign(x), x],
+        [1 / (x**2 + i) for i in range(1, 15)],
+        [sp.sqrt(x**2 + sp.Rational(1, 10**i)) for i in range(8)] + [sp.Abs(x)],
+    ]
+    for signals in several:
+        assert all(r == {s: 1} for s, r in independent_signals(signals).items())
+        assert _relations(signals[:14]) == {}

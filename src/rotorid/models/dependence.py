@@ -1,9 +1,9 @@
 """Functions that depend linearly on one another whatever their arguments, as 1, sin^2 and cos^2.
 
 Products of powers of symbols are independent. Where functions, roots or divisions appear, the
-signals are evaluated at points without a pattern, to a hundred digits, and the relations between
-the columns found by elimination: with so many digits a relation at more points than signals is
-an identity.
+signals are evaluated at points without a pattern; those that double precision cannot tell apart
+once more to a hundred digits, and the relations between the columns found by elimination: with so
+many digits a relation at more points than signals is an identity.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
+import numpy as np
 import sympy as sp
 
-from rotorid.models.expression import Expression
+from rotorid.models.expression import Expression, evaluate
 
 _DIGITS = 100
 _TOLERANCE = Decimal("1e-40")  # what is left of a dependent column
@@ -48,7 +49,7 @@ def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combi
     found: dict[Expression, Combination] = {s: {s: Fraction(1)} for s in everything}
     for outer, members in _groups(everything).items():
         if 1 < len(members) <= _MAX_GROUP and not all(_is_power_product(m) for m in members):
-            for inner, relation in _relations(members).items():
+            for inner, relation in _relations(_suspects(members)).items():
                 found[outer * inner] = {outer * other: c for other, c in relation.items()}
     return found
 
@@ -84,6 +85,30 @@ def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]
     return groups
 
 
+def _suspects(signals: Sequence[Expression]) -> list[Expression]:
+    """Return the signals that may be dependent, as double precision sees it."""
+    names = _names(signals)
+    points = 8 * len(signals) + 40
+    arrays = {
+        str(name): [float(_coordinate(i, k)) for k in range(points)] for i, name in enumerate(names)
+    }
+    columns = [np.broadcast_to(evaluate(signal, arrays), (points,)) for signal in signals]
+    matrix = np.column_stack(columns)
+    matrix = matrix[np.isfinite(matrix).all(axis=1)]
+    if len(matrix) < 2 * len(signals):
+        return list(signals)
+    length = np.linalg.norm(matrix, axis=0)
+    _, singular, directions = np.linalg.svd(matrix / np.where(length > 0, length, 1.0))
+    null = directions[: len(singular)][singular < 1e-8 * singular[0]]
+    return [
+        s for s, direction in zip(signals, null.T, strict=True) if (abs(direction) > 1e-7).any()
+    ]
+
+
+def _names(signals: Sequence[Expression]) -> list[Expression]:
+    return sorted(set().union(*(s.free_symbols for s in signals)), key=str)
+
+
 def _relations(signals: Sequence[Expression]) -> dict[Expression, Combination]:
     """Return the dependent signals in terms of the others, by Gauss and Jordan."""
     relations: dict[Expression, Combination] = {}
@@ -117,9 +142,11 @@ def _eliminate(rows: list[list[Decimal]], pivot: int, column: int) -> None:
 
 
 def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
-    """Evaluate signals at points where all are real; five more of them than signals, if found."""
-    names = sorted(set().union(*(s.free_symbols for s in signals)), key=str)
-    wanted, rows = len(signals) + 5, []
+    """Evaluate signals at points where all are real; of each size five more than signals.
+
+    Points of one size alone would let functions that are alike there pass for dependent.
+    """
+    names, wanted, rows = _names(signals), len(_SCALES) * (len(signals) + 5), []
     for k in range(8 * wanted):
         point = {name: _coordinate(i, k) for i, name in enumerate(names)}
         values = [sp.N(signal.xreplace(point), _DIGITS) for signal in signals]

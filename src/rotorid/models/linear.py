@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
-from rotorid.models.expression import Expression, evaluate, symbol
+from rotorid.models.expression import RESERVED, Expression, evaluate, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 
@@ -268,12 +268,14 @@ def motion_factor(
     >>> motion_factor(symbol("Omega") * symbol("x'"), ["x"])
     (0, 1, Omega)
     """
-    for column, name in enumerate(coordinates):
-        for order, dots in enumerate(DERIVATIVES):
-            factor = signal / symbol(name + dots)
-            if factor.free_symbols <= {symbol("Omega")}:
-                return column, order, factor
-    return None
+    moving = [s for s in signal.free_symbols if str(s) not in RESERVED]
+    if len(moving) != 1:
+        return None
+    factor = signal / moving[0]
+    if not factor.free_symbols <= {symbol("Omega")}:
+        return None
+    name = str(moving[0]).rstrip("'")
+    return coordinates.index(name), len(str(moving[0])) - len(name), factor
 
 
 def classify(
