@@ -19,6 +19,7 @@ from bank import (
     TRAIN,
     Grid,
     combination,
+    line_response,
     table,
 )
 from hypothesis import given, settings
@@ -235,6 +236,94 @@ def test_two_speeds_tell_what_one_cannot(method):
 def test_a_list_of_no_records_is_refused():
     with pytest.raises(InputError, match="found no record; expected at least one"):
         identify(TRAIN.model, [], LeastSquares())
+
+
+@st.composite
+def machines(draw):
+    """Draw masses with springs, dampers, whirl and unbalance: as text, and as matrices."""
+    size = draw(st.integers(1, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    driven = sorted(draw(st.sets(st.integers(0, size - 1), min_size=1)))
+    M, D, G, K = (np.zeros((size, size)) for _ in range(4))
+    left = [[] for _ in range(size)]
+    truth, linked = {}, []
+
+    def spring(name, matrix, i, j, scale, dots):
+        value = truth[name] = scale * rng.uniform(0.5, 2)
+        stretch = np.eye(size)[i] - (np.eye(size)[j] if j is not None else 0)
+        matrix += value * np.outer(stretch, stretch)
+        for a, b in ((i, j), (j, i)):
+            if a is not None:
+                other = f" - q{b}{dots}" if b is not None else ""
+                left[a].append(f"{name}*(q{a}{dots}{other})")
+
+    for i in range(size):
+        M[i, i] = truth[f"m{i}"] = rng.uniform(1, 5)
+        left[i].append(f"m{i}*q{i}''")
+        if i:
+            spring(f"k{i}", K, i, draw(st.integers(0, i - 1)), 1e4, "")
+        if draw(st.booleans()):
+            spring(f"s{i}", K, i, None, 1e4, "")
+        if draw(st.booleans()):
+            spring(f"c{i}", D, i, None, 50.0, "'")
+    if size > 1 and draw(st.booleans()):
+        G[0, 1] = truth["g"] = rng.uniform(0.2, 1)
+        G[1, 0] = -truth["g"]
+        left[0].append("g*Omega*q1'")
+        left[1].append("-g*Omega*q0'")
+    if draw(st.booleans()):
+        truth["e"] = rng.uniform(1e-4, 1e-3)
+        linked.append(0)
+        left[0].append("-m0*e*Omega^2*cos(phi)")
+    equations = [
+        f"{' + '.join(terms)} = {f'u{i}' if i in driven else 0}" for i, terms in enumerate(left)
+    ]
+    text = table(
+        "drawn",
+        draw(st.permutations(equations)),
+        coordinates={f"q{i}": "m" for i in range(size)},
+        inputs={f"u{i}": "N" for i in driven},
+        parameters=dict.fromkeys(truth, "1"),
+    )
+    grid = Grid(turns=3, phase=0.7)
+    harmonics = (1, 2, 3, 5, 6, 7)
+
+    def columns(p, grid):
+        u = np.zeros((grid.samples, size))
+        for n, i in enumerate(driven):
+            for h in harmonics:
+                u[:, i] += np.cos(h * grid.omega * grid.time + h**2 + n)
+        right = u.copy()
+        if linked:
+            right[:, 0] += truth["m0"] * truth["e"] * grid.speed**2 * np.cos(grid.angle)
+        q = line_response(
+            grid, harmonics, lambda w: K + 1j * w * (D + grid.speed * G) - w**2 * M, right
+        )
+        named = {f"u{i}": u[:, i] for i in driven}
+        return {**named, **{f"q{i}": q[:, i] for i in range(size)}}
+
+    return replace(
+        TRAIN,
+        name="drawn",
+        text=text,
+        truth=truth,
+        columns=columns,
+        harmonics=harmonics,
+        grids=(grid,),
+        base=(),
+    )
+
+
+@family
+@settings(max_examples=40, deadline=None)
+@given(problem=machines())
+def test_machines_that_no_one_has_seen(method, problem):
+    assert problem.model.linear is not None
+    estimate = method().estimate(problem.model, problem.records)
+    assert estimate.status == "ok", estimate.warnings
+    assert {v.name for v in estimate.derived} == set(problem.truth)
+    for name, value in problem.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-6)
 
 
 # ---------------------------------------------------------------------------------------------
