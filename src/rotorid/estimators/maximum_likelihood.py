@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rotorid.errors import InputError
+from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.preparation import Knowledge
-from rotorid.estimators.likelihood.result import summarize
+from rotorid.estimators.likelihood.result import nothing_found, summarize
 from rotorid.estimators.likelihood.unknowns import Nuisances, linear_form
 from rotorid.models import Model
 from rotorid.record import PeriodicRecord
@@ -98,7 +98,7 @@ class MaximumLikelihood:
         return Nuisances(self.runout, self.gains, self.delays)
 
     def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
-        """Return the estimate.
+        """Return the estimate; its status says whether there is one.
 
         Raises
         ------
@@ -106,17 +106,18 @@ class MaximumLikelihood:
             For records that do not fit the model, knowledge that contradicts itself, or no start.
         ModelError
             Where the model is not linear in its coordinates.
-        NotConvergedError
-            Where the iteration ran into parameters without meaning.
         """
         linear_form(model)
-        found = fit(
-            model,
-            records,
-            self.knowledge,
-            self.nuisances,
-            base=self.base,
-            covariance=self.covariance,
-            neighbours=self.neighbours,
-        )
+        try:
+            found = fit(
+                model,
+                records,
+                self.knowledge,
+                self.nuisances,
+                base=self.base,
+                covariance=self.covariance,
+                neighbours=self.neighbours,
+            )
+        except NotConvergedError as error:
+            return nothing_found(model, records, self.fixed, str(error))
         return summarize(model, records, found)

@@ -218,3 +218,33 @@ def test_refuses_what_is_not_linear_in_the_coordinates(demo):
 def test_refuses_contradictory_options(demo, bearings, options, message):
     with pytest.raises(InputError, match=message):
         identify(demo.model, demo.record(bearings), MaximumLikelihood(**options))
+
+
+@pytest.mark.parametrize("periods", [2, 5, 12])
+def test_too_few_periods_say_so(demo, periods):
+    """V is mixed with the diagonal of C; deviations are rough, rather too wide than too narrow."""
+    clean = demo.record(periods=periods)
+    start = demo.start(np.random.default_rng(0), 0.0)
+    scaled = []
+    for seed in range(15):
+        record = demo.noisy(clean, np.random.default_rng(seed))
+        estimate = identify(demo.model, record, MaximumLikelihood(start=start))
+        assert estimate.status == "ok"
+        assert "too few periods" in estimate.warnings[0]
+        assert "record more periods" in estimate.warnings[0]
+        scaled.append([(v.value - demo.truth[v.name]) / v.std for v in estimate.free])
+    assert 0.3 < np.sqrt(np.mean(np.square(scaled))) < 1.3
+
+
+def test_no_way_to_a_minimum_is_a_result_too(demo, bearings, tmp_path, monkeypatch):
+    def lost(*_):
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr("rotorid.estimators.likelihood.fit.solve", lost)
+    estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
+    assert estimate.status == "not_converged"
+    assert estimate.value("L1") == 0.3
+    assert np.isnan(estimate.value("m1"))
+    assert "give a nearer one" in estimate.warnings[-1]
+    estimate.save(tmp_path / "result.json")
+    assert load_estimate(tmp_path / "result.json").status == "not_converged"

@@ -315,6 +315,16 @@ class Evaluation:
         rows = self._white(self._projected(_complex(self.columns @ deviation)))
         return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
 
+    def channel_shares(self) -> Floats:
+        """Return how much of the whitened noise each channel brings, shape (line, channel).
+
+        ``|g_i|^2`` of the columns g_i of U^-H N^H L diag(C)^1/2; they sum to about the number of
+        equations.
+        """
+        deviation = np.sqrt((np.abs(self.problem.factor) ** 2).sum(axis=2))
+        columns = self._white(self._projected(self.columns * deviation[:, None, :]))
+        return np.asarray((np.abs(columns) ** 2).sum(axis=1))
+
     def corrected(self) -> tuple[Complexes, Complexes]:
         """Return the corrected lines: channels (line, channel) and coordinates (line, n).
 

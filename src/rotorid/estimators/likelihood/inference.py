@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.solver import RANK, relation_jacobian, tangent_basis
@@ -42,28 +43,40 @@ class Expectation:
         return float(stats.f.sf(cost / self.mean * nu / (nu - 2), self.dof, nu))
 
 
-def line_moments(left: Floats, dof: float, multiplicity: Floats) -> tuple[Floats, Floats]:
+def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:
     """Return mean and variance of each line's cost.
 
     Parameters
     ----------
     left : array, shape (line,)
         t: equations of each line less what the parameters take up, in complex dimensions.
-    dof : float
-        n.
+    dof : array, shape (line,)
+        n of each line.
     multiplicity : array, shape (line,)
     """
-    t = np.maximum(left, 0.0)
-    if np.isinf(dof):
-        return multiplicity * t, 2 * multiplicity * t
-    c = multiplicity
+    t, c = np.maximum(left, 0.0), multiplicity
     a = c * t
-    b = c * (dof - t + 1)
-    b = np.maximum(b, 4.0 + 1e-3)  # fewer have no variance
-    scale = c * dof * t / np.maximum(dof - t + 1, 1e-9)
+    b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance
+    scale = dof * a / np.maximum(dof - t + 1, 1e-9)
     safe = np.maximum(a, 1e-300)
     variance = scale**2 * 2 * b**2 * (a + b - 2) / (safe * (b - 2) ** 2 * (b - 4))
     return scale * b / (b - 2), np.where(a > 0, variance, 0.0)
+
+
+def effective_dof(at: Evaluation) -> Floats:
+    """Return the degrees of freedom with which V is known on each line, shape (line,).
+
+    Where C was mixed with its diagonal, ``(1 - a) C + a diag(C)``, more than C itself has: a
+    quadratic form of V has the relative variance ``((1 - a)^2 + (1 - (1 - a)^2) kappa) / n``, kappa
+    the sum of the squared shares of the channels in it, averaged over all forms.
+    """
+    noise, count = at.problem.noise, at.problem.equations
+    if noise.shrunk == 0:
+        return np.full(at.problem.lines, noise.dof)
+    share = at.channel_shares()
+    kappa = 2 * (share**2).sum(axis=1) / (count * (count + 1))
+    kept = (1 - noise.shrunk) ** 2
+    return np.asarray(np.maximum(noise.dof / (kept + (1 - kept) * kappa), count + 2.0))
 
 
 @dataclass(frozen=True)
@@ -144,10 +157,11 @@ def infer(point: Point, exact: Relations) -> Inference:
     kept = values > RANK * values.max(initial=0.0)
     leverage = _line_sums(point, (left[:, kept] ** 2).sum(axis=1))
     means, variances, weights = [], [], []
-    for likelihood, taken in zip(point.problem.likelihoods, leverage, strict=False):
-        c, dof = likelihood.multiplicity, likelihood.noise.dof
+    for at, taken in zip(point.records, leverage, strict=False):
+        likelihood = at.problem
+        c = likelihood.multiplicity
         t = likelihood.equations - taken / c
-        mean, variance = line_moments(t, dof, c)
+        mean, variance = line_moments(t, effective_dof(at), c)
         means.append(mean)
         variances.append(float(variance.sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)

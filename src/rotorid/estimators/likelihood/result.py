@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -92,6 +92,26 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(records, fit)),
+    )
+
+
+def nothing_found(
+    model: Model, records: Sequence[PeriodicRecord], fixed: Mapping[str, float], message: str
+) -> Estimate:
+    """Return the result of an iteration that ended nowhere: no values, and why."""
+    return Estimate(
+        model=model.name,
+        method="ml",
+        status="not_converged",
+        parameters=tuple(
+            Value(p.name, p.unit, fixed[p.name], 0.0, 0.0, True)
+            if p.name in fixed
+            else Value(p.name, p.unit, np.nan, np.nan, np.nan)
+            for p in model.parameters
+        ),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
+        periods=min(r.periods for r in records),
+        warnings=(*(w for r in records for w in r.warnings), message),
     )
 
 
