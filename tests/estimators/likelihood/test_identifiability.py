@@ -176,6 +176,24 @@ def test_unbalance_without_a_line_of_the_rotation(demo, bearings, rng):
     assert "a further record at another speed, such as 100 Hz" in lines_of(estimate, "cure: ")
 
 
+def test_standstill(demo, bearings, rng):
+    """No gyroscopic moment, no unbalance; a record of the turning rotor cures it."""
+    still = demo.noisy(demo.record(bearings, hertz=0.0), rng)
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    estimate = identify(demo.model, still, estimator)
+    assert estimate.status == "not_identifiable"
+    assert lines_of(estimate, "not identifiable: ") == [
+        f"{name} is not determined" for name in ("I_p", "xi", "zeta", "mu", "eta")
+    ]
+    cures = lines_of(estimate, "cure: ")
+    assert "a further record at another speed, such as 20 Hz" in cures
+    assert estimate.value("I_t") == pytest.approx(demo.truth["I_t"], abs=4 * estimate.std("I_t"))
+    turning = demo.noisy(demo.record(bearings, hertz=20.0), rng)
+    cured = identify(demo.model, [still, turning], estimator)
+    assert cured.status == "ok"
+    assert_agrees(cured, demo.truth)
+
+
 def test_noise_free_records_tell_the_same(demo, bearings):
     estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood())
     assert estimate.status == "not_identifiable"

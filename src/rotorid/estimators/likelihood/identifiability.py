@@ -304,16 +304,14 @@ def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
 
 
 def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
-    """Try each rotating record at the speed of another of its lines."""
+    """Try each record at the speed of another of its lines."""
     tried = []
     for number, (record, covariance) in enumerate(
         zip(trial.records, trial.covariances, strict=True)
     ):
-        if record.speed == 0:
-            continue
         hertz = record.speed / (2 * np.pi)
         lines = record.frequency[record.frequency > 0]
-        others = lines[np.abs(lines - hertz) > 0.01 * hertz]
+        others = lines[np.abs(lines - hertz) > 0.01 * abs(hertz)]
         if not len(others):
             continue
         nearest = float(others[np.abs(others - hertz).argmin()])
