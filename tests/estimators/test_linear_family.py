@@ -233,9 +233,12 @@ def test_two_speeds_tell_what_one_cannot(method):
     assert both.value("g") == pytest.approx(0.1)
 
 
-def test_a_list_of_no_records_is_refused():
+@family
+def test_a_list_of_no_records_is_refused(method):
     with pytest.raises(InputError, match="found no record; expected at least one"):
-        identify(TRAIN.model, [], LeastSquares())
+        identify(TRAIN.model, [], method())
+    with pytest.raises(InputError, match="found no record; expected at least one"):
+        method().estimate(TRAIN.model, [])
 
 
 @st.composite

@@ -132,6 +132,8 @@ def pose(
         For no record, hidden coordinates, missing inputs, unknown phase, or knowledge that this
         family cannot use.
     """
+    if not records:
+        raise InputError("no record", "at least one", "give a PeriodicRecord")
     reduced = model.substitute(fixed)
     if not reduced.base.names:
         raise InputError("every parameter fixed", "something to estimate", "free one")
