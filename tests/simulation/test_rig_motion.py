@@ -8,9 +8,12 @@ from scipy import linalg
 from scipy.integrate import solve_ivp
 
 from rotorid.actuators import Differential
+from rotorid.errors import InputError
+from rotorid.models import parse_model
 from rotorid.simulation.assembly import excitation_table, growth, pairs
 from rotorid.simulation.dynamics import coil_current
 from rotorid.simulation.parts import Actuator, Logger
+from rotorid.simulation.plant import rotor_plant
 from rotorid.simulation.rig_file import load_rig
 from rotorid.simulation.speed import Rotation
 
@@ -251,6 +254,41 @@ logger = { sample_rate = "10 kHz" }
     line = 2 * np.mean(x * np.exp(-2j * speed * np.arange(1000) / 10e3))
     expected = -1j * 1e-4 * speed**2 / (1e5 + 200 * 2j * speed - 2.0 * (2 * speed) ** 2)
     assert line == pytest.approx(expected, rel=0.05)  # the sampled derivative lags a little
+
+
+MODEL = """
+title = "a mass on a spring that depends on the speed"
+equations = ["m*x'' + k*{factor}*x = F_x"]
+coordinates = {{ x = "m" }}
+inputs = {{ F_x = "N" }}
+parameters = {{ m = {{ unit = "kg", nominal = 2.0 }}, k = {{ unit = "N/m", nominal = 1e3 }} }}
+"""
+
+
+def plant_of(equation: str, acceleration: float = 2000.0):
+    model = parse_model(equation)
+    return rotor_plant(model, model.values(model.nominal), Rotation(100.0, acceleration), 1.0)
+
+
+def test_matrices_follow_the_speed_as_a_polynomial() -> None:
+    plant = plant_of(MODEL.format(factor="(1 + Omega^2)"))
+    for speed in (100.0, 703.0, 2100.0):
+        assert plant.at(speed).motion[0, 0, 0] == pytest.approx(-500.0 * (1 + speed**2))
+
+
+@pytest.mark.parametrize(
+    ("equation", "message"),
+    [
+        (MODEL.format(factor="sqrt(Omega)"), "no polynomial of Omega"),
+        (MODEL.format(factor="1").replace("= F_x", "= F_x + k*cos(5*t)"), "no smooth function of"),
+        (MODEL.format(factor="1").replace("= F_x", "= F_x + k*cos(phi/2)"), "no smooth function"),
+        (MODEL.format(factor="1").replace("m*x'' +", "m*x' +"), "a coordinate without mass"),
+        (MODEL.format(factor="x^2"), "linear in the coordinates"),
+    ],
+)
+def test_rotors_that_no_rig_can_carry(equation: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plant_of(equation)
 
 
 def test_axes_of_one_bearing_are_found_by_their_names() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Annotated, Literal, NamedTuple, TypeVar
 
-from pydantic import BeforeValidator, StrictInt
+from pydantic import BeforeValidator, Field, StrictInt
 
 from rotorid.actuators.constants import MU0, with_std
 from rotorid.actuators.flux import Flux
@@ -63,7 +63,7 @@ class LawEntry(Schema):
     ks: Annotated[Constant | None, _constant("N/m")] = None
     K: Annotated[Constant | None, _constant("N m^2/A^2")] = None
     area: Annotated[Constant | None, _constant("m^2")] = None
-    turns: float | None = None
+    turns: Annotated[float | None, Field(gt=0, allow_inf_nan=False)] = None
     bias: Annotated[Constant | None, _constant("A")] = None
     gap: Annotated[Constant | None, _constant("m")] = None
     angle: Annotated[Constant | None, _constant("rad")] = None

@@ -24,13 +24,12 @@ def linear_steps(rig: Rig, plant: Plant, speed: float) -> Transitions:
     """Return the exact steps of a rig linearized at its centre, at a speed in rad/s."""
     slopes = np.array([part.slopes for part in rig.parts])
     lag = np.array([part.time_constant for part in rig.parts])
-    noise = plant.inverse_mass @ noise_matrix(rig)
-    at = plant.at(speed)
-    return transitions(at, rig.schedule, speed, slopes[:, 0], slopes[:, 1], lag, noise)
+    ki, ks = slopes.T
+    return transitions(plant.at(speed), rig.schedule, speed, ki, ks, lag, noise_matrix(rig, plant))
 
 
-def noise_matrix(rig: Rig) -> Floats:
-    """Return the generalized force per random force, shape (row, noise)."""
+def noise_matrix(rig: Rig, plant: Plant) -> Floats:
+    """Return the accelerations per random force, shape (coordinate, noise)."""
     B = rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B
     columns = [
         B[:, rig.model.inputs.index(name)]
@@ -38,7 +37,8 @@ def noise_matrix(rig: Rig) -> Floats:
         else np.eye(len(B))[rig.model.coordinates.index(name)]
         for name in rig.process_noise.std
     ]
-    return np.array(columns).reshape(len(columns), len(B)).T
+    rows = np.array(columns).reshape(len(columns), len(B)).T
+    return np.ascontiguousarray(np.linalg.solve(plant.mass, rows), dtype=float)
 
 
 def sensor_matrix(rig: Rig) -> Floats:
@@ -151,7 +151,7 @@ def rotor_table(rig: Rig, plant: Plant) -> tables.Rotor:
         load=np.ascontiguousarray(plant.load),
         harmonics=plant.harmonics,
         force=np.ascontiguousarray(plant.force),
-        noise=np.ascontiguousarray(plant.inverse_mass @ noise_matrix(rig)),
+        noise=noise_matrix(rig, plant),
         centre=plant.centre,
         width=plant.width,
         rotation=np.array(rotation),
@@ -187,7 +187,7 @@ def loop_table(
 
 
 def _errors(rig: Rig, time: Floats, rng: np.random.Generator) -> Floats:
-    """Noise, bias and runout of the sensors at given times, shape (time, sensor)."""
+    """Draw the noise, and add bias and runout, at given times; shape (time, sensor)."""
     angle = rig.rotation.angle_at(time)
     errors = rng.normal(size=(len(time), len(rig.sensors)))
     for j, sensor in enumerate(rig.sensors):

@@ -92,6 +92,17 @@ def _exact_step(
     x[:] = moved
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _record(
+    log: Any, sample: int, x: Any, reading: Any, command: Any, current: Any, force: Any
+) -> None:
+    log.state[sample] = x[: log.state.shape[1]]
+    log.reading[sample] = reading
+    log.command[sample] = command
+    log.current[sample] = current
+    log.force[sample] = force
+
+
 @njit(cache=True, error_model="numpy")
 def run(
     events: Any, steps: Any, bearings: Any, rotor: Any, loop: Any, loads: Any, log: Any
@@ -117,7 +128,7 @@ def run(
             if events.control[e] >= 0:
                 tick = pattern * events.controls + events.control[e]
                 _read(loop, x, loop.error_at_control[tick], reading)
-                step = tick - events.settling * events.controls
+                step = since * events.controls + events.control[e]
                 _control(loop, step, reading, memory, scratch, newest)
                 axis = _limit(bearings, newest)
                 if axis >= 0:
@@ -134,11 +145,7 @@ def run(
                     _read(loop, x, loop.error_at_log[sample], reading)
                 currents(bearings, coil, held, 0.0, current)
                 forces(bearings, x, current, force)
-                log.state[sample] = x[: 2 * n]
-                log.reading[sample] = reading
-                log.command[sample] = newest
-                log.current[sample] = current
-                log.force[sample] = force
+                _record(log, sample, x, reading, newest, current, force)
             axis = _touch(bearings, x)
             if axis >= 0:
                 return TOUCH, axis, time, 0.0

@@ -35,7 +35,7 @@ class Plant:
     harmonics : int array, shape (harmonic,)
     force : array, shape (coordinate, input)
         Acceleration per force.
-    inverse_mass : array, shape (coordinate, row)
+    mass : array, shape (row, coordinate)
     displacement : array, shape (input, coordinate)
         What each actuator's displacement is made of.
     centre, width : float
@@ -46,7 +46,7 @@ class Plant:
     load: Floats
     harmonics: Integers
     force: Floats
-    inverse_mass: Floats
+    mass: Floats
     displacement: Floats
     centre: float
     width: float
@@ -62,9 +62,7 @@ class Plant:
         )
 
 
-def rotor_plant(
-    model: Model, values: Floats, rotation: Rotation, end: float, displacement: Floats | None = None
-) -> Plant:
+def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
     """Return the plant of a model for a run until `end` (s).
 
     Parameters
@@ -73,8 +71,6 @@ def rotor_plant(
     values : array, shape (parameter,)
     rotation : Rotation
     end : float
-    displacement : array, shape (input, coordinate), optional
-        B' where it is not given: the displacement that does work with the force.
 
     Returns
     -------
@@ -83,33 +79,41 @@ def rotor_plant(
     Raises
     ------
     ModelError
-        For a model that is not linear, has no mass somewhere, or loads that are not periodic
-        in the rotor angle.
+        For a model that is not linear, has no mass somewhere, loads that are not periodic in the
+        rotor angle, or a speed that enters otherwise than as a polynomial while it changes.
     """
     linear = model.require_linear()
     low, high = rotation.range_until(end)
     centre, width = (low + high) / 2, (high - low) / 2 or 1.0
     nodes = [centre] if rotation.constant else list(centre + width * _chebyshev(_DEGREE + 1))
     mass = _mass(linear, values, nodes)
-    inverse = np.asarray(np.linalg.inv(mass), dtype=float)
-    matrices = [linear.matrices(values, speed) for speed in nodes]
-    motion = [
-        -inverse @ np.hstack([m.K, m.D + speed * m.G])
-        for m, speed in zip(matrices, nodes, strict=True)
-    ]
+    B = linear.matrices(values, centre).B
     harmonics, loads = _load_harmonics(linear, values, nodes)
-    return Plant(
-        motion=_in_speed(np.array(motion)),
-        load=_in_speed(np.einsum("cr,nhrp->nhcp", inverse, loads)),
+    plant = Plant(
+        motion=_in_speed(np.array([_motion(linear, values, mass, speed) for speed in nodes])),
+        load=_in_speed(np.asarray(np.linalg.solve(mass, loads), dtype=float)),
         harmonics=harmonics,
-        force=inverse @ matrices[0].B,
-        inverse_mass=inverse,
-        displacement=_work_displacement(mass, matrices[0].B)
-        if displacement is None
-        else displacement,
+        force=np.asarray(np.linalg.solve(mass, B), dtype=float),
+        mass=mass,
+        displacement=_work_displacement(mass, B),
         centre=centre,
         width=width,
     )
+    between = centre if rotation.constant else centre + 0.31 * width
+    exact = _motion(linear, values, mass, between)
+    if np.abs(plant.at(between).motion[0] - exact).max() > 1e-9 * np.abs(exact).max(initial=0.0):
+        raise ModelError(
+            "a matrix that is no polynomial of Omega of degree 4",
+            "one, where the speed changes",
+            "run at constant speed",
+        )
+    return plant
+
+
+def _motion(linear: LinearForm, values: Floats, mass: Floats, speed: float) -> Floats:
+    """Return the accelerations per position and velocity at one speed."""
+    m = linear.matrices(values, speed)
+    return np.asarray(-np.linalg.solve(mass, np.hstack([m.K, m.D + speed * m.G])))
 
 
 def _chebyshev(count: int) -> Floats:
@@ -162,7 +166,7 @@ def _work_displacement(mass: Floats, B: Floats) -> Floats:
         raise ModelError(
             "a mass matrix that is not symmetric",
             "each equation the balance of the forces that do work on its coordinate",
-            "order and scale the equations so, or say what displaces each actuator",
+            "order and scale the equations so",
         )
     return B.T
 

@@ -153,7 +153,8 @@ def _transfer_function(entry: ControllerEntry, period: float) -> Controller:
             "a denominator at least as long as the numerator, that starts with no 0",
             "correct them: a controller cannot look ahead",
         )
-    return Controller(*signal.tf2ss(entry.numerator, entry.denominator), period)
+    numerator = np.trim_zeros(entry.numerator, "f") or [0.0]
+    return Controller(*signal.tf2ss(numerator, entry.denominator), period)
 
 
 def _feedback(

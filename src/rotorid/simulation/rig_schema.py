@@ -20,6 +20,7 @@ Seconds = Annotated[float, _quantity("s")]
 Radians = Annotated[float, _quantity("rad")]
 Metres = Annotated[float, _quantity("m")]
 Speed = Annotated[float, _quantity("rad/s")]
+Number = Annotated[float, Field(allow_inf_nan=False)]
 Quantity = str | int | float  # in a unit that the model, or the actuator, knows
 
 
@@ -48,12 +49,12 @@ class ControllerEntry(Schema):
     damping: Annotated[float | None, _quantity("N s/m")] = None
     integral: Annotated[float, _quantity("N/(m s)")] = 0.0
     filter: Hertz = 2000.0
-    numerator: list[float] | None = None
-    denominator: list[float] | None = None
-    A: list[list[float]] | None = None
-    B: list[list[float]] | None = None
-    C: list[list[float]] | None = None
-    D: list[list[float]] | None = None
+    numerator: list[Number] | None = None
+    denominator: list[Number] | None = None
+    A: list[list[Number]] | None = None
+    B: list[list[Number]] | None = None
+    C: list[list[Number]] | None = None
+    D: list[list[Number]] | None = None
     feedback: dict[str, str] = Field(default_factory=dict)
 
 
@@ -127,8 +128,8 @@ class KeyphasorEntry(Schema):
     """A mark that passes once per revolution; the logger samples its pulse."""
 
     jitter: Seconds = 0.0
-    noise: float = 0.0
-    width: float = 0.1
+    noise: Number = 0.0
+    width: Number = 0.1
 
 
 class LoggerEntry(Schema):

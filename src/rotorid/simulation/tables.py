@@ -38,8 +38,7 @@ class Bearings(NamedTuple):
 
     kind is 0 for F = ki i + ks x, 1 for two opposed magnets; law holds the constants. Commands
     are limited to +-limit; current beyond bias is a fault. lagging holds the inputs whose
-    amplifier lags. pair is the other axis of the same
-    auxiliary bearing, or -1.
+    amplifier lags. pair is the other axis of the same auxiliary bearing, or -1.
     """
 
     kind: Integers
