@@ -228,7 +228,7 @@ def bounds_of(machine, found, sensors=None, **options):
 def test_another_rotor_by_its_bearing_sensors(demo, bearings, monte_carlo):
     """Dynamic unbalance to 8 %, near a resonance: each interval holds, the joint one is bent.
 
-    The distance from the truth in the metric of the covariance has mean 15.8 where 12 would be
+    The distance from the truth in the metric of the covariance has mean 14.6 where 12 would be
     expected: second-order terms, products of large errors, along directions that are known much
     better.
     """
