@@ -198,6 +198,35 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
     np.testing.assert_allclose((after.values - before.values) / scale, expected / scale, atol=5e-3)
 
 
+def test_a_driven_row_without_unknowns():
+    """Row 1 is normalized and known altogether; the other starts from it all the same."""
+    text = table(
+        "t",
+        ["x'' + 3*x' + 50*x = u", "m*y'' + k*(y - x) + 3*y' = 0"],
+        coordinates={"x": "m", "y": "m"},
+        inputs={"u": "N"},
+        parameters={"m": "kg", "k": "N/m"},
+    )
+    truth = {"m": 2.0, "k": 700.0}
+
+    def columns(p, grid):
+        u = np.cos(grid.omega * grid.time) + np.cos(2 * grid.omega * grid.time)
+
+        def stiffness(w):
+            return np.array([[50 + 3j * w - w**2, 0], [-p.k, p.k + 3j * w - p.m * w**2]])
+
+        q = line_response(grid, (1, 2), stiffness, np.column_stack([u, 0 * u]))
+        return {"u": u, "x": q[:, 0], "y": q[:, 1]}
+
+    problem = replace(
+        TRAIN, text=text, truth=truth, columns=columns, harmonics=(1, 2), base=("m", "k")
+    )
+    for method in (Sequential, Batch):
+        estimate = method().estimate(problem.model, problem.records)
+        for name, value in truth.items():
+            assert estimate.value(name) == pytest.approx(value, rel=1e-9)
+
+
 def test_standstill_record_beside_a_turning_one():
     """Stages come from the structure, not from one record's data."""
     grids = (Grid(250, 5000.0), Grid(250, 5000.0, turns=7))

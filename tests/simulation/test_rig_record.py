@@ -185,7 +185,7 @@ TURNING = [
 def test_the_angle_is_measured(quiet, run, turning: Rotation, mark) -> None:
     rig = replace(quiet, rotation=turning, logger=Logger(10e3, angle=mark), settling=0.05)
     record = run(rig, 0.5)
-    off = np.angle(np.exp(1j * (record.angle - record.truth.angle)))
+    off = np.angle(np.exp(1j * (record.rotor_angle() - record.truth.angle)))
     assert np.abs(off).max() < (2 * np.pi / 1024 if isinstance(mark, Encoder) else 2e-3)
     assert abs(off.mean()) < 2e-4
     assert record.speed == pytest.approx(record.truth.speed.mean(), rel=2e-4)

@@ -89,7 +89,7 @@ def plan_stages(problem: Problem) -> list[Stage]:
     stages = []
     while rows:
         unknowns = holds[rows].any(axis=0) & ~known
-        while (more := _rows_that_help(structure, rows, unknowns, left)) and unknowns.any():
+        while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
             rows = sorted({*rows, *more})
             unknowns = holds[rows].any(axis=0) & ~known
         if unknowns.any():
@@ -105,8 +105,6 @@ def _rows_that_help(
 ) -> list[int]:
     """Return further rows with unknowns that the columns of these rows do not tell apart."""
     columns = structure[:, list(rows)][:, :, unknowns].reshape(-1, int(unknowns.sum()))
-    if not columns.size:
-        return []
     _, singular, directions = np.linalg.svd(columns)
     rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
     tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]

@@ -12,7 +12,7 @@ LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
 
 _ROUNDING = 1e-9
-_DRIFT = 4.0
+_DRIFT, _LARGE = 4.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,13 @@ def _last_unsettled(d: Floats, terms: int) -> int:
     """Return the number of periods at the start that are beyond chance.
 
     What chance explains: the median over the settled half and five times its spread, which is
-    known from the quartiles. The transient ends where two successive periods are settled.
+    known from the quartiles. The transient ends where two successive periods are settled. One
+    that begins below three times the scatter biases no mean by more than its deviation.
     """
     half = len(d) // 2
     low, median, high = np.percentile(d[half:], [25, 50, 75])
+    if d[0] <= _LARGE**2 * median:
+        return 0
     late = d > median + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
     ends = np.flatnonzero(~late[:half] & ~late[1 : half + 1])
     return int(ends[0]) if ends.size else 0

@@ -141,13 +141,12 @@ def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Rig
     mark = _mark_column(rig, time, rng)
     columns = (*drives, *positions, *([] if mark is None else [mark]))
     angle = read_mark(rig.logger.angle, None if mark is None else mark.samples, rate)
-    record = _as_read(
-        rig,
-        plant,
-        columns,
-        truth.angle if angle is None else angle.angle,
-        float(truth.speed.mean()) if angle is None else angle.speed,
-    )
+    if angle is None:
+        known = rig.rotation.constant and rig.rotation.phase == 0
+        turned, speed = None if known else truth.angle, float(truth.speed.mean())
+    else:
+        turned, speed = angle.angle, angle.speed
+    record = _as_read(rig, plant, columns, turned, speed)
     return RigRecord(**vars(record), columns=columns, truth=truth)
 
 
@@ -207,7 +206,7 @@ def sensor_channels(rig: Rig) -> list[Channel]:
 
 
 def _as_read(
-    rig: Rig, plant: Plant, columns: tuple[Column, ...], angle: Floats, speed: float
+    rig: Rig, plant: Plant, columns: tuple[Column, ...], angle: Floats | None, speed: float
 ) -> Record:
     """Return the record that a reader makes of the columns."""
     by_name = {column.name: column for column in columns}
