@@ -150,7 +150,7 @@ def validate(result: Path, experiment: Path) -> int:
     estimate = load_estimate(result)
     with _progress("reading"):
         plan = load_experiment(experiment)
-        records = plan.records(plan.method(estimate.method))
+        records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:
         errors = [predict(plan.model, estimate, record) for record in records]
         told = [information_of(plan.model, estimate, record) for record in records]
