@@ -137,6 +137,22 @@ def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> N
     assert max(map(abs, worse.values())) > 5.0, worse
 
 
+def test_a_transient_is_dropped_or_reported(tmp_path: Path) -> None:
+    text = load_rig("three-mass").text.replace('settling = "2 s"', 'settling = "0 s"')
+    experiment = simulate(tmp_path, text)
+    dropped = identify(experiment)
+    (warning,) = dropped["warnings"]
+    assert re.match(r"a transient in the first \d periods, .* are dropped$", warning), warning
+    assert dropped["periods"] < 260
+    assert max(map(abs, errors(dropped["parameters"]).values())) < 1.0
+    said = experiment.read_text().replace("fundamental", 'skip = "0 s"\nfundamental')
+    experiment.write_text(said)
+    kept = identify(experiment)
+    (warning,) = kept["warnings"]
+    assert re.search(r"after skip = 0 s: skip 0\.\d+ s more", warning), warning
+    assert kept["periods"] == 260
+
+
 MAGNETS = """[actuators.all]
 law = "differential"
 K = "4e-6 N m^2/A^2"
