@@ -111,7 +111,7 @@ def describe_open_directions(names: Sequence[str], directions: Floats) -> list[s
     texts = []
     for direction in directions.T:
         large = np.flatnonzero(np.abs(direction) > 1e-3 * np.abs(direction).max())
-        members = ", ".join(names[i] for i in large)
+        members = ", ".join(names[int(i)] for i in large)
         what = "are determined only together" if len(large) > 1 else "is not determined"
         texts.append(f"{members} {what}")
     return texts
