@@ -18,7 +18,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction
 from rotorid.models import Model, Motion
-from rotorid.models.expression import symbol
+from rotorid.models.expression import is_usable, symbol
 from rotorid.models.linear import speed_factor
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance
@@ -157,7 +157,7 @@ def signal_spectra(
 def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Motion) -> Complexes:
     """Return the lines of a signal that has to be evaluated sample by sample, (..., line)."""
     value = model.signal_value(index, motion)
-    if not np.isfinite(value).all():
+    if not is_usable(value):
         raise InputError(
             f"{model.signals[index]} without a finite value on this record",
             "a division by something other than zero, a root of something positive",

@@ -16,7 +16,7 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 
-from rotorid.models.expression import Expression, evaluate
+from rotorid.models.expression import MAX_VALUE, Expression, evaluate
 
 _DIGITS = 100
 _TOLERANCE = Decimal("1e-40")  # what is left of a dependent column
@@ -94,7 +94,7 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
     }
     columns = [np.broadcast_to(evaluate(signal, arrays), (points,)) for signal in signals]
     matrix = np.column_stack(columns)
-    matrix = matrix[np.isfinite(matrix).all(axis=1)]
+    matrix = matrix[(np.abs(matrix) < MAX_VALUE).all(axis=1)]
     if len(matrix) < 2 * len(signals):
         return list(signals)
     length = np.linalg.norm(matrix, axis=0)

@@ -26,6 +26,7 @@ MAX_NESTING = 64
 MAX_TERMS = 5_000
 MAX_DEGREE = 32
 MAX_EXPONENT = 280  # decimal exponent of a number
+MAX_VALUE = 1e100  # of a signal
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = {
     "sin": sp.sin,
@@ -375,6 +376,17 @@ def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.
         whole = int(exponent)
         return np.asarray(inner[0] ** (whole if whole == exponent else exponent))
     return np.asarray(_NUMERIC[value.func](inner[0]))
+
+
+def is_usable(value: ArrayLike) -> bool:
+    """Tell whether all numbers are finite, and far from where their squares are not.
+
+    Examples
+    --------
+    >>> is_usable([1.0, -2.0]), is_usable([1.0, 1e120]), is_usable(np.nan)
+    (True, False, False)
+    """
+    return bool((np.abs(value) < MAX_VALUE).all())
 
 
 def check_evaluable(value: Expression) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
-from rotorid.models.expression import RESERVED, Expression, evaluate, symbol
+from rotorid.models.expression import RESERVED, Expression, evaluate, is_usable, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 
@@ -220,7 +220,7 @@ class LinearForm:
         columns = np.zeros((*angle.shape, self.rows, self.monomials))
         for term in self.load_terms:
             signal = evaluate(term.signal, {"t": time, "phi": angle, "Omega": speed})
-            if not np.isfinite(signal).all():
+            if not is_usable(signal):
                 raise _not_finite(term.signal, speed)
             columns[..., term.row, term.monomial] += term.coefficient * signal
         return columns
@@ -235,7 +235,7 @@ def speed_factor(factor: Expression, speed: float) -> float:
         Where it has no finite value: a division by a speed of zero.
     """
     value = float(evaluate(factor, {"Omega": speed}))
-    if not np.isfinite(value):
+    if not is_usable(value):
         raise _not_finite(factor, speed)
     return value
 
