@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 from rotorid.errors import InputError
 from rotorid.estimators import (
@@ -17,65 +17,6 @@ from rotorid.experiment.names import bounds, stated
 from rotorid.experiment.schema import ExperimentFile, Method
 from rotorid.models import Model
 from rotorid.record import PeriodicRecord
-
-Builder = Callable[[ExperimentFile, dict[str, float], tuple[Constraint, ...], Model], Estimator]
-
-
-def _least_squares(
-    entry: ExperimentFile,
-    fixed: dict[str, float],
-    constraints: tuple[Constraint, ...],
-    model: Model,
-) -> Estimator:
-    _refuse_deviations(entry)
-    return LeastSquares(fixed=fixed, constraints=constraints)
-
-
-def _batch(
-    entry: ExperimentFile,
-    fixed: dict[str, float],
-    constraints: tuple[Constraint, ...],
-    model: Model,
-) -> Estimator:
-    _refuse_deviations(entry)
-    return Batch(free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints)
-
-
-def _sequential(
-    entry: ExperimentFile,
-    fixed: dict[str, float],
-    constraints: tuple[Constraint, ...],
-    model: Model,
-) -> Estimator:
-    _refuse_deviations(entry)
-    return Sequential(fixed=fixed, constraints=constraints)
-
-
-def _maximum_likelihood(
-    entry: ExperimentFile,
-    fixed: dict[str, float],
-    constraints: tuple[Constraint, ...],
-    model: Model,
-) -> Estimator:
-    values, deviations = (stated(entry.parameters, model, key) for key in ("value", "std"))
-    return MaximumLikelihood(
-        fixed=fixed,
-        constraints=constraints,
-        known={name: (value, deviations[name]) for name, value in values.items()},
-        start=stated(entry.parameters, model, "start"),
-        bounds=bounds(entry.parameters, entry.constraints, model),
-        runout=entry.estimator.runout,
-        gains=tuple(entry.estimator.gains),
-        delays=tuple(entry.estimator.delays),
-    )
-
-
-BUILDERS: Mapping[Method, Builder] = {
-    "ls": _least_squares,
-    "batch": _batch,
-    "sequential": _sequential,
-    "ml": _maximum_likelihood,
-}
 
 
 def build_estimator(
@@ -101,7 +42,32 @@ def build_estimator(
     InputError
         For a method that cannot honour what the file says.
     """
-    return BUILDERS[method](entry, fixed, constraints, model)
+    if method == "ml":
+        return _maximum_likelihood(entry, fixed, constraints, model)
+    _refuse_deviations(entry)
+    if method == "batch":
+        return Batch(free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints)
+    family = LeastSquares if method == "ls" else Sequential
+    return family(fixed=fixed, constraints=constraints)
+
+
+def _maximum_likelihood(
+    entry: ExperimentFile,
+    fixed: dict[str, float],
+    constraints: tuple[Constraint, ...],
+    model: Model,
+) -> Estimator:
+    values, deviations = (stated(entry.parameters, model, key) for key in ("value", "std"))
+    return MaximumLikelihood(
+        fixed=fixed,
+        constraints=constraints,
+        known={name: (value, deviations[name]) for name, value in values.items()},
+        start=stated(entry.parameters, model, "start"),
+        bounds=bounds(entry.parameters, entry.constraints, model),
+        runout=entry.estimator.runout,
+        gains=tuple(entry.estimator.gains),
+        delays=tuple(entry.estimator.delays),
+    )
 
 
 def default_method(model: Model, records: Sequence[PeriodicRecord]) -> Method:
