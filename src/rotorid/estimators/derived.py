@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
 
 from rotorid.estimate import Value
 from rotorid.models import Model
@@ -97,19 +96,19 @@ def _gauss_newton(
 
 
 class _Whitener:
-    """``L^-1 x`` with C = L L', in units of each base parameter; a floor keeps C positive."""
+    """``C^-1/2 x``, in units of each base parameter; a floor keeps C positive."""
 
     def __init__(self, base: Floats, covariance: Floats) -> None:
         std = np.sqrt(np.diag(covariance).clip(0))
         floor = 1e-9 * np.where(base != 0, np.abs(base), np.abs(base).max() or 1.0)
         self.scale = np.maximum(std, floor)
         correlation = covariance / np.outer(self.scale, self.scale)
-        missing = 1.0 - np.diag(correlation)
-        self.factor = scipy.linalg.cholesky(correlation + np.diag(missing + 1e-12), lower=True)
+        np.fill_diagonal(correlation, 1.0)
+        size, directions = np.linalg.eigh(correlation)
+        self.factor = directions.T / np.sqrt(np.maximum(size, 1e-12))[:, None]
 
     def __call__(self, x: Floats) -> Floats:
-        scaled = (x.T / self.scale).T
-        return np.asarray(scipy.linalg.solve_triangular(self.factor, scaled, lower=True))
+        return np.asarray(self.factor @ (x.T / self.scale).T)
 
 
 def physical_start(model: Model, base: Floats) -> Floats:

@@ -18,7 +18,8 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction
 from rotorid.models import Model, Motion
-from rotorid.models.expression import is_usable, symbol
+from rotorid.models.evaluation import is_usable
+from rotorid.models.expression import symbol
 from rotorid.models.linear import speed_factor
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance

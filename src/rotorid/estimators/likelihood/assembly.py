@@ -20,7 +20,8 @@ from rotorid.estimators.likelihood.unknowns import (
     sensor_channels,
 )
 from rotorid.models import Model
-from rotorid.models.expression import Expression, evaluate
+from rotorid.models.evaluation import evaluate
+from rotorid.models.expression import Expression
 from rotorid.models.linear import LinearForm
 from rotorid.record import Channel, Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance
@@ -237,7 +238,7 @@ def assemble(
     entries = _entries(terms, where, record.omega)
     reads = sensor_matrix(model, sensors)
     scales = _scales(layout, entries, monomials, reads, data)
-    n, rows = len(model.coordinates), len(model.texts)
+    rows = len(model.texts)
     columns = np.append(scales.coordinates, np.ones(len(inputs)))
     scaled = replace(
         entries, weight=entries.weight * columns[entries.column] / scales.rows[entries.row]
@@ -246,7 +247,6 @@ def assemble(
     equations = rows + len(sensing.redundancy) - sensing.hidden.shape[1]
     noise = noise_factor(ordered, data, len(inputs), equations)
     calibration = _calibration(layout, record, inputs, sensors, phase, orders)
-    assert n == len(scales.coordinates)
     return Likelihood(
         scaled,
         monomials,
@@ -299,54 +299,59 @@ def _calibration(
     phase: int | None,
     orders: Floats,
 ) -> Calibration:
-    index, channels = layout.index, (*inputs, *sensors)
-    count = len(inputs)
-
-    def having(
-        pattern: str, among: Sequence[Channel], offset: int = 0
-    ) -> tuple[Integers, Integers]:
-        found = [
-            (k + offset, index[pattern.format(c.name)])
-            for k, c in enumerate(among)
-            if pattern.format(c.name) in index
-        ]
-        pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
-        return pairs[:, 0], pairs[:, 1]
-
-    gain_channel, gain_unknown = having("gain[{}]", channels)
-    late_channel, late_unknown = having("delay[{}]", channels)
-    delays = [
-        (np.eye(len(channels))[k], u, channels[k].delay)
-        for k, u in zip(late_channel, late_unknown, strict=True)
-    ]
-    for kind, which in (
-        ("force", np.arange(len(channels)) < count),
-        ("position", np.arange(len(channels)) >= count),
-    ):
-        if f"delay[{kind}]" in index:
-            delays.append((which.astype(float), index[f"delay[{kind}]"], 0.0))
-    sensor, cos = having("runout[{}].cos", sensors)
-    rotation = None
-    if len(sensor):
-        angle, _ = _one_if_synchronous(record)
-        turning = np.exp(1j * angle).mean(axis=0)
-        parts = _lines(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
-        rotation = np.stack(
-            [parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1
-        )
+    channels = (*inputs, *sensors)
+    gain_channel, gain_unknown = _unknowns(layout, "gain[{}]", channels)
+    acting, unknown, known = _delays(layout, inputs, sensors)
+    sensor, cos = _unknowns(layout, "runout[{}].cos", sensors)
     return Calibration(
         record.omega,
         len(channels),
         len(sensors),
         gain_channel,
         gain_unknown,
-        np.stack([d[0] for d in delays], axis=1) if delays else None,
-        np.array([d[1] for d in delays], dtype=np.int64),
-        np.array([d[2] for d in delays]),
-        rotation,
+        acting if len(unknown) else None,
+        unknown,
+        known,
+        _rotation(record) if len(sensor) else None,
         sensor,
         cos,
-        having("runout[{}].sin", sensors)[1],
+        _unknowns(layout, "runout[{}].sin", sensors)[1],
         phase,
         orders,
     )
+
+
+def _unknowns(
+    layout: Layout, pattern: str, channels: Sequence[Channel]
+) -> tuple[Integers, Integers]:
+    """Return which channels have an unknown of this name, and which it is."""
+    names = [pattern.format(channel.name) for channel in channels]
+    found = [(k, layout.index[name]) for k, name in enumerate(names) if name in layout.index]
+    pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _delays(
+    layout: Layout, inputs: Sequence[Channel], sensors: Sequence[Channel]
+) -> tuple[Floats, Integers, Floats]:
+    """Return where each unknown delay acts, (channel, delay), which it is, what was corrected."""
+    channels = (*inputs, *sensors)
+    single, unknown = _unknowns(layout, "delay[{}]", channels)
+    acting = [np.eye(len(channels))[k] for k in single]
+    unknowns, known = unknown.tolist(), [channels[k].delay for k in single]
+    is_input = np.arange(len(channels)) < len(inputs)
+    for kind, which in (("force", is_input), ("position", ~is_input)):
+        if f"delay[{kind}]" in layout.index:
+            acting.append(which.astype(float))
+            unknowns.append(layout.index[f"delay[{kind}]"])
+            known.append(0.0)
+    columns = np.array(acting).reshape(len(acting), len(channels)).T
+    return columns, np.array(unknowns, dtype=np.int64), np.array(known, dtype=float)
+
+
+def _rotation(record: PeriodicRecord) -> Complexes:
+    """Return the lines of exp(i phi) and exp(-i phi), shape (line, 2)."""
+    angle, _ = _one_if_synchronous(record)
+    turning = np.exp(1j * angle).mean(axis=0)
+    parts = _lines(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
+    return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)
