@@ -100,6 +100,16 @@ def test_minimum_distance_where_there_are_more_base_than_physical_parameters():
         assert value.std == pytest.approx(np.sqrt(spread[i, i]), rel=1e-3)
 
 
+def test_a_covariance_that_rounding_made_indefinite():
+    model, values = truth_of(THREE_MASS)
+    base = model.base_values(values)
+    cov = np.outer(1e-3 * base, 1e-3 * base) * (1 + 1e-9 * np.eye(14))
+    cov[0, 1] = cov[1, 0] = cov[0, 1] * (1 + 1e-8)
+    assert np.linalg.eigvalsh(cov / np.outer(base, base)).min() < 0
+    for value in physical_from_base(model, base, cov):
+        assert value.value == pytest.approx(THREE_MASS.truth[value.name], rel=1e-9)
+
+
 def test_physical_parameters_may_be_zero_or_negative():
     model, values = truth_of(THREE_MASS)
     values = values * np.where(np.arange(len(values)) >= 9, -1.0, 1.0)

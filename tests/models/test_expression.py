@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError, ModelError
-from rotorid.models.expression import FUNCTIONS, evaluate, parse, symbol, vanishes
+from rotorid.models.evaluation import evaluate
+from rotorid.models.expression import FUNCTIONS, parse, symbol, vanishes
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
 LINEAR = frozenset({"a", "b", "F"})

@@ -16,7 +16,8 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 
-from rotorid.models.expression import MAX_VALUE, Expression, evaluate
+from rotorid.models.evaluation import MAX_VALUE, evaluate
+from rotorid.models.expression import Expression
 
 _DIGITS = 100
 _TOLERANCE = Decimal("1e-40")  # what is left of a dependent column

@@ -7,7 +7,6 @@ length, its nesting, the size of its numbers, the degree and the number of terms
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -17,7 +16,6 @@ import numpy as np
 import sympy as sp
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
 from lark.exceptions import VisitError
-from numpy.typing import ArrayLike, NDArray
 
 from rotorid.errors import ModelError
 
@@ -26,7 +24,6 @@ MAX_NESTING = 64
 MAX_TERMS = 5_000
 MAX_DEGREE = 32
 MAX_EXPONENT = 280  # decimal exponent of a number
-MAX_VALUE = 1e100  # of a signal
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = {
     "sin": sp.sin,
@@ -38,21 +35,6 @@ FUNCTIONS = {
     "sign": sp.sign,
     "tanh": sp.tanh,
 }
-# Functions that the algebra may put in their place: tan(pi/2 - x) becomes cot(x).
-_NUMERIC: dict[Any, Callable[..., Any]] = {
-    sp.sin: np.sin,
-    sp.cos: np.cos,
-    sp.tan: np.tan,
-    sp.cot: lambda x: 1 / np.tan(x),
-    sp.sec: lambda x: 1 / np.cos(x),
-    sp.csc: lambda x: 1 / np.sin(x),
-    sp.exp: np.exp,
-    sp.Abs: np.abs,
-    sp.sign: np.sign,
-    sp.tanh: np.tanh,
-    sp.coth: lambda x: 1 / np.tanh(x),
-}
-
 Expression = Any  # a sympy expression; sympy carries no types of its own
 
 
@@ -340,63 +322,3 @@ def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
         cure,
         place=f"column {column}",
     )
-
-
-def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-    """Return the value of a symbolic expression on arrays that broadcast.
-
-    It is infinite or NaN, without a warning, where the expression has no finite value.
-
-    Raises
-    ------
-    KeyError
-        For a name without an array.
-
-    Examples
-    --------
-    >>> evaluate(parse("2*x", names=frozenset({"x"})), {"x": [1.0, 2.0]})
-    array([2., 4.])
-    """
-    with np.errstate(all="ignore"):
-        return _evaluate(value, arrays)
-
-
-def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-    if value.is_Symbol:
-        return np.asarray(arrays[str(value)], dtype=float)
-    if value.is_number:
-        return np.asarray(float(value))
-    inner = [_evaluate(argument, arrays) for argument in value.args]
-    if value.is_Add:
-        return np.asarray(sum(inner[1:], start=inner[0]))
-    if value.is_Mul:
-        return np.asarray(np.prod(np.broadcast_arrays(*inner), axis=0))
-    if value.is_Pow:
-        exponent = float(value.exp)
-        whole = int(exponent)
-        return np.asarray(inner[0] ** (whole if whole == exponent else exponent))
-    return np.asarray(_NUMERIC[value.func](inner[0]))
-
-
-def is_usable(value: ArrayLike) -> bool:
-    """Tell whether all numbers are finite, and far from where their squares are not.
-
-    Examples
-    --------
-    >>> is_usable([1.0, -2.0]), is_usable([1.0, 1e120]), is_usable(np.nan)
-    (True, False, False)
-    """
-    return bool((np.abs(value) < MAX_VALUE).all())
-
-
-def check_evaluable(value: Expression) -> None:
-    """Refuse an expression that `evaluate` could not compute.
-
-    Raises
-    ------
-    ModelError
-        Naming the function that the algebra introduced.
-    """
-    for node in sp.preorder_traversal(value):
-        if node.is_Function and node.func not in _NUMERIC:
-            raise ModelError(f"the function {node.func}", ", ".join(FUNCTIONS), "rewrite the term")

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
-from rotorid.models.expression import RESERVED, Expression, evaluate, is_usable, symbol
+from rotorid.models.evaluation import evaluate, is_usable
+from rotorid.models.expression import RESERVED, Expression, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 

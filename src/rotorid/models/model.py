@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, gather_base
-from rotorid.models.expression import RESERVED, Expression, evaluate, symbol
+from rotorid.models.evaluation import evaluate
+from rotorid.models.expression import RESERVED, Expression, symbol
 from rotorid.models.linear import InputTerm, LinearForm, Term, classify, motion_factor
 from rotorid.models.terms import (
     DERIVATIVES,

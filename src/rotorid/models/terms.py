@@ -10,12 +10,12 @@ from fractions import Fraction
 import sympy as sp
 
 from rotorid.errors import ModelError
+from rotorid.models.evaluation import check_evaluable
 from rotorid.models.expression import (
     MAX_EXPONENT,
     MAX_TERMS,
     RESERVED,
     Expression,
-    check_evaluable,
     parse,
     shown,
     symbol,
