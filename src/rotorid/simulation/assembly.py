@@ -68,19 +68,7 @@ def event_table(rig: Rig, samples: int) -> tables.Events:
     """Return the pattern of events, repeated until the record is complete."""
     plan = rig.schedule
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
-    return tables.Events(
-        duration=plan.duration,
-        offset=plan.offset,
-        length=plan.length,
-        control=plan.control,
-        apply=plan.apply,
-        log=plan.log,
-        controls=plan.controls,
-        logs=plan.logs,
-        lag=plan.lag,
-        patterns=settling + -(-samples // plan.logs),
-        settling=settling,
-    )
+    return tables.Events(plan, settling + -(-samples // plan.logs), settling)
 
 
 def step_table(rig: Rig, plant: Plant) -> tables.Steps:
@@ -164,11 +152,12 @@ def loop_table(
     rig: Rig, events: tables.Events, samples: int, rng: np.random.Generator
 ) -> tables.Loop:
     """Return controller, sensors and their errors, excitation, and the random forces."""
-    steps = events.patterns * events.controls
-    start = events.settling * events.duration
+    plan = events.pattern
+    steps = events.repeats * plan.controls
+    start = events.settling * plan.duration
     control_time = np.arange(steps, dtype=float) * rig.controller.period - start
     log_time = np.arange(samples, dtype=float) / rig.logger.sample_rate
-    apart = bool(((events.log >= 0) & (events.control < 0)).any())
+    apart = bool(((plan.log >= 0) & (plan.control < 0)).any())
     deviations = np.array(list(rig.process_noise.std.values()))
     names = [sensor.name for sensor in rig.sensors]
     return tables.Loop(
@@ -228,8 +217,8 @@ def load_table(rig: Rig, plant: Plant, events: tables.Events) -> Floats:
     """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
     if not rig.linear:
         return np.zeros((0, 0))
-    patterns = np.arange(events.patterns) - events.settling
-    time = (patterns[:, None] * events.duration + events.offset).ravel()
+    patterns = np.arange(events.repeats) - events.settling
+    time = (patterns[:, None] * events.pattern.duration + events.pattern.offset).ravel()
     turns = rig.rotation.angle_at(time)[:, None] * plant.harmonics
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
 

@@ -111,6 +111,7 @@ def run(
 
     loads holds the cosines and sines of the rotor angle at each event of a linear rig.
     """
+    plan = events.pattern
     n, inputs = rotor.force.shape
     x, moved = np.zeros(steps.state.shape[1]), np.zeros(steps.state.shape[1])
     y, stages = np.zeros((2, 2 * n)), np.zeros((7, 2 * n))
@@ -118,17 +119,17 @@ def run(
     steady, held, newest = np.zeros(n), np.zeros(inputs), np.zeros(inputs)
     coil, current, force = np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
     memory, scratch = np.zeros(loop.A.shape[0]), np.zeros(loop.A.shape[0])
-    waiting = np.zeros((events.lag + 2, inputs))
+    waiting = np.zeros((plan.lag + 2, inputs))
     reading = np.zeros(loop.sensors.shape[0])
     tick = 0
-    for pattern in range(events.patterns):
+    for pattern in range(events.repeats):
         since = pattern - events.settling
-        for e in range(len(events.offset)):
-            time = since * events.duration + events.offset[e]
-            if events.control[e] >= 0:
-                tick = pattern * events.controls + events.control[e]
+        for e in range(len(plan.offset)):
+            time = since * plan.duration + plan.offset[e]
+            if plan.control[e] >= 0:
+                tick = pattern * plan.controls + plan.control[e]
                 _read(loop, x, loop.error_at_control[tick], reading)
-                step = since * events.controls + events.control[e]
+                step = since * plan.controls + plan.control[e]
                 _control(loop, step, reading, memory, scratch, newest)
                 axis = _limit(bearings, newest)
                 if axis >= 0:
@@ -136,12 +137,12 @@ def run(
                 waiting[tick % len(waiting)] = newest
                 steady[:] = 0.0
                 _add_product(rotor.noise, loop.process[tick], steady)
-            due = pattern * events.controls + events.apply[e] - events.lag
-            if events.apply[e] >= 0 and due >= 0:
+            due = pattern * plan.controls + plan.apply[e] - plan.lag
+            if plan.apply[e] >= 0 and due >= 0:
                 held[:] = waiting[due % len(waiting)]
-            sample = since * events.logs + events.log[e]
-            if events.log[e] >= 0 and 0 <= sample < len(log.state):
-                if events.control[e] < 0:
+            sample = since * plan.logs + plan.log[e]
+            if plan.log[e] >= 0 and 0 <= sample < len(log.state):
+                if plan.control[e] < 0:
                     _read(loop, x, loop.error_at_log[sample], reading)
                 currents(bearings, coil, held, 0.0, current)
                 forces(bearings, x, current, force)
@@ -150,13 +151,13 @@ def run(
             if axis >= 0:
                 return TOUCH, axis, time, 0.0
             if steps.linear:
-                load = loads[pattern * len(events.offset) + e]
+                load = loads[pattern * len(plan.offset) + e]
                 _exact_step(steps, e, held, loop.process[tick], load, x, moved)
                 coil[bearings.lagging] = x[2 * n :]
             else:
                 y[0] = x[: 2 * n]
                 if not integrate(
-                    rotor, bearings, steady, held, time, events.length[e],
+                    rotor, bearings, steady, held, time, plan.length[e],
                     coil, y, peak, stages, current, force,
                 ):  # fmt: skip
                     return STUCK, 0, time, 0.0

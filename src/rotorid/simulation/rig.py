@@ -174,7 +174,7 @@ class Rig:
             assembly.load_table(self, plant, events),
             log,
         )
-        since = time + events.settling * events.duration
+        since = time + events.settling * events.pattern.duration
         name = self.model.inputs[axis]
         if code == kernel.TOUCH:
             raise faults.touched(name, since, float(bearings.clearance[axis]))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from rotorid.record import Floats, Integers
 MAX_EVENTS = 20_000
 
 
-@dataclass(frozen=True)
-class Schedule:
+class Schedule(NamedTuple):
     """One pattern of events, repeated for ever.
 
     The events of one instant happen in this order: the controller reads and computes; commands

@@ -5,21 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rotorid.record import Floats, Integers
+from rotorid.simulation.schedule import Schedule
 
 
 class Events(NamedTuple):
-    """The pattern of events and how often it is repeated."""
+    """The pattern of events, how often it is repeated, and how often before the record begins."""
 
-    duration: float
-    offset: Floats
-    length: Floats
-    control: Integers
-    apply: Integers
-    log: Integers
-    controls: int
-    logs: int
-    lag: int
-    patterns: int
+    pattern: Schedule
+    repeats: int
     settling: int
 
 
