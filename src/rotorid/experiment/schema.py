@@ -212,13 +212,11 @@ class RecordEntry(Schema):
         return self
 
 
-class ParameterEntry(Schema):
-    """What is known of a parameter beforehand."""
+class _Knowledge(Schema):
+    """What a parameter and a combination of parameters have in common."""
 
-    fixed: Quantity | None = None
     value: Quantity | None = None
     std: Quantity | None = None
-    start: Quantity | None = None
     min: Quantity | None = None
     max: Quantity | None = None
 
@@ -226,6 +224,13 @@ class ParameterEntry(Schema):
     def bounded(self) -> bool:
         """Whether there is a bound."""
         return self.min is not None or self.max is not None
+
+
+class ParameterEntry(_Knowledge):
+    """What is known of a parameter beforehand."""
+
+    fixed: Quantity | None = None
+    start: Quantity | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> ParameterEntry:
@@ -243,19 +248,10 @@ class ParameterEntry(Schema):
         return self
 
 
-class ConstraintEntry(Schema):
+class ConstraintEntry(_Knowledge):
     """A combination of parameters that is known."""
 
     expression: str
-    value: Quantity | None = None
-    std: Quantity | None = None
-    min: Quantity | None = None
-    max: Quantity | None = None
-
-    @property
-    def bounded(self) -> bool:
-        """Whether there is a bound."""
-        return self.min is not None or self.max is not None
 
     @model_validator(mode="after")
     def _value_or_bounds(self) -> ConstraintEntry:

@@ -14,12 +14,11 @@ import numpy as np
 from rotorid.errors import ReadError
 from rotorid.io.table import (
     Column,
+    NamedArrays,
     as_column,
-    column_names,
     content,
     head,
     is_numeric,
-    no_column,
     not_what_it_says,
     resolve,
     too_large,
@@ -27,27 +26,8 @@ from rotorid.io.table import (
 
 
 @dataclass(frozen=True)
-class Hdf5Table:
+class Hdf5Table(NamedArrays):
     """An HDF5 file; its numbers are read when they are asked for."""
-
-    file: str
-    shapes: dict[str, tuple[int, ...]]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the one-dimensional datasets."""
-        return column_names(self.shapes)
-
-    def find(self, name: str) -> str:
-        """Return the path of a column, with its index where it is one of a 2-D dataset.
-
-        Raises
-        ------
-        ReadError
-            Where there is none, or several.
-        """
-        path, index = resolve(name, self.shapes, self.file)
-        return path if index is None else f"{path}[{index}]"
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned.
@@ -81,12 +61,9 @@ class Hdf5Table:
         ReadError
             Where there is none of that name.
         """
-        scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
-        fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
-        if len(fitting) != 1:
-            raise no_column(name, scalars, self.file, kind="scalar variable")
+        path = self.find_scalar(name)
         with _opened(self.file) as data:
-            return float(np.ravel(data[fitting[0]][()])[0])
+            return float(np.ravel(data[path][()])[0])
 
 
 def open_hdf5(path: Path) -> Hdf5Table:

@@ -13,12 +13,11 @@ import scipy.io
 from rotorid.errors import ReadError
 from rotorid.io.table import (
     Column,
+    NamedArrays,
     as_column,
-    column_names,
     content,
     head,
     is_numeric,
-    no_column,
     not_what_it_says,
     resolve,
     too_large,
@@ -26,31 +25,10 @@ from rotorid.io.table import (
 
 
 @dataclass(frozen=True)
-class MatTable:
+class MatTable(NamedArrays):
     """The numeric variables of a MAT file; those in structures by ``structure/field``."""
 
-    file: str
     variables: dict[str, Any]
-
-    @property
-    def _shapes(self) -> dict[str, tuple[int, ...]]:
-        return {name: np.shape(values) for name, values in self.variables.items()}
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the one-dimensional variables."""
-        return column_names(self._shapes)
-
-    def find(self, name: str) -> str:
-        """Return the path of a column, with its index where it is one of a 2-D variable.
-
-        Raises
-        ------
-        ReadError
-            Where there is none, or several.
-        """
-        path, index = resolve(name, self._shapes, self.file)
-        return path if index is None else f"{path}[{index}]"
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned.
@@ -62,7 +40,7 @@ class MatTable:
         """
         columns = {}
         for name in names:
-            path, index = resolve(name, self._shapes, self.file)
+            path, index = resolve(name, self.shapes, self.file)
             columns[name] = Column(as_column(self.variables[path], index))
         return columns
 
@@ -74,11 +52,7 @@ class MatTable:
         ReadError
             Where there is none of that name.
         """
-        scalars = [path for path, values in self.variables.items() if np.size(values) == 1]
-        fitting = [path for path in scalars if name in (path, path.rsplit("/", 1)[-1])]
-        if len(fitting) != 1:
-            raise no_column(name, scalars, self.file, kind="scalar variable")
-        return float(np.ravel(self.variables[fitting[0]])[0])
+        return float(np.ravel(self.variables[self.find_scalar(name)])[0])
 
 
 def open_mat(path: Path) -> MatTable:
@@ -110,7 +84,8 @@ def open_mat(path: Path) -> MatTable:
         ) from error
     variables: dict[str, Any] = {}
     _collect("", loaded, variables)
-    return MatTable(str(path), variables)
+    shapes = {name: np.shape(values) for name, values in variables.items()}
+    return MatTable(str(path), shapes, variables)
 
 
 def _collect(prefix: str, values: dict[str, Any], into: dict[str, Any]) -> None:

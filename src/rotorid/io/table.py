@@ -145,6 +145,57 @@ def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") 
     )
 
 
+@dataclass(frozen=True)
+class NamedArrays:
+    """A file of arrays found by path, or by leaf name where that is unique.
+
+    Parameters
+    ----------
+    file : str
+        The path of the file, for messages.
+    shapes : mapping of path to shape
+        Its numeric arrays.
+    """
+
+    file: str
+    shapes: Mapping[str, tuple[int, ...]]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the one-dimensional arrays: leaf names where these are unique."""
+        paths = [p for p, shape in self.shapes.items() if _is_column(shape) and max(shape) > 1]
+        leaves = [path.rsplit("/", 1)[-1] for path in paths]
+        return [
+            leaf if leaves.count(leaf) == 1 else path
+            for path, leaf in zip(paths, leaves, strict=True)
+        ]
+
+    def find(self, name: str) -> str:
+        """Return the path of a column, with its index where it is one of a 2-D array.
+
+        Raises
+        ------
+        ReadError
+            Where there is none, or several.
+        """
+        path, index = resolve(name, self.shapes, self.file)
+        return path if index is None else f"{path}[{index}]"
+
+    def find_scalar(self, name: str) -> str:
+        """Return the path of an array of one number.
+
+        Raises
+        ------
+        ReadError
+            Where there is none of that name, or several.
+        """
+        scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
+        fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
+        if len(fitting) != 1:
+            raise no_column(name, scalars, self.file, kind="scalar variable")
+        return fitting[0]
+
+
 def resolve(name: str, shapes: Mapping[str, tuple[int, ...]], file: str) -> tuple[str, int | None]:
     """Find a variable by path or by unique leaf name, or a column of one by ``name[3]``.
 
@@ -204,15 +255,6 @@ def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
     return ReadError(f"{name!r} of size {size}", "a column, samples along axis 0", cure, file=file)
-
-
-def column_names(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-    """Return the names of the one-dimensional variables: leaf names where these are unique."""
-    paths = [path for path, shape in shapes.items() if _is_column(shape) and max(shape) > 1]
-    leaves = [path.rsplit("/", 1)[-1] for path in paths]
-    return [
-        leaf if leaves.count(leaf) == 1 else path for path, leaf in zip(paths, leaves, strict=True)
-    ]
 
 
 def as_column(values: Any, index: int | None) -> Floats:
