@@ -80,18 +80,21 @@ def _gauss_newton(
     residual: Callable[[Floats], Floats], jacobian: Callable[[Floats], Floats], x: Floats
 ) -> Floats:
     """Minimize a sum of squares; what it does not determine stays as near as it can."""
-    value = residual(x)
-    for _ in range(100):
-        slope, length = _normalized(jacobian(x))
-        step = np.linalg.lstsq(slope, -value, rcond=RANK_TOLERANCE)[0] / length
-        while np.abs(step).max() > 1e-14 * np.abs(x).max():
-            trial = residual(x + step)
-            if trial @ trial < value @ value:
+    with np.errstate(over="ignore", invalid="ignore"):
+        value = residual(x)
+        for _ in range(100):
+            slope, length = _normalized(jacobian(x))
+            if not np.isfinite(slope).all():
                 break
-            step = step / 2
-        else:
-            break
-        x, value = x + step, trial
+            step = np.linalg.lstsq(slope, -value, rcond=RANK_TOLERANCE)[0] / length
+            while np.abs(step).max() > 1e-14 * np.abs(x).max():
+                trial = residual(x + step)
+                if trial @ trial < value @ value:
+                    break
+                step = step / 2
+            else:
+                break
+            x, value = x + step, trial
     return x
 
 

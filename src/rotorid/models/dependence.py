@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
+from itertools import takewhile
 
 import numpy as np
 import sympy as sp
@@ -150,9 +151,10 @@ def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
     names, wanted, rows = _names(signals), len(_SCALES) * (len(signals) + 5), []
     for k in range(8 * wanted):
         point = {name: _coordinate(i, k) for i, name in enumerate(names)}
-        values = [sp.N(signal.xreplace(point), _DIGITS) for signal in signals]
-        if all(value.is_Float or value.is_Rational for value in values):
-            rows.append([Decimal(str(value)) for value in values])
+        values = (signal.evalf(_DIGITS, subs=point) for signal in signals)
+        real = list(takewhile(lambda value: value.is_Float or value.is_Rational, values))
+        if len(real) == len(signals):
+            rows.append([Decimal(str(value)) for value in real])
         if len(rows) == wanted:
             return rows
     return []

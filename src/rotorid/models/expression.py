@@ -178,7 +178,7 @@ class _Builder(Transformer[Token, Any]):
         if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
             raise _not_real(value)
         if value.is_number and value != 0:
-            _check_number(value)
+            check_number(value)
         return _Node(value, terms, degree, depth)
 
 
@@ -194,8 +194,14 @@ def vanishes(value: Expression) -> bool:
     names = sorted(value.free_symbols, key=str)
     if value == 0 or value.is_Rational or value.is_polynomial(*names):
         return bool(value == 0)
-    point = {name: sp.Rational(2 * i + 3, 7 * i + 11) for i, name in enumerate(names)}
-    return not _is_significant(sp.N(value.xreplace(point), 15))
+    for scale, sign in ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1)):
+        point = {
+            name: sp.Rational((2 * i + 3) * (sign if i % 2 else 1), (7 * i + 11) * scale)
+            for i, name in enumerate(names)
+        }
+        if _is_significant(value.evalf(15, subs=point)):
+            return False
+    return True
 
 
 def _is_significant(number: Expression) -> bool:
@@ -203,7 +209,14 @@ def _is_significant(number: Expression) -> bool:
     return bool(number != 0) and all(part._prec > 1 for part in number.atoms(sp.Float))
 
 
-def _check_number(value: Expression) -> None:
+def check_number(value: Expression) -> None:
+    """Refuse a number that is complex, too large or too small, or zero in disguise.
+
+    Raises
+    ------
+    ModelError
+        Saying which.
+    """
     number = sp.N(value, 15)
     real, imaginary = number.as_real_imag()
     if imaginary != 0:
@@ -211,7 +224,9 @@ def _check_number(value: Expression) -> None:
     if not value.is_Rational and not _is_significant(number):
         raise ModelError(f"{shown(value)}, which is zero", "a number", "write 0 or remove it")
     if not sp.Float(10) ** -MAX_EXPONENT < abs(real) < sp.Float(10) ** MAX_EXPONENT:
-        raise ModelError("a number too large or too small", f"1e+-{MAX_EXPONENT}", "scale it")
+        raise ModelError(
+            f"{shown(value)}, too large or too small a number", f"1e+-{MAX_EXPONENT}", "scale it"
+        )
 
 
 def _not_real(value: Expression) -> ModelError:

@@ -16,6 +16,7 @@ from rotorid.models.expression import (
     MAX_TERMS,
     RESERVED,
     Expression,
+    check_number,
     parse,
     shown,
     symbol,
@@ -164,6 +165,7 @@ def _factors(
 def _fraction(number: Expression) -> Fraction:
     if number.is_Rational:
         return Fraction(int(number.p), int(number.q))
+    check_number(number)
     return Fraction(repr(float(number)))  # pi, sqrt(2), ...
 
 
