@@ -1,0 +1,6 @@
+"""Property tests draw the same examples in every run, so that a run says what changed."""
+
+from hypothesis import settings
+
+settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.load_profile("fixed")
