@@ -80,6 +80,20 @@ GAP = {name: np.delete(column, 77) for name, column in COLUMNS.items()}
 HOLE = {**COLUMNS, "f": np.where(TIME == 1.0, np.nan, COLUMNS["f"])}
 
 CASES = {
+    # values without meaning
+    "scale of zero": channel(
+        'unit = "mm"',
+        'unit = "mm", scale = 0',
+        "channels.x.scale",
+        "0; expected a scale other than 0",
+        file="experiment.toml",
+    ),
+    "fixed mass below zero": Case(
+        "-1; expected more than 0",
+        place="parameters.m.fixed",
+        experiment=("[estimator]", '[parameters]\nm = { fixed = "-1 kg" }\n\n[estimator]'),
+        model=('unit = "kg"', 'unit = "kg", positive = true'),
+    ),
     # unknown keys
     "key": Case(
         "the unknown key 'colour'.*one of model, records, channels.*remove it",
@@ -295,6 +309,34 @@ def test_the_good_files_are_good(tmp_path: Path) -> None:
     target = tmp_path / "result.json"
     assert run(["identify", str(tmp_path / "experiment.toml"), "--json", str(target)]) == 0
     assert target.exists()
+
+
+@pytest.mark.parametrize("target", ["run.csv", "model.toml", "experiment.toml"])
+@pytest.mark.parametrize("option", ["--json", "--report"])
+def test_no_input_is_written_over(
+    target: str,
+    option: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Case("").write(tmp_path)
+    before = (tmp_path / target).read_bytes()
+    assert run(["identify", "experiment.toml", option, target]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"rotorid: {target}: found an input of this run")
+    assert (tmp_path / target).read_bytes() == before
+
+
+def test_two_outputs_need_two_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Case("").write(tmp_path)
+    assert run(["identify", "experiment.toml", "--json", "a", "--report", "./a"]) == 2
+    assert "another output of this run" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
 
 
 def test_damaged_hdf5(

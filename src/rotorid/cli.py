@@ -21,7 +21,7 @@ from rotorid.errors import InputError, NotConvergedError, NotIdentifiableError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.experiment import load_experiment
 from rotorid.identify import identify as identify_model
-from rotorid.io.output import check_target, write_files
+from rotorid.io.output import check_apart, check_target, write_files
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.record import PeriodicRecord
 from rotorid.report import text
@@ -96,6 +96,7 @@ def identify(
     _check(json, report)
     with _progress("reading"):
         plan = load_experiment(experiment)
+        check_apart([path for path in (json, report) if path is not None], plan.files)
         estimator, records = plan.estimator(method), plan.records(method)
     with _progress("identifying"):
         try:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rotorid.errors import InputError
 from rotorid.estimators import Batch, LeastSquares, Sequential
-from rotorid.models import parse_model, unit_faults
+from rotorid.models import parse_model
 from rotorid.record import Channel, Record
 from rotorid.signals.average import average
 
@@ -49,7 +49,7 @@ def test_an_answer_or_an_input_error(equations, turns, seed):
         )
     except InputError:
         return
-    assert unit_faults(model) is not None
+    assert model.unit_faults is not None
     assert model.linear is None or model.linear.rows == len(equations)
     names = [*model.inputs, *model.coordinates]
     samples = np.random.default_rng(seed).standard_normal((60, len(names)))

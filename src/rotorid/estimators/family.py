@@ -19,7 +19,7 @@ from rotorid.estimators.weighted import (
     sandwich,
     scatter_of_answers,
 )
-from rotorid.models import Model, unit_faults
+from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.record import Complexes, Floats, PeriodicRecord
 
@@ -114,7 +114,7 @@ class Problem:
             basis @ free @ basis.T,
             spreads,
             solution.condition_number,
-            [*unit_faults(self.full), *unreached, *opened, *cures],
+            [*self.full.unit_faults, *unreached, *opened, *cures],
         )
 
 

@@ -45,6 +45,12 @@ class Experiment:
     fixed: dict[str, float]
     constraints: tuple[Constraint, ...]
 
+    @property
+    def files(self) -> list[Path]:
+        """The files that are read: the experiment, its model, its records."""
+        records = [self.folder / entry.file for entry in self.entry.records]
+        return [Path(self.file), Path(self.file).parent / self.entry.model, *records]
+
     def measured(self, method: Method | None = None) -> list[Record]:
         """Read the samples of every record.
 

@@ -86,6 +86,7 @@ def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[st
         For a name that is no parameter, or a quantity of another dimension.
     """
     units = {parameter.name: parameter.unit for parameter in model.parameters}
+    positive = {parameter.name: parameter.positive for parameter in model.parameters}
     fixed = {}
     for name, entry in entries.items():
         if name not in units:
@@ -96,9 +97,21 @@ def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[st
                 number = to_si(quantity, units[name], place=f"parameters.{name}.{key}")
                 if key == "std":
                     _check_deviation(number, f"parameters.{name}.std")
+                if key in ("fixed", "value", "start"):
+                    _check_sign(number, positive[name], f"parameters.{name}.{key}")
                 if key == "fixed":
                     fixed[name] = number
     return fixed
+
+
+def _check_sign(number: float, positive: bool, place: str) -> None:
+    if positive and number <= 0:
+        raise InputError(
+            f"{number:g}",
+            "more than 0, since the model says positive = true",
+            "correct one of them",
+            place=place,
+        )
 
 
 def stated(entries: Mapping[str, ParameterEntry], model: Model, key: str) -> dict[str, float]:

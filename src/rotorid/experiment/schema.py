@@ -65,6 +65,8 @@ def _scale(value: object) -> object:
         raise InputError(repr(value)[:60], "a number, or the name of a scalar", "correct it")
     if not isinstance(value, str) and not math.isfinite(value):
         raise InputError(f"{value}", "a finite number", "correct it")
+    if value == 0:
+        raise InputError("0", "a scale other than 0", "correct it")
     return value
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rotorid.errors import InputError
@@ -23,6 +23,23 @@ def check_target(path: Path) -> None:
         raise InputError("a folder", "a file to write", "add a file name", file=str(path))
 
 
+def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """Refuse to write over what a run reads, or twice into one file.
+
+    Raises
+    ------
+    InputError
+        Naming the target.
+    """
+    taken = {path.resolve(): "an input of this run" for path in inputs}
+    for target in targets:
+        if target.is_file() or not target.exists():  # devices and pipes take all
+            found = taken.get(target.resolve())
+            if found is not None:
+                raise InputError(found, "a file of its own", "write elsewhere", file=str(target))
+            taken[target.resolve()] = "another output of this run"
+
+
 def write_files(writers: Mapping[Path, Callable[[Path], object]]) -> None:
     """Write files beside their targets, and move them there once all are written.
 
@@ -39,10 +56,10 @@ def write_files(writers: Mapping[Path, Callable[[Path], object]]) -> None:
     written: dict[Path, Path] = {}
     try:
         for path, write in writers.items():
-            target = path.resolve()
-            if target.exists() and not target.is_file():  # a device or a pipe
-                write(target)
+            if path.exists() and not path.is_file():  # a device or a pipe
+                write(path)
                 continue
+            target = path.resolve()
             part = target.with_name(f".{target.name}.{os.getpid()}.part")
             written[part] = target
             write(part)

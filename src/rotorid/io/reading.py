@@ -260,6 +260,8 @@ def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats
             scale = table.scalar(scale)
         except InputError as error:
             raise error.at(place=_place(name, "scale")) from None
+    if scale == 0:
+        raise InputError("0", "a scale other than 0", "correct it", place=_place(name, "scale"))
     if source.unit and column.unit and source.scale is None:
         _check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:

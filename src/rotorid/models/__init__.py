@@ -1,7 +1,6 @@
 """Equations of motion as text, and what follows from them."""
 
 from rotorid.models.base import BaseParameters
-from rotorid.models.dimensions import unit_faults
 from rotorid.models.linear import LinearForm, LinearTerms, Matrices
 from rotorid.models.loader import load_model, parse_model, shipped_models
 from rotorid.models.model import Model, Motion, Parameter
@@ -17,5 +16,4 @@ __all__ = [
     "load_model",
     "parse_model",
     "shipped_models",
-    "unit_faults",
 ]

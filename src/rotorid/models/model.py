@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, gather_base
+from rotorid.models.dimensions import unit_faults
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import RESERVED, Expression, symbol
 from rotorid.models.linear import InputTerm, LinearForm, Term, classify, motion_factor
@@ -291,6 +292,11 @@ class Model:
         }
         arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
         return evaluate(self.signals[index], arrays)
+
+    @cached_property
+    def unit_faults(self) -> tuple[str, ...]:
+        """What is wrong with the units of the equations, in words; see `dimensions`."""
+        return tuple(unit_faults(self))
 
     def require_linear(self) -> LinearForm:
         """Return the linear form.

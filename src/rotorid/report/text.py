@@ -135,6 +135,7 @@ def model_description(model: Model) -> RenderableType:
             ("base parameter", "unit"), list(zip(model.base.names, model.base.units, strict=True))
         ),
         *_structure(model),
+        *(Text(f"warning: {fault}", "yellow") for fault in model.unit_faults),
     ]
     return Group(*parts)
 

@@ -110,6 +110,7 @@ def test_unknown_gains_and_no_mass(levitated, rng):
     ratio = truth["m2"] / truth["m1"]
     assert estimate.value("m2/m1") == pytest.approx(ratio, abs=4 * estimate.std("m2/m1"))
     total = sum(truth[name] for name in ("m1", "m2", "m3"))
+    # A scale weighs masses, not whatever has the unit kg.
     weighed = MaximumLikelihood(constraints=(Constraint("m1 + m2 + m3", total),), **options)
     cured = identify(model, records, weighed)
     assert cured.status == "ok"

@@ -19,7 +19,8 @@ from rotorid.estimate import Value
 from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import at_speed, simulated, with_sensor
-from rotorid.estimators.likelihood.unknowns import Layout, sensor_channels
+from rotorid.estimators.likelihood.unknowns import Layout, linear_form, sensor_channels
+from rotorid.models import Model
 from rotorid.record import Channel, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance
 from rotorid.units import multiply_units
@@ -290,8 +291,9 @@ def _fixing(combinations: Sequence[Combination]) -> str:
 def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     """Try the sum of the masses, which a scale tells, as an exact constraint."""
     unknowns, free = trial.layout.unknowns, trial.layout.free
-    masses = [k for k, i in enumerate(free) if unknowns[i].unit == "kg"]
-    if len(masses) < 2 or any(u.unit == "kg" and u.fixed for u in unknowns):
+    weighed = _weighed(trial.layout.model)
+    masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
+    if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
         return []
     null = trial.inference.null[masses]
     along = null.T @ trial.inference.scale[masses]
@@ -301,6 +303,20 @@ def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     left = len(combinations) - 1
     rest = "" if left == 0 else f" ({left} of {len(combinations)} combinations would stay open)"
     return [f"weigh the rotor: a constraint on {names}{rest}"]
+
+
+def _weighed(model: Model) -> set[str]:
+    """Return the parameters that stand alone before the acceleration of a length: masses."""
+    names = set()
+    for term in linear_form(model).stiffness:
+        powers = model.monomials[term.monomial]
+        if (
+            term.order == 2
+            and powers.sum() == 1
+            and model.units[model.coordinates[term.column]] == "m"
+        ):
+            names.add(model.parameter_names[int(powers.argmax())])
+    return names
 
 
 def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:

@@ -81,6 +81,7 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
         periods=min(r.periods for r in records),
         warnings=(
+            *model.unit_faults,
             *_warnings(records, fit, p_value),
             *(f"not identifiable: {combination}" for combination in combinations),
             *(
