@@ -22,7 +22,7 @@ def test_the_shipped_models_agree(name):
     "text",
     [
         "m*x'' + k*(x - l) = F",
-        "m*x'' + k*x + m*9.81*sin(phi) = F",  # 9.81 has a unit of its own
+        "m*x'' + k*(x - l) + m*9.81*sin(phi) = F",  # 9.81 has a unit of its own
         "m*x'' + k*l*tanh(phi) - k*abs(x)*sign(x') = F",
         "m*x'' + 2*m*Omega*x' + k*l*cos(phi) = F",
     ],
