@@ -118,6 +118,6 @@ def draw_overview(result: DemoResult) -> Figure:
     middle.set_title("2. Fit the equations of motion to the forces", loc="left")
     draw_rms(right, result)
     right.set_xlim(right=12)
-    right.legend(loc="upper right", handletextpad=0.1)
+    right.legend(loc="center right", handletextpad=0.1)
     right.set_title("3. Read the rotor's parameters", loc="left")
     return figure
