@@ -83,13 +83,13 @@ def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
     return np.asarray(record.spectra[..., channels] @ np.linalg.pinv(reads).T)
 
 
-def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of every input, shape (period, line, input).
+def input_channels(model: Model, record: PeriodicRecord) -> list[int]:
+    """Return the channel of each input of the model, in order.
 
     Raises
     ------
     InputError
-        Where an input has no channel, or one that holds a current.
+        Where an input has no channel.
     """
     missing = [name for name in model.inputs if name not in record.names]
     if missing:
@@ -99,7 +99,18 @@ def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
             "name its column in [channels]",
             file=record.source,
         )
-    channels = [record.index(name) for name in model.inputs]
+    return [record.index(name) for name in model.inputs]
+
+
+def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
+    """Return the lines of every input, shape (period, line, input).
+
+    Raises
+    ------
+    InputError
+        Where an input has no channel, or one that holds a current.
+    """
+    channels = input_channels(model, record)
     currents = [record.names[i] for i in channels if record.channels[i].drive is not None]
     if currents:
         raise InputError(
@@ -196,14 +207,14 @@ class Regression:
         """Lines of the signals on the mean motion, shape (line, signal)."""
         mean = self.coordinates.mean(axis=0)
         return signal_spectra(
-            self.model, self.record, mean, *_time_and_angle(self.model, self.record)
+            self.model, self.record, mean, *time_and_angle(self.model, self.record)
         )
 
     @cached_property
     def period_signals(self) -> Complexes:
         """Lines of the signals on the motion of each period, shape (period, line, signal)."""
         return signal_spectra(
-            self.model, self.record, self.coordinates, *_time_and_angle(self.model, self.record)
+            self.model, self.record, self.coordinates, *time_and_angle(self.model, self.record)
         )
 
     @cached_property
@@ -297,13 +308,18 @@ def load_spectra(model: Model, record: PeriodicRecord) -> Complexes:
         Where the model is not linear.
     """
     linear = model.require_linear()
-    columns = linear.load_columns(*_time_and_angle(model, record), record.speed).mean(axis=0)
+    columns = linear.load_columns(*time_and_angle(model, record), record.speed).mean(axis=0)
     lines = line_spectra(columns.reshape(record.samples, -1), record.harmonics)
     return lines.reshape(len(record.harmonics), linear.rows, linear.monomials)
 
 
-def _time_and_angle(model: Model, record: PeriodicRecord) -> tuple[Floats, Floats]:
-    """Return t and phi of all periods, or of the first where the others repeat it."""
+def time_and_angle(model: Model, record: PeriodicRecord) -> tuple[Floats, Floats]:
+    """Return t and phi of all periods, or of the first where the others repeat it.
+
+    Returns
+    -------
+    time, angle : array, shape (period, sample)
+    """
     turns = (record.angle - record.angle[0]) / (2 * np.pi)
     timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
     if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:

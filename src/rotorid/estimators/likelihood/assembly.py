@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.unknowns import (
     linear_form,
     sensor_channels,
 )
+from rotorid.estimators.regression import time_and_angle
 from rotorid.models import Model
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression
@@ -124,7 +125,7 @@ def load_lines(
     signals = list(dict.fromkeys(term.signal for term in linear.load_terms))
     steps = PHASE_STEPS if phase_unknown else 1
     shifts = 2 * np.pi * np.arange(steps) / steps
-    angle, time = _one_if_synchronous(record)
+    time, angle = time_and_angle(layout.model, record)
     lines = np.zeros((steps, len(record.harmonics), len(signals)), dtype=np.complex128)
     for step, shift in enumerate(shifts):
         known = {"t": time, "phi": angle + shift, "Omega": record.speed}
@@ -158,16 +159,6 @@ def _lines(samples: Floats, harmonics: Integers) -> Complexes:
     lines = line_spectra(samples, harmonics)
     size = np.sqrt((samples**2).mean(axis=0))
     return np.where(np.abs(lines) > 1e-11 * size, lines, 0.0)
-
-
-def _one_if_synchronous(record: PeriodicRecord) -> tuple[Floats, Floats]:
-    """Return angle and time of all periods, or of the first where the others repeat it."""
-    turn = 2 * np.pi
-    turns = (record.angle - record.angle[0]) / turn
-    moved = record.speed * (record.time[:, 0] - record.time[0, 0]) / turn
-    if max(np.abs(x - np.round(x)).max() for x in (turns, moved)) < 1e-9:
-        return record.angle[:1], record.time[:1]
-    return record.angle, record.time
 
 
 def sensing_of(reads: Floats) -> Sensing:
@@ -312,7 +303,7 @@ def _calibration(
         acting if len(unknown) else None,
         unknown,
         known,
-        _rotation(record) if len(sensor) else None,
+        _rotation(layout.model, record) if len(sensor) else None,
         sensor,
         cos,
         _unknowns(layout, "runout[{}].sin", sensors)[1],
@@ -349,9 +340,9 @@ def _delays(
     return columns, np.array(unknowns, dtype=np.int64), np.array(known, dtype=float)
 
 
-def _rotation(record: PeriodicRecord) -> Complexes:
+def _rotation(model: Model, record: PeriodicRecord) -> Complexes:
     """Return the lines of exp(i phi) and exp(-i phi), shape (line, 2)."""
-    angle, _ = _one_if_synchronous(record)
+    _, angle = time_and_angle(model, record)
     turning = np.exp(1j * angle).mean(axis=0)
     parts = _lines(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
     return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)

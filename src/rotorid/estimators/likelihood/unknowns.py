@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.estimators import regression
 from rotorid.models import Model
 from rotorid.models.linear import LinearForm
 from rotorid.record import Channel, Floats, Integers, PeriodicRecord
@@ -217,15 +218,7 @@ def input_channels(model: Model, record: PeriodicRecord) -> tuple[Channel, ...]:
     InputError
         Where an input has no channel.
     """
-    missing = [name for name in model.inputs if name not in record.names]
-    if missing:
-        raise InputError(
-            f"no channel of the input {', '.join(missing)}",
-            "every input measured",
-            "name its column in [channels]",
-            file=record.source,
-        )
-    return tuple(record.channels[record.index(name)] for name in model.inputs)
+    return tuple(record.channels[index] for index in regression.input_channels(model, record))
 
 
 def nuisance_unknowns(
