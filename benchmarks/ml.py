@@ -27,8 +27,8 @@ from rotorid.estimators.likelihood.unknowns import Nuisances
 from rotorid.identify import identify
 from rotorid.models import Model, load_model, parse_model
 from rotorid.record import PeriodicRecord
+from rotorid.rig.lines import add_noise, line_record
 from rotorid.signals.covariance import white_covariance
-from rotorid.simulation.lines import add_noise, line_record
 
 UNBALANCE = {"xi", "zeta", "mu", "eta"}
 BEARINGS = ("x1", "y1", "x3", "y3")

@@ -27,8 +27,8 @@ from rotorid.identify import identify
 from rotorid.io import read_record
 from rotorid.models import Model, load_model, parse_model, shipped_models
 from rotorid.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.rig import simulate, steady_state
 from rotorid.signals import average
-from rotorid.simulation import simulate, steady_state
 
 __all__ = [
     "Batch",

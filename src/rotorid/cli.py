@@ -171,8 +171,8 @@ def validate(result: Path, experiment: Path) -> int:
 def simulate(rig: str, out: Path, seed: int | None) -> int:
     """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
     from rotorid.report.rig import record_summary  # its compiler takes its time to load
-    from rotorid.simulation.export import experiment_path, experiment_text, write_record
-    from rotorid.simulation.rig_file import load_rig
+    from rotorid.rig.export import experiment_path, experiment_text, write_record
+    from rotorid.rig.rig_file import load_rig
 
     experiment = experiment_path(out, rig)
     _check(out, experiment)
@@ -201,13 +201,7 @@ def models(name: str | None) -> int:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit code; errors become one line on stderr.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        Without the program's name.
-    """
+    """Run a command and return its exit code; errors become one line on stderr."""
     try:
         code = cli.main(args=list(arguments), prog_name="rotorid", standalone_mode=False)
         sys.stdout.flush()

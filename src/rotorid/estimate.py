@@ -129,13 +129,7 @@ class Estimate:
     line_misfit: tuple[LineMisfit, ...] = ()
 
     def __getitem__(self, name: str) -> Value:
-        """Return a parameter, nuisance or derived quantity by name.
-
-        Raises
-        ------
-        KeyError
-            With the names that there are.
-        """
+        """Return a parameter, nuisance or derived quantity by name."""
         everything = (*self.parameters, *self.nuisance, *self.derived)
         for value in everything:
             if value.name == name:

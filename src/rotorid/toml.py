@@ -28,23 +28,7 @@ class Schema(BaseModel):
 
 
 def read_toml(path: str | Path, schema: type[S]) -> S:
-    """Read a TOML file into a schema.
-
-    Parameters
-    ----------
-    path : str or Path
-    schema : type
-        A subclass of `Schema`.
-
-    Returns
-    -------
-    Schema
-
-    Raises
-    ------
-    ReadError
-        For a file that is missing, too large, no TOML, or that does not fit the schema.
-    """
+    """Read a TOML file into a schema."""
     file = str(path)
     try:
         with Path(path).open("rb") as stream:
@@ -67,13 +51,7 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
 
 
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
-    """Parse TOML text into a schema.
-
-    Raises
-    ------
-    ReadError
-        As `read_toml`.
-    """
+    """Parse TOML text into a schema."""
     if _LONG_KEY.search(data):
         raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
     try:

@@ -110,33 +110,7 @@ def _rate_kind(unit: pint.Unit) -> str:
 
 
 def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> float:
-    """Return the number that turns a value in a unit into SI, or into another unit.
-
-    Parameters
-    ----------
-    unit : str
-        As a person writes it: ``"um"``, ``"N s/m"``, ``"N*s/m"``, ``"kg m^2"``, ``"1"``.
-    expected : str, optional
-        The unit wanted; without it the SI unit of the same dimension.
-    place : str
-        Where the unit stands, for the message.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InputError
-        For a text that is no unit, or that is not of the dimension of `expected`.
-
-    Examples
-    --------
-    >>> si_factor("um")
-    1e-06
-    >>> round(si_factor("Hz", "rad/s"), 6)
-    6.283185
-    """
+    """Return the number that turns a value in a unit into SI, or into another unit."""
     found = _unit(unit, place)
     if expected is None:
         return _factor(found)
@@ -211,46 +185,14 @@ def _no_quantity(value: object, expected: str, place: str) -> InputError:
 
 
 def check_unit(text: str, *, place: str = "") -> str:
-    """Return the SI unit of a declared unit: as it was written where that is SI already.
-
-    Raises
-    ------
-    InputError
-        For a text that is no unit.
-
-    Examples
-    --------
-    >>> check_unit("N s/m"), check_unit("N/mm"), check_unit("lbf/inch"), check_unit("deg")
-    ('N s/m', 'N/m', 'N/m', 'rad')
-    """
+    """Return the SI unit of a declared unit: as it was written where that is SI already."""
     unit = _unit(text, place)
     text = " ".join(text.split())
     return text if _factor(unit) == 1.0 and text else _write(_atoms(unit), angle=True)
 
 
 def multiply_units(factors: Iterable[tuple[str, int]]) -> str:
-    """Return the SI unit of a product of powers of units.
-
-    Parameters
-    ----------
-    factors : iterable of (str, int)
-        Units, as `check_unit` returns them, and their powers.
-
-    Returns
-    -------
-    str
-        ``"1"`` for a number; ``"rad"`` only for an angle that stands alone.
-
-    Raises
-    ------
-    InputError
-        For a text that is no unit.
-
-    Examples
-    --------
-    >>> multiply_units([("N/m", 1), ("m", 2)]), multiply_units([("kg m^2", 1), ("rad", 1)])
-    ('N m', 'kg m^2')
-    """
+    """Return the SI unit of a product of powers of units."""
     factors = [(unit, power) for unit, power in factors if power and unit != "1"]
     if len(factors) == 1 and factors[0][1] == 1:
         return check_unit(factors[0][0])
@@ -324,17 +266,6 @@ def _symbol(atom: str, power: int) -> str:
 
 
 def base_powers(unit: str) -> dict[str, int]:
-    """Return the powers of the SI base units in a unit; an angle is a number.
-
-    Raises
-    ------
-    InputError
-        For a text that is no unit.
-
-    Examples
-    --------
-    >>> base_powers("N/m")
-    {'kg': 1, 's': -2}
-    """
+    """Return the powers of the SI base units in a unit; an angle is a number."""
     found = _base_symbols(_unit(unit, ""))
     return {atom: power for atom, power in sorted(found.items()) if power and atom != "rad"}

@@ -22,8 +22,8 @@ from rotorid.report.html import (
     write_demo_report,
     write_estimate_report,
 )
+from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
-from rotorid.simulation.steady_state import simulate
 
 HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 VOID = {"meta", "img", "br"}

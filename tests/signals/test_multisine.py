@@ -10,6 +10,7 @@ from scipy.io import wavfile
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.rig.excitation_file import write_excitation
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,
@@ -20,7 +21,6 @@ from rotorid.signals.multisine import (
     orthogonal,
     schroeder_phases,
 )
-from rotorid.simulation.excitation_file import write_excitation
 
 
 def test_samples_are_the_sum_of_the_lines() -> None:

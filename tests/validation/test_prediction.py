@@ -5,7 +5,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.errors import InputError
-from rotorid.simulation.lines import line_record
+from rotorid.rig.lines import line_record
 from rotorid.validation import information, predict
 
 HARMONICS = (1, 3, 5, 7, 9, 11)

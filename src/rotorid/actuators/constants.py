@@ -84,13 +84,7 @@ def require_angle(angle: float) -> None:
 
 
 def with_std(law: L, **stds: float) -> L:
-    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``.
-
-    Raises
-    ------
-    InputError
-        For a constant that the law does not have.
-    """
+    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``."""
     names = [name[:-4] for name in vars(law) if name.endswith("_std")]
     for name in stds:
         if name not in names:

@@ -79,13 +79,7 @@ class LawEntry(Schema):
         )
 
     def build(self) -> Linear | Differential | Flux:
-        """Return the law.
-
-        Raises
-        ------
-        InputError
-            For constants that are missing, belong to another law, or make no law.
-        """
+        """Return the law."""
         needed, more = _KEYS[self.law]
         for key in needed:
             if getattr(self, key) is None:

@@ -129,13 +129,7 @@ def forces(
 
 
 def drive_readings(record: Record) -> dict[str, ForceReading]:
-    """Return how the forces of channels with a `Drive` are read.
-
-    Raises
-    ------
-    InputError
-        Where the displacement in an actuator is no combination of what is measured.
-    """
+    """Return how the forces of channels with a `Drive` are read."""
     positions = [channel for channel in record.channels if channel.drive is None]
     return {
         channel.name: ForceReading(
@@ -149,30 +143,7 @@ def drive_readings(record: Record) -> dict[str, ForceReading]:
 
 
 def as_channels(sensors: Sequence[Channel], position: Mapping[str, float]) -> dict[str, float]:
-    """Write a combination of coordinates as one of position channels.
-
-    Parameters
-    ----------
-    sensors : sequence of Channel
-    position : mapping of str to float
-        ``{coordinate: coefficient}``.
-
-    Returns
-    -------
-    dict of str to float
-        ``{channel: coefficient}``.
-
-    Raises
-    ------
-    InputError
-        Where no combination of the channels gives it.
-
-    Examples
-    --------
-    >>> planes = [Channel("a", reads={"x": 1.0, "th": 0.2}), Channel("b", reads={"x": 1.0})]
-    >>> as_channels(planes, {"x": 1.0, "th": 0.1})
-    {'a': 0.5, 'b': 0.5}
-    """
+    """Write a combination of coordinates as one of position channels."""
     for sensor in sensors:
         if dict(sensor.combination) == dict(position):
             return {sensor.name: 1.0}

@@ -13,17 +13,7 @@ FIRM = 2.0  # standard errors
 
 
 def findings(result: DemoResult) -> list[str]:
-    """Return sentences on what the errors of all seeds show.
-
-    Parameters
-    ----------
-    result : DemoResult
-
-    Returns
-    -------
-    list of str
-        In order, for one paragraph.
-    """
+    """Return sentences on what the errors of all seeds show."""
     sentences = [_sizes(result)]
     if result.seeds < ENOUGH:
         return [*sentences, "From so few bias cannot be told from scatter: take more seeds."]
@@ -94,16 +84,7 @@ def _sequential(result: DemoResult) -> str:
 
 
 def log_ratios(result: DemoResult, first: str, second: str) -> tuple[Floats, Floats, float, float]:
-    """Compare the rms errors of two estimators that saw the same noise.
-
-    Returns
-    -------
-    ratios, deviations : array, shape (base,)
-        Logarithm of the ratio of their rms errors, and its standard deviation by the jackknife
-        over seeds.
-    mean, deviation : float
-        The same for the mean over the parameters.
-    """
+    """Compare the rms errors of two estimators that saw the same noise."""
     squares = [result.errors(name) ** 2 for name in (first, second)]
     sums = [square.sum(axis=0) for square in squares]
     ratios = 0.5 * np.log(sums[0] / sums[1])

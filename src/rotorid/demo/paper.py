@@ -83,12 +83,6 @@ TABLE = (
 
 
 def printed_error(row: PaperRow, estimator: str) -> float | None:
-    """Return the error in % that the paper prints for an estimator; None where it has none.
-
-    Examples
-    --------
-    >>> printed_error(TABLE[0], "batch-10")
-    0.177
-    """
+    """Return the error in % that the paper prints for an estimator; None where it has none."""
     names = list(COLUMNS)
     return row.errors[names.index(estimator)] if estimator in names else None

@@ -34,8 +34,8 @@ from rotorid.estimators import (
 from rotorid.identify import identify
 from rotorid.models import Model, load_model
 from rotorid.record import Floats, PeriodicRecord, Record
+from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
-from rotorid.simulation.steady_state import simulate
 
 SPEED = 2 * np.pi * 140.0  # rad/s
 FUNDAMENTAL = 20.0  # Hz
@@ -155,13 +155,7 @@ class DemoResult:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the figures (JSON).
-
-        Raises
-        ------
-        OSError
-            Where the file cannot be written.
-        """
+        """Write the figures (JSON)."""
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
         Path(path).write_text(text + "\n", encoding="utf-8")
 
@@ -197,14 +191,7 @@ def _noise(model: Model) -> dict[str, float]:
 
 
 def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Record:
-    """Return a record of the example in steady state; without `rng` free of noise.
-
-    Parameters
-    ----------
-    model : Model
-        `three-mass`; its nominal values are the truth.
-    rng : numpy.random.Generator, optional
-    """
+    """Return a record of the example in steady state; without `rng` free of noise."""
     return simulate(
         model,
         model.values(model.nominal),
@@ -224,34 +211,7 @@ def run_demo(
     estimators: Mapping[str, Estimator] = ESTIMATORS,
     progress: Callable[[int, int], None] | None = None,
 ) -> DemoResult:
-    """Simulate the seed's example `seeds` times and identify it with every estimator.
-
-    Parameters
-    ----------
-    seeds : int
-        Number of records, each with noise of its own.
-    rng : numpy.random.Generator
-        Each record draws from a child of its own, so the first ones do not depend on how many
-        follow.
-    estimators : mapping of str to Estimator
-    progress : callable, optional
-        Called with the records done and their number.
-
-    Returns
-    -------
-    DemoResult
-
-    Raises
-    ------
-    InputError
-        For less than one seed.
-
-    Examples
-    --------
-    >>> result = run_demo(2, rng=np.random.default_rng(1))
-    >>> result.estimators, result.errors("ls").shape
-    (('batch-100', 'batch-10', 'sequential', 'ls', 'ml'), (2, 14))
-    """
+    """Simulate the seed's example `seeds` times and identify it with every estimator."""
     if seeds < 1:
         raise InputError(f"{seeds} seeds", "one or more", "ask for more", place="--seeds")
     model = load_model("three-mass")

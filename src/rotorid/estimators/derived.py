@@ -14,19 +14,7 @@ RANK_TOLERANCE = 1e-9
 
 
 def base_from_physical(model: Model, values: Floats, covariance: Floats) -> tuple[Value, ...]:
-    """Return the base parameters that follow from physical ones.
-
-    Parameters
-    ----------
-    model : Model
-    values : array, shape (parameter,)
-    covariance : array, shape (parameter, parameter)
-
-    Returns
-    -------
-    tuple of Value
-        With deviations by the delta method.
-    """
+    """Return the base parameters that follow from physical ones."""
     jacobian = model.base_jacobian(values)
     std = np.sqrt(np.einsum("bi,ij,bj->b", jacobian, covariance, jacobian).clip(0))
     found = zip(model.base.names, model.base.units, model.base_values(values), std, strict=True)
@@ -38,19 +26,6 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
 
     The fit ``min (base - base(p))' C^-1 (base - base(p))`` with the covariance C of the base
     parameters; where there are as many of one as of the other it is the exact solution.
-
-    Parameters
-    ----------
-    model : Model
-    base : array, shape (base,)
-        NaN where not known.
-    covariance : array, shape (base, base)
-
-    Returns
-    -------
-    tuple of Value
-        With deviations by the delta method. Parameters that the base does not determine are left
-        out.
     """
     known = np.isfinite(base)
     if not known.any():

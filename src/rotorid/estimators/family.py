@@ -124,14 +124,7 @@ def pose(
     fixed: Mapping[str, float],
     constraints: Sequence[Constraint],
 ) -> Problem:
-    """Substitute what is fixed, eliminate what is constrained, and write the regressions.
-
-    Raises
-    ------
-    InputError
-        For no record, hidden coordinates, missing inputs, unknown phase, or knowledge that this
-        family cannot use.
-    """
+    """Substitute what is fixed, eliminate what is constrained, and write the regressions."""
     if not records:
         raise InputError("no record", "at least one", "give a PeriodicRecord")
     reduced = model.substitute(fixed)

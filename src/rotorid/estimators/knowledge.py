@@ -43,20 +43,7 @@ class Constraint:
 def constraint_polynomial(
     model: Model, constraint: Constraint, fixed: Mapping[str, float] | None = None
 ) -> dict[tuple[int, ...], float]:
-    """Return a constraint's expression as ``{exponents of the parameters: coefficient}``.
-
-    Parameters
-    ----------
-    model : Model
-    constraint : Constraint
-    fixed : mapping of str to float, optional
-        Parameters that were substituted in the model; the expression may hold them too.
-
-    Raises
-    ------
-    ModelError
-        For text that is no polynomial in the parameters of the model.
-    """
+    """Return a constraint's expression as ``{exponents of the parameters: coefficient}``."""
     fixed = fixed or {}
     names = frozenset([*model.parameter_names, *fixed])
     place = f"constraint {constraint.expression[:60]!r}"
@@ -93,26 +80,7 @@ class Elimination:
 def eliminate(
     model: Model, constraints: Sequence[Constraint], fixed: Mapping[str, float] | None = None
 ) -> Elimination:
-    """Eliminate exact constraints that are linear in the base parameters.
-
-    Parameters
-    ----------
-    model : Model
-    constraints : sequence of Constraint
-    fixed : mapping of str to float, optional
-        Parameters that were substituted in the model.
-
-    Returns
-    -------
-    Elimination
-        With one free unknown less for each constraint.
-
-    Raises
-    ------
-    InputError
-        For a constraint with a deviation, or not linear in the base parameters, or in
-        contradiction with others: those need maximum likelihood, or a correction.
-    """
+    """Eliminate exact constraints that are linear in the base parameters."""
     size = len(model.base.names)
     if not constraints:
         return Elimination(np.zeros(size), np.eye(size), tuple(range(size)))

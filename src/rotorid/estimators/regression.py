@@ -29,13 +29,7 @@ ROUNDING = 1e-12
 
 
 def sensors(model: Model, record: PeriodicRecord) -> tuple[list[int], Floats]:
-    """Return the channels that read coordinates, and C with y = C q.
-
-    Returns
-    -------
-    channels : list of int
-    reads : array, shape (sensor, coordinate)
-    """
+    """Return the channels that read coordinates, and C with y = C q."""
     names = model.coordinates
     channels = [
         i for i, c in enumerate(record.channels) if c.combination and {*c.combination} <= {*names}
@@ -62,15 +56,6 @@ def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
     """Return the lines of every coordinate, period by period.
 
     Sensors of several coordinates are solved for them.
-
-    Returns
-    -------
-    complex array, shape (period, line, coordinate)
-
-    Raises
-    ------
-    InputError
-        Where a coordinate is not measured.
     """
     channels, reads = sensors(model, record)
     if hidden := hidden_coordinates(model, record):
@@ -84,13 +69,7 @@ def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
 
 
 def input_channels(model: Model, record: PeriodicRecord) -> list[int]:
-    """Return the channel of each input of the model, in order.
-
-    Raises
-    ------
-    InputError
-        Where an input has no channel.
-    """
+    """Return the channel of each input of the model, in order."""
     missing = [name for name in model.inputs if name not in record.names]
     if missing:
         raise InputError(
@@ -103,13 +82,7 @@ def input_channels(model: Model, record: PeriodicRecord) -> list[int]:
 
 
 def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of every input, shape (period, line, input).
-
-    Raises
-    ------
-    InputError
-        Where an input has no channel, or one that holds a current.
-    """
+    """Return the lines of every input, shape (period, line, input)."""
     channels = input_channels(model, record)
     currents = [record.names[i] for i in channels if record.channels[i].drive is not None]
     if currents:
@@ -122,26 +95,7 @@ def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
 def signal_spectra(
     model: Model, record: PeriodicRecord, coordinates: Complexes, time: Floats, angle: Floats
 ) -> Complexes:
-    """Return the lines of the model's signals on the motion that has these lines.
-
-    Parameters
-    ----------
-    model : Model
-    record : PeriodicRecord
-        For its harmonics, sample rate and speed.
-    coordinates : complex array, shape (..., line, coordinate)
-    time, angle : array, shape (..., sample) or (period, sample)
-        What depends on more axes than `coordinates` is averaged over the first.
-
-    Returns
-    -------
-    complex array, shape (..., line, signal)
-
-    Raises
-    ------
-    InputError
-        Where a signal is not finite: a division by zero, a root of a negative number.
-    """
+    """Return the lines of the model's signals on the motion that has these lines."""
     derivatives = [
         differentiate(coordinates, record.harmonics, record.samples, record.sample_rate, order)
         for order in range(3)
@@ -263,17 +217,6 @@ def predict_inputs(regressions: Sequence[Regression], base: Floats) -> dict[str,
     """Return how well each input is predicted: |lines(u - u_hat)| / |lines(u)|, the seed's (12).
 
     The residual of the equations is laid to the inputs by the pseudoinverse of B.
-
-    Parameters
-    ----------
-    regressions : sequence of Regression
-        Several records count together.
-    base : array, shape (base,)
-
-    Returns
-    -------
-    dict of input name to Prediction
-        ``None`` for an input that is zero.
     """
     model = regressions[0].model
     wrong, size = np.zeros(len(model.inputs)), np.zeros(len(model.inputs))
@@ -290,23 +233,7 @@ def predict_inputs(regressions: Sequence[Regression], base: Floats) -> dict[str,
 
 
 def load_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of the columns of g, averaged over periods; g = columns @ mu.
-
-    Parameters
-    ----------
-    model : Model
-        Linear in its coordinates.
-    record : PeriodicRecord
-
-    Returns
-    -------
-    complex array, shape (line, row, monomial)
-
-    Raises
-    ------
-    ModelError
-        Where the model is not linear.
-    """
+    """Return the lines of the columns of g, averaged over periods; g = columns @ mu."""
     linear = model.require_linear()
     columns = linear.load_columns(*time_and_angle(model, record), record.speed).mean(axis=0)
     lines = line_spectra(columns.reshape(record.samples, -1), record.harmonics)
@@ -314,12 +241,7 @@ def load_spectra(model: Model, record: PeriodicRecord) -> Complexes:
 
 
 def time_and_angle(model: Model, record: PeriodicRecord) -> tuple[Floats, Floats]:
-    """Return t and phi of all periods, or of the first where the others repeat it.
-
-    Returns
-    -------
-    time, angle : array, shape (period, sample)
-    """
+    """Return t and phi of all periods, or of the first where the others repeat it."""
     turns = (record.angle - record.angle[0]) / (2 * np.pi)
     timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
     if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:

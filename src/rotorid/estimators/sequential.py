@@ -71,15 +71,6 @@ def plan_stages(problem: Problem) -> list[Stage]:
     """Derive the stages from which row holds which unknown.
 
     A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
-
-    Parameters
-    ----------
-    problem : Problem
-
-    Returns
-    -------
-    list of Stage
-        The unknowns that no stage reaches are in none.
     """
     first = problem.regressions[0]
     structure = problem.structure

@@ -24,27 +24,7 @@ def summarize(
     condition_number: float,
     warnings: Sequence[str],
 ) -> Estimate:
-    """Return the `Estimate` of base parameters and their covariance.
-
-    Parameters
-    ----------
-    method : str
-    full : Model
-        Before fixed values were substituted.
-    fixed : mapping of str to float
-    regressions : sequence of Regression
-    base : array, shape (base,)
-        NaN where not determined.
-    covariance : array, shape (base, base)
-    spreads : sequence of complex array, shape (line, row, row)
-        Covariance of the residual of each record.
-    condition_number : float
-    warnings : sequence of str
-
-    Returns
-    -------
-    Estimate
-    """
+    """Return the `Estimate` of base parameters and their covariance."""
     model = regressions[0].model
     determined = np.isfinite(base)
     std = np.where(determined, np.sqrt(np.diag(covariance).clip(0)), np.nan)
@@ -96,18 +76,7 @@ def _inflation(
 
 
 def describe_open_directions(names: Sequence[str], directions: Floats) -> list[str]:
-    """Say in words which combinations are left open.
-
-    Parameters
-    ----------
-    names : sequence of str
-    directions : array, shape (free, n)
-        Each column a direction in scaled parameters.
-
-    Returns
-    -------
-    list of str
-    """
+    """Say in words which combinations are left open."""
     texts = []
     for direction in directions.T:
         large = np.flatnonzero(np.abs(direction) > 1e-3 * np.abs(direction).max())

@@ -22,18 +22,6 @@ def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
     Below `POOLING_PERIODS` periods they are pooled over the samples of a channel: from two or
     three periods a variance per sample comes close to zero by chance and its weight takes over.
     They are floored, so that samples without noise can be weighted too.
-
-    Parameters
-    ----------
-    variance : array, shape (sample, channel)
-    power : array, shape (channel,)
-        Mean square of the channel, which sets the floor.
-    periods : int
-
-    Returns
-    -------
-    array, shape (sample, channel)
-        Positive.
     """
     mean = np.broadcast_to(variance.mean(axis=0), variance.shape)
     raised = mean if periods < POOLING_PERIODS else np.maximum(variance, 1e-3 * mean)
@@ -111,14 +99,6 @@ def solve(blocks: Sequence[Block]) -> Solution:
     The seed prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
     meant. Here no normal equations are formed: the whitened columns are scaled, then decomposed
     by QR and SVD.
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-
-    Returns
-    -------
-    Solution
     """
     whitened = [block.whitened() for block in blocks]
     matrix = np.concatenate([m for m, _ in whitened])
@@ -160,17 +140,6 @@ def sandwich(
 ) -> Floats:
     """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
 
-    Parameters
-    ----------
-    gains : sequence of complex array, shape (free, line, row)
-    covariances : sequence of complex array, shape (line, row, row)
-        Of the residual of the equations, noise of forces and of positions together.
-    records : sequence of PeriodicRecord
-
-    Returns
-    -------
-    array, shape (free, free)
-
     Notes
     -----
     The seed's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
@@ -193,15 +162,6 @@ def scatter_of_answers(gains: Sequence[Complexes], residuals: Sequence[Complexes
 
     For models that are not linear in the motion: there the noise of one line is on others too,
     and `sandwich`, which takes lines as independent, is wrong by some tenths.
-
-    Parameters
-    ----------
-    gains : sequence of complex array, shape (free, line, row)
-    residuals : sequence of complex array, shape (period, line, row)
-
-    Returns
-    -------
-    array, shape (free, free)
     """
     free = gains[0].shape[0]
     total = np.zeros((free, free))

@@ -26,22 +26,7 @@ def build_estimator(
     constraints: tuple[Constraint, ...],
     model: Model,
 ) -> Estimator:
-    """Return the estimator of an experiment.
-
-    Parameters
-    ----------
-    entry : ExperimentFile
-    method : {"ls", "batch", "sequential", "ml"}
-    fixed : mapping of str to float
-        SI.
-    constraints : sequence of Constraint
-    model : Model
-
-    Raises
-    ------
-    InputError
-        For a method that cannot honour what the file says.
-    """
+    """Return the estimator of an experiment."""
     if method == "ml":
         return _maximum_likelihood(entry, fixed, constraints, model)
     _refuse_deviations(entry)

@@ -33,13 +33,7 @@ def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputErro
 
 
 def source(name: str, entry: ChannelEntry, model: Model) -> Source:
-    """Return where a channel without force law comes from.
-
-    Raises
-    ------
-    InputError
-        For a channel that is no quantity of the model and reads none, or the reverse.
-    """
+    """Return where a channel without force law comes from."""
     place = f"channels.{name}"
     quantities = (*model.inputs, *model.coordinates)
     if entry.reads is None and name not in quantities:
@@ -78,13 +72,7 @@ def timing(record: RecordEntry) -> Source | None:
 
 
 def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[str, float]:
-    """Return the fixed parameters in SI, every entry checked for its name and its units.
-
-    Raises
-    ------
-    InputError
-        For a name that is no parameter, or a quantity of another dimension.
-    """
+    """Return the fixed parameters in SI, every entry checked for its name and its units."""
     units = {parameter.name: parameter.unit for parameter in model.parameters}
     positive = {parameter.name: parameter.positive for parameter in model.parameters}
     fixed = {}
@@ -144,14 +132,7 @@ def bounds(
 
 
 def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Constraint, ...]:
-    """Return the constraints in SI.
-
-    Raises
-    ------
-    InputError
-        For an expression that is no polynomial in the parameters, or adds what has different
-        units, or a quantity of another dimension.
-    """
+    """Return the constraints in SI."""
     found = []
     for number, entry in enumerate(entries):
         place = f"constraints.{number}"

@@ -57,24 +57,7 @@ def recording(
     model: Model,
     others: Mapping[str, ChannelEntry] | None = None,
 ) -> Recording:
-    """Return where the channels of a record come from.
-
-    Parameters
-    ----------
-    entries : mapping of str to ChannelEntry
-    model : Model
-    others : mapping of str to ChannelEntry, optional
-        Further channels, whose sensors a position may name.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    InputError
-        For channels and laws that do not fit the model, with the key.
-    """
+    """Return where the channels of a record come from."""
     sources: dict[str, Source] = {}
     laws: dict[str, InputLaw] = {}
     for name, entry in entries.items():
@@ -146,26 +129,7 @@ def _position(
 
 
 def measured(path: Path, entry: RecordEntry, plan: Recording, *, currents: bool) -> Record:
-    """Read a record.
-
-    Parameters
-    ----------
-    path : Path
-    entry : RecordEntry
-    plan : Recording
-    currents : bool
-        Leave the currents of linear laws as they are, each with its `Drive`.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    InputError
-        For files, columns, units and samples that cannot be used; currents and positions that a
-        law cannot take; marks that give no angle.
-    """
+    """Read a record."""
     columns = dict(plan.sources)
     if entry.angle is not None:
         columns[_MARK] = Source(
@@ -252,23 +216,7 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
-    """Cut a record into periods; drop its transient where the file does not say what to skip.
-
-    Parameters
-    ----------
-    record : Record
-    entry : RecordEntry
-
-    Returns
-    -------
-    PeriodicRecord
-        With warnings of a transient, and of a rotation that is not synchronous.
-
-    Raises
-    ------
-    InputError
-        For periods or lines that the record does not have.
-    """
+    """Cut a record into periods; drop its transient where the file does not say what to skip."""
 
     def cut(skip: float) -> PeriodicRecord:
         return average(

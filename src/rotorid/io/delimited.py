@@ -48,13 +48,7 @@ class DelimitedTable:
     decimal_comma: bool
 
     def find(self, name: str) -> str:
-        """Return the name of a column, once it is sure to be there once.
-
-        Raises
-        ------
-        ReadError
-            Where it is not, or is there twice.
-        """
+        """Return the name of a column, once it is sure to be there once."""
         if name not in self.names:
             raise no_column(name, self.names, self.file)
         if self.names.count(name) > 1:
@@ -67,13 +61,7 @@ class DelimitedTable:
         return name
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by name.
-
-        Raises
-        ------
-        ReadError
-            Where a field is no number, with its line and column.
-        """
+        """Return columns by name."""
         wanted = list(dict.fromkeys(names))
         positions = [self.names.index(name) for name in wanted]
         numbers = self._numbers(positions)
@@ -83,13 +71,7 @@ class DelimitedTable:
         }
 
     def scalar(self, name: str) -> float:
-        """Refuse: a text table has columns only.
-
-        Raises
-        ------
-        ReadError
-            Always.
-        """
+        """Refuse: a text table has columns only."""
         raise ReadError(
             f"scale {name!r} in a text table",
             "a number, or a scalar variable of an HDF5 or MAT file",
@@ -154,23 +136,7 @@ class DelimitedTable:
 
 
 def open_delimited(path: Path) -> DelimitedTable:
-    """Open a text table: find its delimiter, its names and its units.
-
-    Parameters
-    ----------
-    path : Path
-        Text; lines that begin with # or % are comments; the first other line holds the names,
-        with units (``x1 [um]``) or without; the next may hold the units.
-
-    Returns
-    -------
-    DelimitedTable
-
-    Raises
-    ------
-    ReadError
-        Where the file is no text or has no names.
-    """
+    """Open a text table: find its delimiter, its names and its units."""
     start = head(path)
     encoding = _encoding(start)
     if encoding != "utf-16" and content(start) != "text":

@@ -30,13 +30,7 @@ class Hdf5Table(NamedArrays):
     """An HDF5 file; its numbers are read when they are asked for."""
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned.
-
-        Raises
-        ------
-        ReadError
-            Where the file is damaged.
-        """
+        """Return columns by the names that `find` returned."""
         wanted = {name: resolve(name, self.shapes, self.file) for name in names}
         paths = [path for path, _ in wanted.values()]
         whole: dict[str, Any] = {}
@@ -54,26 +48,14 @@ class Hdf5Table(NamedArrays):
         return columns
 
     def scalar(self, name: str) -> float:
-        """Return a dataset of one number.
-
-        Raises
-        ------
-        ReadError
-            Where there is none of that name.
-        """
+        """Return a dataset of one number."""
         path = self.find_scalar(name)
         with _opened(self.file) as data:
             return float(np.ravel(data[path][()])[0])
 
 
 def open_hdf5(path: Path) -> Hdf5Table:
-    """Open an HDF5 file.
-
-    Raises
-    ------
-    ReadError
-        Where it is none.
-    """
+    """Open an HDF5 file."""
     start = head(path)
     if content(start) != "HDF5 data":
         raise not_what_it_says(path, start, "HDF5 data")

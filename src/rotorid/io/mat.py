@@ -31,13 +31,7 @@ class MatTable(NamedArrays):
     variables: dict[str, Any]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned.
-
-        Raises
-        ------
-        ReadError
-            Where there is no such column.
-        """
+        """Return columns by the names that `find` returned."""
         columns = {}
         for name in names:
             path, index = resolve(name, self.shapes, self.file)
@@ -45,24 +39,12 @@ class MatTable(NamedArrays):
         return columns
 
     def scalar(self, name: str) -> float:
-        """Return a variable of one number.
-
-        Raises
-        ------
-        ReadError
-            Where there is none of that name.
-        """
+        """Return a variable of one number."""
         return float(np.ravel(self.variables[self.find_scalar(name)])[0])
 
 
 def open_mat(path: Path) -> MatTable:
-    """Open a MAT file of version 4 to 7.
-
-    Raises
-    ------
-    ReadError
-        Where it is none, or of version 7.3.
-    """
+    """Open a MAT file of version 4 to 7."""
     start = head(path)
     kind = content(start)
     if kind == "a MAT v7.3 file":

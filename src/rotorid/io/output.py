@@ -10,13 +10,7 @@ from rotorid.errors import InputError
 
 
 def check_target(path: Path) -> None:
-    """Refuse a path that cannot be written, before the work that leads to it.
-
-    Raises
-    ------
-    InputError
-        Where the folder does not exist, or the path is one.
-    """
+    """Refuse a path that cannot be written, before the work that leads to it."""
     if not path.absolute().parent.is_dir():
         raise InputError("no such folder", "a folder to write into", "create it", file=str(path))
     if path.is_dir():
@@ -24,13 +18,7 @@ def check_target(path: Path) -> None:
 
 
 def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
-    """Refuse to write over what a run reads, or twice into one file.
-
-    Raises
-    ------
-    InputError
-        Naming the target.
-    """
+    """Refuse to write over what a run reads, or twice into one file."""
     taken = {path.resolve(): "an input of this run" for path in inputs}
     for target in targets:
         if target.is_file() or not target.exists():  # devices and pipes take all
@@ -41,18 +29,7 @@ def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
 
 
 def write_files(writers: Mapping[Path, Callable[[Path], object]]) -> None:
-    """Write files beside their targets, and move them there once all are written.
-
-    Parameters
-    ----------
-    writers : mapping of Path to callable
-        Each callable writes its file at the path it is given.
-
-    Raises
-    ------
-    OSError
-        Where a file cannot be written; no target has changed then.
-    """
+    """Write files beside their targets, and move them there once all are written."""
     written: dict[Path, Path] = {}
     try:
         for path, write in writers.items():

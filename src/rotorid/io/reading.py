@@ -64,22 +64,7 @@ class Source:
 
 
 def open_table(path: str | Path) -> Table:
-    """Open a file of columns with the reader of its ending.
-
-    Parameters
-    ----------
-    path : str or Path
-        Text (.csv), HDF5 (.h5, .hdf5) or MATLAB up to version 7 (.mat).
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    ReadError
-        Where there is no such file, no reader, or the content is not what the ending says.
-    """
+    """Open a file of columns with the reader of its ending."""
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
@@ -167,28 +152,7 @@ def read_record(
 
 
 def rate_of(time: Floats) -> float:
-    """Return the sample rate of equidistant times.
-
-    Parameters
-    ----------
-    time : array, shape (sample,)
-        In s.
-
-    Returns
-    -------
-    float
-        In Hz: the mean, so that jitter of the time stamps does not matter.
-
-    Raises
-    ------
-    ReadError
-        Where samples are missing, or time does not run.
-
-    Examples
-    --------
-    >>> rate_of(np.array([0.0, 0.1, 0.2001, 0.3]))
-    10.0
-    """
+    """Return the sample rate of equidistant times."""
     if len(time) < 2 or not np.all(np.isfinite(time)):
         raise ReadError(
             "sample times that are not finite" if len(time) > 1 else "a single sample",

@@ -48,44 +48,20 @@ class Table(Protocol):
         ...
 
     def find(self, name: str) -> str:
-        """Return the file's own name of a column.
-
-        Raises
-        ------
-        ReadError
-            Where there is none, or several, or it is no column of numbers.
-        """
+        """Return the file's own name of a column."""
         ...
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned.
-
-        Raises
-        ------
-        ReadError
-            Where they hold something else than numbers.
-        """
+        """Return columns by the names that `find` returned."""
         ...
 
     def scalar(self, name: str) -> float:
-        """Return a scalar variable.
-
-        Raises
-        ------
-        ReadError
-            Where there is none of that name.
-        """
+        """Return a scalar variable."""
         ...
 
 
 def head(path: Path, size: int = 65536) -> bytes:
-    """Return the first bytes of a file.
-
-    Raises
-    ------
-    ReadError
-        Where there is no such file, or nothing in it.
-    """
+    """Return the first bytes of a file."""
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise ReadError(found, "a file of samples", "check the path", file=str(path))
@@ -102,13 +78,7 @@ def head(path: Path, size: int = 65536) -> bytes:
 
 
 def content(start: bytes) -> str:
-    """Say what a file holds by its first bytes.
-
-    Examples
-    --------
-    >>> content(b"PK" + bytes([3, 4])), content(b"t,x"), content(bytes(4))
-    ('a zip archive or a spreadsheet', 'text', 'binary data')
-    """
+    """Say what a file holds by its first bytes."""
     for signature, name in _SIGNATURES.items():
         if start.startswith(signature):
             return name
@@ -171,24 +141,12 @@ class NamedArrays:
         ]
 
     def find(self, name: str) -> str:
-        """Return the path of a column, with its index where it is one of a 2-D array.
-
-        Raises
-        ------
-        ReadError
-            Where there is none, or several.
-        """
+        """Return the path of a column, with its index where it is one of a 2-D array."""
         path, index = resolve(name, self.shapes, self.file)
         return path if index is None else f"{path}[{index}]"
 
     def find_scalar(self, name: str) -> str:
-        """Return the path of an array of one number.
-
-        Raises
-        ------
-        ReadError
-            Where there is none of that name, or several.
-        """
+        """Return the path of an array of one number."""
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]
         fitting = [p for p in scalars if name.strip("/") in (p, p.rsplit("/", 1)[-1])]
         if len(fitting) != 1:
@@ -197,25 +155,7 @@ class NamedArrays:
 
 
 def resolve(name: str, shapes: Mapping[str, tuple[int, ...]], file: str) -> tuple[str, int | None]:
-    """Find a variable by path or by unique leaf name, or a column of one by ``name[3]``.
-
-    Parameters
-    ----------
-    name : str
-    shapes : mapping of path to shape
-        The numeric variables of the file.
-    file : str
-
-    Returns
-    -------
-    str, int or None
-        The path; the column, where it is one of a two-dimensional variable.
-
-    Raises
-    ------
-    ReadError
-        Where nothing or more than one fits, or the variable is no column.
-    """
+    """Find a variable by path or by unique leaf name, or a column of one by ``name[3]``."""
     indexed = _INDEXED.fullmatch(name)
     path = _path(name, shapes, file)
     if path is not None:

@@ -49,19 +49,6 @@ def gather_base(
 
     The monomials are scanned in order: one whose column is independent of those kept is kept;
     else it is added to them with its rational coefficients.
-
-    Parameters
-    ----------
-    products : sequence of Product
-        The left sides.
-    monomials : sequence of tuple of int
-        In scanning order.
-    parameters : sequence of str
-    units : mapping of parameter to SI unit
-
-    Returns
-    -------
-    BaseParameters
     """
     independent = independent_signals(product.signal for product in products)
     entries: dict[tuple[int, Expression], int] = {}
@@ -101,13 +88,7 @@ def _rational(value: Fraction) -> Any:
 
 
 def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:
-    """Return a name such as ``k1*L1^2``.
-
-    Examples
-    --------
-    >>> monomial_name((1, 2), ["k1", "L1"])
-    'k1*L1^2'
-    """
+    """Return a name such as ``k1*L1^2``."""
     factors = zip(parameters, monomial, strict=True)
     return "*".join(name if n == 1 else f"{name}^{n}" for name, n in factors if n)
 

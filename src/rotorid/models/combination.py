@@ -11,31 +11,7 @@ from rotorid.models.expression import parse, symbol
 
 
 def linear_combination(text: str, names: Sequence[str], *, place: str = "") -> dict[str, float]:
-    """Return the coefficients of a linear combination.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"x2 - 0.02*theta_y"``.
-    names : sequence of str
-        What may stand in it.
-    place : str
-        Where the text stands, for the message.
-
-    Returns
-    -------
-    dict of str to float
-
-    Raises
-    ------
-    InputError
-        For text that is none.
-
-    Examples
-    --------
-    >>> linear_combination("x2 - 0.02*theta_y", ["x2", "theta_y"])
-    {'x2': 1.0, 'theta_y': -0.02}
-    """
+    """Return the coefficients of a linear combination."""
     try:
         value = sp.expand(parse(text, names=frozenset(names), linear=frozenset(names)))
     except InputError as error:

@@ -29,24 +29,7 @@ Combination = Mapping[Expression, Fraction]
 
 
 def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combination]:
-    """Write each signal as a combination of independent ones.
-
-    Parameters
-    ----------
-    signals : iterable of expression
-
-    Returns
-    -------
-    dict of signal to {independent signal: coefficient}
-        The independent ones are signals themselves; they stand for themselves.
-
-    Examples
-    --------
-    >>> x = sp.Symbol("x", real=True)
-    >>> found = independent_signals([sp.Integer(1), sp.sin(x) ** 2, sp.cos(x) ** 2])
-    >>> found[sp.cos(x) ** 2] == {sp.Integer(1): 1, sp.sin(x) ** 2: -1}
-    True
-    """
+    """Write each signal as a combination of independent ones."""
     everything = list(dict.fromkeys(signals))
     found: dict[Expression, Combination] = {s: {s: Fraction(1)} for s in everything}
     for outer, members in _groups(everything).items():

@@ -23,21 +23,6 @@ def unit_faults(model: Model) -> list[str]:
 
     A product with a number in it other than a small whole one is passed over: 9.81 or 0.4 may have
     a unit of its own.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    list of str
-        One line per equation whose products have different units; none where all agree.
-
-    Examples
-    --------
-    >>> from rotorid.models import load_model
-    >>> load_model("three-mass").unit_faults
-    ()
     """
     symbols = _symbol_dimensions(model)
     parameters = [_dimension(base_powers(p.unit)) for p in model.parameters]

@@ -33,17 +33,6 @@ def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.f
     """Return the value of a symbolic expression on arrays that broadcast.
 
     It is infinite or NaN, without a warning, where the expression has no finite value.
-
-    Raises
-    ------
-    KeyError
-        For a name without an array.
-
-    Examples
-    --------
-    >>> from rotorid.models.expression import parse
-    >>> evaluate(parse("2*x", names=frozenset({"x"})), {"x": [1.0, 2.0]})
-    array([2., 4.])
     """
     with np.errstate(all="ignore"):
         return _evaluate(value, arrays)
@@ -67,24 +56,12 @@ def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.
 
 
 def is_usable(value: ArrayLike) -> bool:
-    """Tell whether all numbers are finite, and far from where their squares are not.
-
-    Examples
-    --------
-    >>> is_usable([1.0, -2.0]), is_usable([1.0, 1e120]), is_usable(np.nan)
-    (True, False, False)
-    """
+    """Tell whether all numbers are finite, and far from where their squares are not."""
     return bool((np.abs(value) < MAX_VALUE).all())
 
 
 def check_evaluable(value: Expression) -> None:
-    """Refuse an expression that `evaluate` could not compute.
-
-    Raises
-    ------
-    ModelError
-        Naming the function that the algebra introduced.
-    """
+    """Refuse an expression that `evaluate` could not compute."""
     for node in sp.preorder_traversal(value):
         if node.is_Function and node.func not in _NUMERIC:
             raise ModelError(f"the function {node.func}", ", ".join(FUNCTIONS), "rewrite the term")

@@ -183,14 +183,7 @@ class _Builder(Transformer[Token, Any]):
 
 
 def vanishes(value: Expression) -> bool:
-    """Tell whether an expanded expression is zero whatever its symbols are.
-
-    Examples
-    --------
-    >>> x = symbol("x")
-    >>> vanishes(sp.sin(x) ** 2 + sp.cos(x) ** 2 - 1), vanishes(sp.sin(x))
-    (True, False)
-    """
+    """Tell whether an expanded expression is zero whatever its symbols are."""
     names = sorted(value.free_symbols, key=str)
     if value == 0 or value.is_Rational or value.is_polynomial(*names):
         return bool(value == 0)
@@ -210,13 +203,7 @@ def _is_significant(number: Expression) -> bool:
 
 
 def check_number(value: Expression) -> None:
-    """Refuse a number that is complex, too large or too small, or zero in disguise.
-
-    Raises
-    ------
-    ModelError
-        Saying which.
-    """
+    """Refuse a number that is complex, too large or too small, or zero in disguise."""
     number = sp.N(value, 15)
     real, imaginary = number.as_real_imag()
     if imaginary != 0:
@@ -266,34 +253,7 @@ def _parser(start: str) -> Lark:
 def parse(
     text: str, *, names: frozenset[str], linear: frozenset[str] = frozenset(), start: str = "sum"
 ) -> Expression:
-    """Parse one expression (or equation, as left side minus right side).
-
-    Parameters
-    ----------
-    text : str
-        In the grammar of model files.
-    names : frozenset of str
-        The names that may appear.
-    linear : frozenset of str
-        The names that may appear as polynomials only: parameters and inputs.
-    start : {"sum", "equation"}
-        What the text is.
-
-    Returns
-    -------
-    sympy expression
-        Not expanded; its expansion has at most `MAX_TERMS` terms.
-
-    Raises
-    ------
-    ModelError
-        Naming what cannot be read, and where.
-
-    Examples
-    --------
-    >>> parse("2*x^2 - x*(x - 1)", names=frozenset({"x"})).expand()
-    x**2 + x
-    """
+    """Parse one expression (or equation, as left side minus right side)."""
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"

@@ -118,15 +118,7 @@ class LinearForm:
         )
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
-        """Return M, D, G, K and B.
-
-        Parameters
-        ----------
-        values : array, shape (parameter,)
-            Physical parameters, SI.
-        speed : float
-            rad/s.
-        """
+        """Return M, D, G, K and B."""
         mu = self.monomial_values(np.asarray(values, dtype=float))
         blocks = {name: np.zeros((self.rows, self.coordinates)) for name in "MDGK"}
         for term in self.stiffness:
@@ -144,17 +136,7 @@ class LinearForm:
         return matrix
 
     def dynamic_stiffness(self, omega: ArrayLike, values: ArrayLike, speed: float) -> Complexes:
-        """Return Z of each line, shape (line, row, coordinate).
-
-        Parameters
-        ----------
-        omega : array, shape (line,)
-            rad/s.
-        values : array, shape (parameter,)
-            Physical parameters, SI.
-        speed : float
-            rad/s.
-        """
+        """Return Z of each line, shape (line, row, coordinate)."""
         m = self.matrices(values, speed)
         s = 1j * np.asarray(omega, dtype=float)[:, None, None]
         return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K)
@@ -162,24 +144,7 @@ class LinearForm:
     def response(
         self, omega: ArrayLike, values: ArrayLike, speed: float, right: Complexes
     ) -> Complexes:
-        """Solve ``Z(omega_k) q_k = right_k`` for the coordinates, shape (line, coordinate).
-
-        Parameters
-        ----------
-        omega : array, shape (line,)
-            rad/s.
-        values : array, shape (parameter,)
-            Physical parameters, SI.
-        speed : float
-            rad/s.
-        right : complex array, shape (line, row)
-            ``B u + g``.
-
-        Raises
-        ------
-        InputError
-            Where Z is not square, or singular: an undamped resonance, a free motion at DC.
-        """
+        """Solve ``Z(omega_k) q_k = right_k`` for the coordinates, shape (line, coordinate)."""
         stiffness = self.dynamic_stiffness(omega, values, speed)
         if self.rows != self.coordinates:
             raise InputError(
@@ -204,19 +169,7 @@ class LinearForm:
         return np.asarray(solved * column)
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
-        """Return the columns of g: ``g = load_columns @ mu``.
-
-        Parameters
-        ----------
-        time, angle : array, shape (..., sample)
-            t in s, phi in rad.
-        speed : float
-            rad/s.
-
-        Returns
-        -------
-        array, shape (..., sample, row, monomial)
-        """
+        """Return the columns of g: ``g = load_columns @ mu``."""
         time, angle = np.asarray(time, dtype=float), np.asarray(angle, dtype=float)
         columns = np.zeros((*angle.shape, self.rows, self.monomials))
         for term in self.load_terms:
@@ -228,13 +181,7 @@ class LinearForm:
 
 
 def speed_factor(factor: Expression, speed: float) -> float:
-    """Return the value of an expression that holds Omega at the most, at a speed in rad/s.
-
-    Raises
-    ------
-    InputError
-        Where it has no finite value: a division by a speed of zero.
-    """
+    """Return the value of an expression that holds Omega at the most, at a speed in rad/s."""
     value = float(evaluate(factor, {"Omega": speed}))
     if not is_usable(value):
         raise _not_finite(factor, speed)
@@ -252,23 +199,7 @@ def _not_finite(value: Expression, speed: float) -> InputError:
 def motion_factor(
     signal: Expression, coordinates: Sequence[str]
 ) -> tuple[int, int, Expression] | None:
-    """Split a signal into a coordinate's derivative and a factor that holds Omega at the most.
-
-    Parameters
-    ----------
-    signal : expression
-    coordinates : sequence of str
-
-    Returns
-    -------
-    (column, order, factor) or None
-        ``None`` where the signal is anything else.
-
-    Examples
-    --------
-    >>> motion_factor(symbol("Omega") * symbol("x'"), ["x"])
-    (0, 1, Omega)
-    """
+    """Split a signal into a coordinate's derivative and a factor that holds Omega at the most."""
     moving = [s for s in signal.free_symbols if str(s) not in RESERVED]
     if len(moving) != 1:
         return None
@@ -282,13 +213,7 @@ def motion_factor(
 def classify(
     terms: Sequence[Term], coordinates: Sequence[str]
 ) -> tuple[tuple[StiffnessTerm, ...], tuple[Term, ...]]:
-    """Split left-side terms into entries of Z and loads g.
-
-    Raises
-    ------
-    ModelError
-        Naming the first term that is not linear in the coordinates with constant coefficients.
-    """
+    """Split left-side terms into entries of Z and loads g."""
     motion = {symbol(name + dots) for name in coordinates for dots in DERIVATIVES}
     stiffness, loads = [], []
     for term in terms:

@@ -336,13 +336,7 @@ def build_model(
     units: Mapping[str, str],
     parameters: Sequence[Parameter],
 ) -> Model:
-    """Expand the equations and return the model.
-
-    Raises
-    ------
-    ModelError
-        With the number of the equation.
-    """
+    """Expand the equations and return the model."""
     equations = split_equations(texts, names)
     return Model(name, title, source, tuple(texts), names, units, tuple(parameters), equations)
 

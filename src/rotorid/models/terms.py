@@ -63,30 +63,7 @@ class Equations:
 
 
 def split_equations(texts: Sequence[str], names: Names) -> Equations:
-    """Expand equations into products.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        ``left = right``, in the grammar of model files.
-    names : Names
-
-    Returns
-    -------
-    Equations
-        Each row with the sign that makes its first inertia (else its first input) positive.
-
-    Raises
-    ------
-    ModelError
-        With the number of the equation, from 1, as its place.
-
-    Examples
-    --------
-    >>> found = split_equations(["F = m*(x'' + g)"], Names(("x",), ("F",), ("m", "g")))
-    >>> [(p.monomial, str(p.signal)) for p in found.left]
-    [((1, 0), "x''"), ((1, 1), '1')]
-    """
+    """Expand equations into products."""
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):

@@ -54,20 +54,7 @@ def _picture(figure: Figure, title: str, caption: str) -> Picture:
 
 
 def estimate_report(estimate: Estimate, model: Model, records: Sequence[PeriodicRecord]) -> str:
-    """Return the report of an estimate as HTML.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    model : Model
-    records : sequence of PeriodicRecord
-        What was identified.
-
-    Returns
-    -------
-    str
-        Names, texts and messages are escaped.
-    """
+    """Return the report of an estimate as HTML."""
     pictures = [
         p for i in range(len(records)) for p in _record_pictures(estimate, model, records, i)
     ]
@@ -116,13 +103,7 @@ def _record_pictures(
 def write_estimate_report(
     estimate: Estimate, model: Model, records: Sequence[PeriodicRecord], path: str | Path
 ) -> None:
-    """Write the report of an estimate.
-
-    Raises
-    ------
-    OSError
-        Where the file cannot be written.
-    """
+    """Write the report of an estimate."""
     Path(path).write_text(estimate_report(estimate, model, records), encoding="utf-8")
 
 
@@ -200,11 +181,5 @@ def _demo_pictures(result: DemoResult) -> list[Picture]:
 
 
 def write_demo_report(result: DemoResult, path: str | Path) -> None:
-    """Write the report of the demonstration.
-
-    Raises
-    ------
-    OSError
-        Where the file cannot be written.
-    """
+    """Write the report of the demonstration."""
     Path(path).write_text(demo_report(result), encoding="utf-8")

@@ -47,19 +47,7 @@ class ForceWaves:
 
 
 def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> ForceWaves | None:
-    """Return the measured forces and those that an estimate predicts, the seed's (12).
-
-    Parameters
-    ----------
-    model : Model
-    estimate : Estimate
-    record : PeriodicRecord
-
-    Returns
-    -------
-    ForceWaves or None
-        None where coordinates are hidden, parameters undetermined, or inputs not measured as such.
-    """
+    """Return the measured forces and those that an estimate predicts, the seed's (12)."""
     try:
         reduced, base = base_of(model, estimate)
         if hidden_coordinates(model, record) or not np.isfinite(base).all():
@@ -128,16 +116,7 @@ def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
 
 @styled
 def draw_filter(record: Record, periods: PeriodicRecord, channel: str, near: float) -> Figure:
-    """Draw the spectrum of a channel before and after the line filter, the seed's Fig. 2.
-
-    Parameters
-    ----------
-    record : Record
-    periods : PeriodicRecord
-    channel : str
-    near : float
-        Frequency in Hz of the line that is zoomed on.
-    """
+    """Draw the spectrum of a channel before and after the line filter, the seed's Fig. 2."""
     figure = new_figure(9.0, 3.3)
     whole, zoom = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
     draw_line_filter(whole, record, periods, channel)

@@ -8,18 +8,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from rotorid.simulation.logger import Column, RigRecord
+from rotorid.rig.logger import Column, RigRecord
 
 
 def record_summary(record: RigRecord, file: str, experiment: str) -> RenderableType:
-    """Return the columns of a record with their size, and what to do with it.
-
-    Parameters
-    ----------
-    record : RigRecord
-    file, experiment : str
-        Where record and experiment file are.
-    """
+    """Return the columns of a record with their size, and what to do with it."""
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("column", "unit"):
         table.add_column(heading)

@@ -53,13 +53,7 @@ def style() -> Iterator[None]:
 
 
 def label(name: str, most: int = 24) -> str:
-    """Return a name as a picture can hold it: printable, on one line, not too long.
-
-    Examples
-    --------
-    >>> label("a name that goes on and on and on")
-    'a name that goes on and…'
-    """
+    """Return a name as a picture can hold it: printable, on one line, not too long."""
     text = "".join(c if c.isprintable() else " " for c in name)
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
@@ -122,11 +116,5 @@ def svg(figure: Figure) -> bytes:
 
 
 def data_uri(figure: Figure) -> str:
-    """Return a figure as the address of an image that the page holds itself.
-
-    Examples
-    --------
-    >>> data_uri(new_figure(1, 1))[:26]
-    'data:image/svg+xml;base64,'
-    """
+    """Return a figure as the address of an image that the page holds itself."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg(figure)).decode("ascii")

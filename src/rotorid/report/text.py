@@ -26,14 +26,7 @@ _COLOURS = {
 
 
 def estimate_tables(estimate: Estimate) -> RenderableType:
-    """Return an estimate as tables, with what there is to say below them.
-
-    Examples
-    --------
-    >>> from rotorid.estimate import Value
-    >>> type(estimate_tables(Estimate("one", "ls", "ok", (Value("m", "kg", 2.0),)))).__name__
-    'Group'
-    """
+    """Return an estimate as tables, with what there is to say below them."""
     title = Text(f"{estimate.model}, {estimate.method}: ")
     title.append(estimate.status, _COLOURS[estimate.status])
     tables = [_table(headings, rows) for headings, *rows in estimate.tables.values()]

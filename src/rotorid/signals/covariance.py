@@ -104,15 +104,6 @@ def lag_one_correlation(residual: Complexes) -> float:
     """Return the correlation of the residual of one period with that of the next.
 
     Each line and row counts alike; the mean over periods is taken out.
-
-    Parameters
-    ----------
-    residual : complex array, shape (period, line, row)
-
-    Returns
-    -------
-    float
-        About -1/P for independent periods; 0 where there is no scatter.
     """
     scatter = residual - residual.mean(axis=0)
     power = (np.abs(scatter) ** 2).sum(axis=0)
@@ -130,10 +121,6 @@ def is_correlated(residual: Complexes) -> bool:
     True where the lag-one correlation of the residual is more than three of its standard
     deviations, ``1 / sqrt(2 P lines)`` (a real line counts half), away from the -1/P of
     independent periods.
-
-    Parameters
-    ----------
-    residual : complex array, shape (period, line, row)
     """
     periods, lines = residual.shape[:2]
     if periods < 8:
@@ -144,23 +131,7 @@ def is_correlated(residual: Complexes) -> bool:
 
 
 def choose_covariance(spectra: Complexes, residual: Complexes) -> LineCovariance:
-    """Return the covariance of mean lines by the formula that their residual asks for.
-
-    Parameters
-    ----------
-    spectra : complex array, shape (period, line, channel)
-    residual : complex array, shape (period, line, row)
-        Of the equations of motion, period by period.
-
-    Returns
-    -------
-    LineCovariance
-
-    Raises
-    ------
-    InputError
-        For fewer than two periods.
-    """
+    """Return the covariance of mean lines by the formula that their residual asks for."""
     return correlated_covariance(spectra) if is_correlated(residual) else white_covariance(spectra)
 
 

@@ -140,13 +140,7 @@ def _fine(harmonics: Integers) -> int:
 
 
 def odd_harmonics(highest: int, lowest: int = 1) -> Integers:
-    """Return the odd harmonics in a range: even distortion stays off them.
-
-    Examples
-    --------
-    >>> odd_harmonics(11)
-    array([ 1,  3,  5,  7,  9, 11])
-    """
+    """Return the odd harmonics in a range: even distortion stays off them."""
     return np.arange(lowest + (lowest + 1) % 2, highest + 1, 2, dtype=np.int64)
 
 
@@ -159,28 +153,6 @@ def leave_out(harmonics: ArrayLike, group: int, rng: np.random.Generator) -> Int
     """Leave one harmonic out of each group of successive ones: detection lines.
 
     Distortion of odd order falls on the odd lines left out, of even order on the even lines.
-
-    Parameters
-    ----------
-    harmonics : int array, shape (line,)
-    group : int
-        Harmonics of a group, 2 or more. What is left over at the end is kept.
-    rng : np.random.Generator
-
-    Returns
-    -------
-    int array
-        The harmonics to excite.
-
-    Raises
-    ------
-    InputError
-        For a group of less than two.
-
-    Examples
-    --------
-    >>> leave_out(odd_harmonics(23), 4, np.random.default_rng(0)).size
-    9
     """
     lines = _harmonics(harmonics)
     if group < 2:
@@ -193,19 +165,6 @@ def schroeder_phases(power: ArrayLike) -> Floats:
     """Return Schroeder's phases for lines of given power: a sweep in each period.
 
     ``phase_n = -2 pi sum_{j<n} (n - j) p_j`` with p_j the part of line j in the power.
-
-    Parameters
-    ----------
-    power : array, shape (line,)
-
-    Returns
-    -------
-    array, shape (line,), rad
-
-    References
-    ----------
-    Schroeder 1970, Synthesis of low-peak-factor signals and binary sequences with low
-    autocorrelation.
     """
     part = np.asarray(power, dtype=float)
     part = part / part.sum()
@@ -288,14 +247,6 @@ def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
     In run r the signal s has the phase of the single run plus 2 pi r s / n: on each line the
     matrix (signal, run) is the lines' amplitude times a DFT matrix, which has condition 1 where
     the amplitudes are equal.
-
-    Examples
-    --------
-    >>> runs = orthogonal(multisine(1.0, [1, 2], {"a": 1.0, "b": 1.0}))
-    >>> matrix = np.stack([run.amplitudes[0] for run in runs])
-    >>> abs(matrix.conj().T @ matrix).round(12)
-    array([[2., 0.],
-           [0., 2.]])
     """
     turns = linalg.dft(len(signals.names)).conj()
     return tuple(replace(signals, amplitudes=signals.amplitudes * turn) for turn in turns)
@@ -306,27 +257,6 @@ def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
 
     The peak is the limit of the norms of order 2p: these are minimized over the phases, from the
     given ones, p = 2, 4, 8, ..., each from the last.
-
-    Parameters
-    ----------
-    signals : Multisine
-    steps : int
-        Doublings of p.
-
-    Returns
-    -------
-    Multisine
-
-    References
-    ----------
-    Guillaume, Schoukens, Pintelon, Kollar 1991, Crest-factor minimization using nonlinear
-    Chebyshev approximation methods.
-
-    Examples
-    --------
-    >>> sweep = multisine(20.0, odd_harmonics(99), {"F_x1": 1.0})
-    >>> bool(minimize_crest(sweep).crest_factor[0] < 1.5)
-    True
     """
     columns = [
         _flattened(signals.harmonics, column, steps) if np.abs(column).any() else column

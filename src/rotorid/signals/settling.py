@@ -49,17 +49,6 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
     Of each period, d = the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled
     and s the mean and the scatter over the second half; a transient lasts until d stays below what
     chance explains. It is looked for on the kept lines only: elsewhere it does no harm.
-
-    Parameters
-    ----------
-    periods : PeriodicRecord
-        Averaged without `skip`, or with the one to check.
-
-    Returns
-    -------
-    Settling
-        `NONE` where there are fewer than 8 periods, or where what changes does not end in the
-        first half: that is no transient but a drift.
     """
     count = periods.periods
     if count < LEAST_PERIODS:

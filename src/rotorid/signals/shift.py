@@ -11,26 +11,7 @@ _TAPS = 16
 
 
 def shifted(samples: Floats, steps: float, period: int | None = None) -> Floats:
-    """Return samples of a signal `steps` sample periods later, by local interpolation.
-
-    Parameters
-    ----------
-    samples : array, shape (sample,)
-    steps : float
-        Positive looks ahead.
-    period : int, optional
-        Samples after which the signal repeats itself. Beyond its ends it is continued so; without
-        it by its point reflection, which keeps value and slope.
-
-    Returns
-    -------
-    array, shape (sample,)
-
-    Examples
-    --------
-    >>> shifted(np.arange(40.0) ** 2, 0.5)[20:22].round(9)
-    array([420.25, 462.25])
-    """
+    """Return samples of a signal `steps` sample periods later, by local interpolation."""
     whole = int(np.floor(steps + 1e-9))
     part = steps - whole
     if abs(steps) < 1e-9:

@@ -11,47 +11,13 @@ from rotorid.record import Channel, Complexes, Floats, Integers
 
 
 def line_spectra(samples: ArrayLike, harmonics: ArrayLike) -> Complexes:
-    """Return the lines of signals: ``X_k = mean_n(x_n exp(-2 pi i k n / N))``.
-
-    Parameters
-    ----------
-    samples : array, shape (..., sample, channel)
-        One period.
-    harmonics : int array, shape (line,)
-        From 0 to half the number of samples.
-
-    Returns
-    -------
-    complex array, shape (..., line, channel)
-
-    Examples
-    --------
-    >>> line_spectra(np.cos(np.pi * np.arange(4) / 2)[:, None], [1]).real.round(12)
-    array([[0.5]])
-    """
+    """Return the lines of signals: ``X_k = mean_n(x_n exp(-2 pi i k n / N))``."""
     spectrum = np.fft.rfft(np.asarray(samples, dtype=float), axis=-2, norm="forward")
     return np.asarray(spectrum[..., np.asarray(harmonics), :])
 
 
 def synthesize(lines: ArrayLike, harmonics: ArrayLike, samples: int) -> Floats:
-    """Return one period of the signals that have these lines and no others.
-
-    Parameters
-    ----------
-    lines : complex array, shape (..., line, channel)
-    harmonics : int array, shape (line,)
-    samples : int
-        Samples of a period, odd or even.
-
-    Returns
-    -------
-    array, shape (..., sample, channel)
-
-    Examples
-    --------
-    >>> synthesize([[0.5]], [1], 4).round(12)[:, 0]
-    array([ 1.,  0., -1.,  0.])
-    """
+    """Return one period of the signals that have these lines and no others."""
     lines = np.asarray(lines, dtype=complex)
     full = np.zeros((*lines.shape[:-2], samples // 2 + 1, lines.shape[-1]), dtype=complex)
     full[..., np.asarray(harmonics), :] = lines
@@ -65,26 +31,6 @@ def differentiate(
 
     The Nyquist line of an even number of samples shows the cosine only, whose odd derivatives
     vanish at the samples: there they are zero.
-
-    Parameters
-    ----------
-    lines : complex array, shape (..., line, channel)
-    harmonics : int array, shape (line,)
-    samples : int
-        Samples of a period.
-    sample_rate : float
-        Hz.
-    order : int
-
-    Returns
-    -------
-    complex array, shape (..., line, channel)
-        In the unit of the lines times 1/s^order.
-
-    Examples
-    --------
-    >>> differentiate([[0.5]], np.array([1]), 8, 8.0, 2).real.round(3)
-    array([[-19.739]])
     """
     omega = 2 * np.pi * sample_rate / samples * harmonics
     factor = (1j * omega) ** order
@@ -100,18 +46,6 @@ def transfer_of_recording(
 
     A command held over T = 1/sample_rate acts as ``sinc(f T) exp(-i pi f T)`` times its samples;
     samples that lag by tau are multiplied by ``exp(2 pi i f tau)``.
-
-    Parameters
-    ----------
-    channels : sequence of Channel
-    frequency : array, shape (line,)
-        Hz.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    complex array, shape (line, channel)
     """
     turns = frequency / sample_rate
     hold = np.sinc(turns) * np.exp(-1j * np.pi * turns)

@@ -42,14 +42,6 @@ class Synchronism:
 def synchronism(periods: PeriodicRecord) -> Synchronism:
     """Compare the rotor angle with the periods.
 
-    Parameters
-    ----------
-    periods : PeriodicRecord
-
-    Returns
-    -------
-    Synchronism
-
     Notes
     -----
     The columns of the unbalance are averaged and filtered as the data are, from the measured
@@ -74,17 +66,7 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
-    """Return warnings, with numbers, where the rotation does not fit the periods.
-
-    Parameters
-    ----------
-    periods : PeriodicRecord
-
-    Returns
-    -------
-    sequence of str
-        None where the rotor stands still or turns with the excitation.
-    """
+    """Return warnings, with numbers, where the rotation does not fit the periods."""
     if periods.speed == 0:
         return ()
     found = synchronism(periods)

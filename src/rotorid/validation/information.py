@@ -59,21 +59,6 @@ def information(model: Model, record: PeriodicRecord) -> Information:
     inverse the covariance of an estimate: the noise in F is left out, and rows without actuator
     have no variance, so that they are left out here. Use it to compare records; the deviations
     of an estimate are in its own covariance.
-
-    Parameters
-    ----------
-    model : Model
-    record : PeriodicRecord
-        With every coordinate measured.
-
-    Returns
-    -------
-    Information
-
-    Raises
-    ------
-    InputError
-        Where a coordinate or an input is not measured.
     """
     regression = Regression(model, record)
     ones = np.ones((record.samples, regression.rows))

@@ -57,13 +57,7 @@ def predict(
 
 
 def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
-    """Return the model with what was fixed substituted, and the base parameters of an estimate.
-
-    Raises
-    ------
-    InputError
-        Where the estimate does not hold them.
-    """
+    """Return the model with what was fixed substituted, and the base parameters of an estimate."""
     found = {value.name: value.value for value in estimate.parameters}
     fixed = {value.name: value.value for value in estimate.parameters if value.fixed}
     reduced = model.substitute(fixed)

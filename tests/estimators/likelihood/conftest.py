@@ -13,7 +13,7 @@ from rotorid.identify import identify
 from rotorid.models import Model, load_model
 from rotorid.models.model import Parameter, build_model
 from rotorid.record import Channel, Drive, Floats, PeriodicRecord
-from rotorid.simulation.lines import add_noise, line_record
+from rotorid.rig.lines import add_noise, line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 BEARINGS = ("x1", "y1", "x3", "y3")

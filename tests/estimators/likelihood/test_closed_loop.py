@@ -20,10 +20,10 @@ from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import solve
 from rotorid.estimators.likelihood.unknowns import Nuisances
 from rotorid.identify import identify
+from rotorid.rig.rig import Rig
+from rotorid.rig.rig_file import parse_rig
 from rotorid.signals.average import average
 from rotorid.signals.covariance import LineCovariance, correlated_covariance
-from rotorid.simulation.rig import Rig
-from rotorid.simulation.rig_file import parse_rig
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 
@@ -34,7 +34,7 @@ RUNOUT = {"x1": (5, -3), "y1": (2, 4), "x3": (-6, 1), "y3": (3, 3)}  # um
 @cache
 def rig(rpm: int = 8400, *, bearings: bool = False) -> Rig:
     """The shipped rig at a lower rate, so that hundreds of runs take minutes."""
-    text = files("rotorid.simulation").joinpath("library/three-mass.toml").read_text("utf-8")
+    text = files("rotorid.rig").joinpath("library/three-mass.toml").read_text("utf-8")
     text = text.replace("10 kHz", "4 kHz").replace('settling = "2 s"', 'settling = "0.5 s"')
     text = text.replace("8400 rpm", f"{rpm} rpm")
     if bearings:

@@ -9,7 +9,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.simulation.steady_state import simulate
+from rotorid.rig.steady_state import simulate
 
 RATE, PERIODS = 5000.0, 60
 HEAD = """

@@ -12,7 +12,7 @@ from rotorid.estimate import load_estimate
 from rotorid.estimators import MaximumLikelihood
 from rotorid.identify import identify
 from rotorid.models import Model, load_model, parse_model
-from rotorid.simulation.lines import add_noise, line_record
+from rotorid.rig.lines import add_noise, line_record
 
 
 def by_name(estimate):

@@ -7,7 +7,7 @@ import pytest
 
 from rotorid.estimators import Constraint, MaximumLikelihood
 from rotorid.identify import identify
-from rotorid.simulation.lines import add_noise
+from rotorid.rig.lines import add_noise
 
 
 @pytest.fixture

@@ -113,14 +113,7 @@ def monomial_table(
 def load_lines(
     layout: Layout, record: PeriodicRecord, where: Mapping[Factors, int], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
-    """Return the columns of g by order of the rotor angle, and the orders.
-
-    Returns
-    -------
-    array, shape (order, line, row, monomial)
-    orders : array, shape (order,)
-        n of exp(i n delta), delta what is added to phi; (0,) where the phase is known.
-    """
+    """Return the columns of g by order of the rotor angle, and the orders."""
     linear = linear_form(layout.model)
     signals = list(dict.fromkeys(term.signal for term in linear.load_terms))
     steps = PHASE_STEPS if phase_unknown else 1
@@ -162,13 +155,7 @@ def _lines(samples: Floats, harmonics: Integers) -> Complexes:
 
 
 def sensing_of(reads: Floats) -> Sensing:
-    """Split coordinates into what sensors read and what they do not.
-
-    Parameters
-    ----------
-    reads : array, shape (sensor, coordinate)
-        C.
-    """
+    """Split coordinates into what sensors read and what they do not."""
     sensors, coordinates = reads.shape
     used = (reads != 0).sum(axis=0)
     if ((reads != 0).sum(axis=1) == 1).all() and used.max() <= 1:
@@ -197,26 +184,7 @@ def channel_order(model: Model, record: PeriodicRecord) -> list[int]:
 def assemble(
     layout: Layout, record: PeriodicRecord, covariance: LineCovariance, number: int = 0
 ) -> Likelihood:
-    """Build the likelihood of one record.
-
-    Parameters
-    ----------
-    layout : Layout
-    record : PeriodicRecord
-    covariance : LineCovariance
-        Of the record's mean lines, channels in its order.
-    number : int
-        Of the record among several.
-
-    Returns
-    -------
-    Likelihood
-
-    Raises
-    ------
-    InputError
-        For channels that do not fit the model.
-    """
+    """Build the likelihood of one record."""
     model = layout.model
     inputs, sensors = input_channels(model, record), sensor_channels(model, record)
     order = channel_order(model, record)

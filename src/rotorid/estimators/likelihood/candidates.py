@@ -70,16 +70,7 @@ class Structure:
 
 
 def find_structure(model: Model, values: Floats, speed: float) -> Structure | None:
-    """Return the structure of a model, or None where its equations do not match its coordinates.
-
-    Parameters
-    ----------
-    model : Model
-        Linear in its coordinates.
-    values : array, shape (parameter,)
-    speed : float
-        rad/s.
-    """
+    """Return the structure of a model, or None where its equations do not match its coordinates."""
     linear = linear_form(model)
     n = linear.coordinates
     if linear.rows != n:

@@ -163,18 +163,7 @@ class Likelihood:
     def evaluate(
         self, unknowns: Floats, relaxation: float = 0.0, affine: Integers | None = None
     ) -> Evaluation:
-        """Evaluate at the unknowns, shape (unknown,).
-
-        Parameters
-        ----------
-        unknowns : array, shape (unknown,)
-        relaxation : float
-            sigma: standard deviation of an error granted to every equation of motion, in units of
-            its row.
-        affine : int array, optional
-            Unknowns that only move s, and linearly: loads and runout. Their columns are whitened
-            along, for `Evaluation.shift`.
-        """
+        """Evaluate at the unknowns, shape (unknown,)."""
         return Evaluation(self, unknowns, relaxation, affine)
 
 
@@ -304,13 +293,7 @@ class Evaluation:
         return stacked.reshape(-1, whitened.shape[2])
 
     def period_residual(self, spectra: Complexes) -> Complexes:
-        """Return the whitened residual of each period, shape (period, line, equation).
-
-        Parameters
-        ----------
-        spectra : complex array, shape (period, line, channel)
-            Lines of each period, channels in the order of this record's data.
-        """
+        """Return the whitened residual of each period, shape (period, line, equation)."""
         deviation = (spectra - self.problem.data).transpose(1, 2, 0)
         rows = self._white(self._projected(_complex(self.columns @ deviation)))
         return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)

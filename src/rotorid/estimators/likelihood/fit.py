@@ -66,31 +66,7 @@ def fit(
     covariance: CovarianceChoice = "auto",
     neighbours: int | None = None,
 ) -> Fit:
-    """Minimize the likelihood of one record or several.
-
-    Parameters
-    ----------
-    model : Model
-    records : sequence of PeriodicRecord
-    knowledge : Knowledge
-    nuisances : Nuisances
-    base : bool
-        Estimate the base parameters.
-    covariance : {"auto", "white", "correlated"}
-    neighbours : int, optional
-        Of the correlated covariance.
-
-    Returns
-    -------
-    Fit
-
-    Raises
-    ------
-    InputError
-        For records or knowledge that do not fit the model.
-    NotConvergedError
-        Where the iteration ran into parameters without meaning.
-    """
+    """Minimize the likelihood of one record or several."""
     guess = starting_values(model, records, knowledge, base)
     prepared = prepare(model, records, knowledge, nuisances, base, guess)
     if covariance == "correlated":

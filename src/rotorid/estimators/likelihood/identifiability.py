@@ -67,19 +67,7 @@ class Combination:
 
 
 def open_combinations(layout: Layout, point: Point, inference: Inference) -> list[Combination]:
-    """Return the directions that the records leave open, few members each.
-
-    Parameters
-    ----------
-    layout : Layout
-    point : Point
-        The minimum.
-    inference : Inference
-
-    Returns
-    -------
-    list of Combination
-    """
+    """Return the directions that the records leave open, few members each."""
     null = inference.null
     if not null.shape[1]:
         return []

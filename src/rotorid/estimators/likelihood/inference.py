@@ -44,16 +44,7 @@ class Expectation:
 
 
 def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:
-    """Return mean and variance of each line's cost.
-
-    Parameters
-    ----------
-    left : array, shape (line,)
-        t: equations of each line less what the parameters take up, in complex dimensions.
-    dof : array, shape (line,)
-        n of each line.
-    multiplicity : array, shape (line,)
-    """
+    """Return mean and variance of each line's cost."""
     t, c = np.maximum(left, 0.0), multiplicity
     a = c * t
     b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance
@@ -140,18 +131,7 @@ def projected_jacobian(point: Point) -> Floats:
 
 
 def infer(point: Point, exact: Relations) -> Inference:
-    """Return covariance, null space and expected cost at a minimum.
-
-    Parameters
-    ----------
-    point : Point
-    exact : Relations
-        Relations that were eliminated.
-
-    Returns
-    -------
-    Inference
-    """
+    """Return covariance, null space and expected cost at a minimum."""
     scaled, scale, basis = _scaled(point, exact)
     left, values, right = np.linalg.svd(scaled, full_matrices=False)
     kept = values > RANK * values.max(initial=0.0)

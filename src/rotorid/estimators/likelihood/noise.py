@@ -36,20 +36,6 @@ def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equat
 
     Below ``2 * equations`` degrees of freedom V would be estimated too badly to whiten with: C is
     mixed with its own diagonal, ``(1 - a) C + a diag(C)``, with a = 1 - dof / (2 * equations).
-
-    Parameters
-    ----------
-    covariance : LineCovariance
-    data : complex array, shape (line, channel)
-        Mean lines; inputs first.
-    inputs : int
-        Number of inputs among the channels.
-    equations : int
-        Size of V.
-
-    Returns
-    -------
-    Noise
     """
     dof = float(covariance.dof)
     share = max(0.0, 1.0 - dof / (2 * equations))

@@ -21,25 +21,7 @@ from rotorid.signals.covariance import white_covariance
 def predict_with(
     model: Model, estimate: Estimate, records: Sequence[PeriodicRecord]
 ) -> dict[str, Prediction | None]:
-    """Return how well an estimate predicts records that need not be its own.
-
-    Parameters
-    ----------
-    model : Model
-    estimate : Estimate
-        By maximum likelihood, its nuisances included.
-    records : sequence of PeriodicRecord
-
-    Returns
-    -------
-    dict of channel name to Prediction
-        As `predict_channels`.
-
-    Raises
-    ------
-    InputError
-        For an estimate that is not of this model, and for a rotor angle of unknown phase.
-    """
+    """Return how well an estimate predicts records that need not be its own."""
     values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
     nuisances = Nuisances(
         runout=any(name.startswith("runout[") for name in values),
@@ -77,22 +59,7 @@ def predict_with(
 def predict_channels(
     evaluations: Sequence[Evaluation], inputs: Sequence[str], sensors: Sequence[Sequence[str]]
 ) -> dict[str, Prediction | None]:
-    """Return the relative error of each channel, all records together.
-
-    Parameters
-    ----------
-    evaluations : sequence of Evaluation
-        At the estimate.
-    inputs : sequence of str
-    sensors : sequence of sequence of str
-        Names of the sensors of each record.
-
-    Returns
-    -------
-    dict of channel name to Prediction
-        Inputs where no coordinate is hidden in any record, else sensors; ``None`` for a channel
-        that is zero.
-    """
+    """Return the relative error of each channel, all records together."""
     hidden = any(e.problem.sensing.hidden.shape[1] for e in evaluations)
     wrong: dict[str, float] = {}
     size: dict[str, float] = {}

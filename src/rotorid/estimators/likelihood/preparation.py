@@ -66,28 +66,7 @@ def prepare(
     base: bool,
     guess: Mapping[str, float],
 ) -> Prepared:
-    """Lay out the unknowns and write what is known as relations.
-
-    Parameters
-    ----------
-    model : Model
-    records : sequence of PeriodicRecord
-    knowledge : Knowledge
-    nuisances : Nuisances
-    base : bool
-        Estimate the base parameters, what is fixed being put into the model.
-    guess : mapping of name to float
-        Starting values for what `knowledge` says nothing about.
-
-    Returns
-    -------
-    Prepared
-
-    Raises
-    ------
-    InputError
-        For names that do not exist, values that contradict one another, or no start.
-    """
+    """Lay out the unknowns and write what is known as relations."""
     extra = nuisance_unknowns(model, records, nuisances)
     _check_names(model, extra, knowledge, base)
     held: dict[str, float] = {}

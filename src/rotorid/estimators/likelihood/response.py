@@ -39,22 +39,7 @@ def simulated(
     unknowns: Floats,
     number: int = 0,
 ) -> Likelihood:
-    """Return the likelihood of a record whose sensors read exactly what the unknowns say.
-
-    Parameters
-    ----------
-    layout : Layout
-    record : PeriodicRecord
-        Its inputs, lines and rotor angle are kept.
-    covariance : LineCovariance
-    unknowns : array, shape (unknown,)
-    number : int
-        Of the record, for what belongs to it alone.
-
-    Returns
-    -------
-    Likelihood
-    """
+    """Return the likelihood of a record whose sensors read exactly what the unknowns say."""
     order = channel_order(layout.model, record)
     blank = assemble(layout, record, covariance, number)
     spectra = np.empty((1, len(record.harmonics), len(record.channels)), dtype=np.complex128)

@@ -28,19 +28,7 @@ DOUBTFUL = 1e-3
 
 
 def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Estimate:
-    """Return the estimate of a fit.
-
-    Parameters
-    ----------
-    model : Model
-        As given, before anything was put in.
-    records : sequence of PeriodicRecord
-    fit : Fit
-
-    Returns
-    -------
-    Estimate
-    """
+    """Return the estimate of a fit."""
     layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
     cost, expectation = point.cost, inference.expectation
     p_value = expectation.p_value(cost)

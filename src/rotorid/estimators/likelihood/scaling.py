@@ -28,20 +28,6 @@ def find_scales(
 
     The tie: rows with a force are as large as the force, and a coordinate that a sensor reads by
     itself is as large as its reading. The fit follows every change of units exactly.
-
-    Parameters
-    ----------
-    stiffness : complex array, shape (line, row, coordinate)
-        Z at the start.
-    forces : complex array, shape (line, row)
-        B u.
-    sensors : array, shape (sensor, coordinate)
-        C.
-    readings : complex array, shape (line, sensor)
-
-    Returns
-    -------
-    Scales
     """
     rows, coordinates = stiffness.shape[1:]
     size = np.sqrt((np.abs(stiffness) ** 2).mean(axis=0))

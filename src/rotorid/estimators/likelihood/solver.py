@@ -113,13 +113,7 @@ def relation_jacobian(exact: Relations, point: Point) -> Floats:
 
 
 def tangent_basis(normal: Floats) -> Floats:
-    """Return an orthonormal basis of what is orthogonal to the rows, (free, free - relations).
-
-    Raises
-    ------
-    LinAlgError
-        For a relation that no free unknown moves.
-    """
+    """Return an orthonormal basis of what is orthogonal to the rows, (free, free - relations)."""
     length = np.sqrt((normal**2).sum(axis=1, keepdims=True))
     if not (np.isfinite(length).all() and length.min() > 0):
         raise np.linalg.LinAlgError("a relation without a free unknown")
@@ -246,19 +240,7 @@ def _evaluated(problem: Problem, unknowns: Floats, relaxation: float) -> Point |
 
 
 def solve(problem: Problem, start: Floats, stages: Sequence[float] = STAGES) -> Solution:
-    """Minimize the cost from a start.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : array, shape (unknown,)
-    stages : sequence of float
-        sigma of each stage of the homotopy; the last is 0.
-
-    Returns
-    -------
-    Solution
-    """
+    """Minimize the cost from a start."""
     free, x = problem.layout.free, start
     if len(problem.exact):
         scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))

@@ -33,22 +33,7 @@ DISTINCT = 1e-10
 def find_suspects(
     model: Model, values: Floats, records: Sequence[PeriodicRecord], point: Point
 ) -> tuple[Suspect, ...]:
-    """Rank what may be missing from the model.
-
-    Parameters
-    ----------
-    model : Model
-    values : array, shape (parameter,)
-        Physical parameters at the estimate; not finite where they are not known.
-    records : sequence of PeriodicRecord
-    point : Point
-        The estimate.
-
-    Returns
-    -------
-    tuple of Suspect
-        Largest drop first, at most `KEPT`.
-    """
+    """Rank what may be missing from the model."""
     names: list[str] = []
     blocks: list[Floats] = []
     terms: list[Candidate] = []

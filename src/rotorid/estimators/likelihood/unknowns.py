@@ -78,13 +78,7 @@ class Nuisances:
 
 
 def linear_form(model: Model) -> LinearForm:
-    """Return the linear form, found once.
-
-    Raises
-    ------
-    ModelError
-        Naming the term that is not linear.
-    """
+    """Return the linear form, found once."""
     return model.linear or model.require_linear()
 
 
@@ -155,13 +149,7 @@ def physical_factors(model: Model) -> tuple[tuple[int, ...], ...]:
 
 
 def base_factors(model: Model) -> tuple[tuple[int, ...] | None, ...]:
-    """Return each monomial as a base parameter, nothing (merged into another), or one.
-
-    Raises
-    ------
-    InputError
-        Where a parameter multiplies an input.
-    """
+    """Return each monomial as a base parameter, nothing (merged into another), or one."""
     kept = {monomial: base for base, monomial in enumerate(model.base.kept)}
     factors: list[tuple[int, ...] | None] = []
     for monomial, powers in enumerate(model.monomials):
@@ -181,13 +169,7 @@ def base_factors(model: Model) -> tuple[tuple[int, ...] | None, ...]:
 
 
 def sensor_channels(model: Model, record: PeriodicRecord) -> tuple[Channel, ...]:
-    """Return the channels of a record that read coordinates.
-
-    Raises
-    ------
-    InputError
-        For a channel that is neither an input nor a combination of coordinates.
-    """
+    """Return the channels of a record that read coordinates."""
     sensors = []
     for channel in record.channels:
         if channel.name in model.inputs and channel.reads is None:
@@ -211,26 +193,14 @@ def sensor_channels(model: Model, record: PeriodicRecord) -> tuple[Channel, ...]
 
 
 def input_channels(model: Model, record: PeriodicRecord) -> tuple[Channel, ...]:
-    """Return the channel of each input of the model, in order.
-
-    Raises
-    ------
-    InputError
-        Where an input has no channel.
-    """
+    """Return the channel of each input of the model, in order."""
     return tuple(record.channels[index] for index in regression.input_channels(model, record))
 
 
 def nuisance_unknowns(
     model: Model, records: Sequence[PeriodicRecord], nuisances: Nuisances
 ) -> tuple[Unknown, ...]:
-    """Return the nuisance unknowns of several records of one machine.
-
-    Raises
-    ------
-    InputError
-        For a k_s that no force law has.
-    """
+    """Return the nuisance unknowns of several records of one machine."""
     inputs = {c.name: c for record in records for c in input_channels(model, record)}
     sensors = {c.name: c for record in records for c in sensor_channels(model, record)}
     found: list[Unknown] = []

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models import load_model, parse_model
-from rotorid.simulation.steady_state import simulate, steady_state
+from rotorid.rig.steady_state import simulate, steady_state
 
 JEFFCOTT = load_model("jeffcott")
 VALUES = JEFFCOTT.values({"m": 2.0, "c": 150.0, "k": 2e5, "xi": 2e-4, "zeta": -1e-4})

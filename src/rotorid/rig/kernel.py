@@ -2,7 +2,7 @@
 
 Between events the inputs are constant. A linear rig takes exact steps (matrix exponential); a
 nonlinear one, or one whose speed changes, is integrated with error control. Arguments are the
-tables of `rotorid.simulation.tables`; x = [q, q', lagging currents].
+tables of `rotorid.rig.tables`; x = [q, q', lagging currents].
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from rotorid.simulation.dynamics import currents, forces, integrate
+from rotorid.rig.dynamics import currents, forces, integrate
 
 FINE, TOUCH, BEYOND_BIAS, STUCK = 0, 1, 2, 3
 

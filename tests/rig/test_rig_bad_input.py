@@ -11,9 +11,9 @@ import pytest
 
 from rotorid.cli import run
 from rotorid.errors import InputError
-from rotorid.simulation.faults import RigError
-from rotorid.simulation.parts import Actuator
-from rotorid.simulation.rig_file import load_rig, parse_rig
+from rotorid.rig.faults import RigError
+from rotorid.rig.parts import Actuator
+from rotorid.rig.rig_file import load_rig, parse_rig
 
 TEXT = load_rig("three-mass").text
 MAGNETS = """law = "differential"

@@ -14,22 +14,16 @@ from rotorid.actuators.reading import as_channels
 from rotorid.errors import InputError
 from rotorid.models import Model
 from rotorid.record import Channel
-from rotorid.simulation.controller import Controller, pid, side_by_side
-from rotorid.simulation.parts import Actuator, FluxSensors, PositionSensor
-from rotorid.simulation.rig_schema import ActuatorEntry, ControllerEntry
+from rotorid.rig.controller import Controller, pid, side_by_side
+from rotorid.rig.parts import Actuator, FluxSensors, PositionSensor
+from rotorid.rig.rig_schema import ActuatorEntry, ControllerEntry
 from rotorid.units import to_si
 
 ALL = "all"
 
 
 def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[str, Actuator]:
-    """Return the actuator of each input: what ``all`` says, and what its own table changes.
-
-    Raises
-    ------
-    InputError
-        For a name that is no input, and constants that make no actuator.
-    """
+    """Return the actuator of each input: what ``all`` says, and what its own table changes."""
     for name in entries:
         if name != ALL and name not in model.inputs:
             raise InputError(
@@ -98,13 +92,7 @@ def build_controller(
     actuators: Mapping[str, Actuator],
     sensors: Sequence[PositionSensor],
 ) -> tuple[Controller, tuple[str, ...]]:
-    """Return the controller of a rig file and the sensors that it reads.
-
-    Raises
-    ------
-    InputError
-        For gains that are missing, matrices that do not fit, or inputs without a sensor.
-    """
+    """Return the controller of a rig file and the sensors that it reads."""
     try:
         feedback = tuple(
             _feedback(name, j, entry, model, values, sensors) for j, name in enumerate(model.inputs)

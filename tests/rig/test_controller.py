@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 from rotorid.errors import InputError
-from rotorid.simulation.controller import Controller, as_controller, pid, side_by_side
+from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
 
 T = 1e-4
 
@@ -71,8 +71,8 @@ def test_systems_of_other_packages(kind: str) -> None:
 
 def test_python_control_is_not_imported_by_the_package() -> None:
     code = (
-        "import sys, rotorid.simulation.rig_file, rotorid.cli; "
-        "from rotorid.simulation.controller import as_controller; "
+        "import sys, rotorid.rig.rig_file, rotorid.cli; "
+        "from rotorid.rig.controller import as_controller; "
         "from scipy import signal; as_controller(signal.dlti([1.0], [1.0, 0.5], dt=1e-4), 1e-4); "
         "sys.exit('control' in sys.modules)"
     )

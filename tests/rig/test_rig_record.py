@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rotorid.actuators import Flux, forces
+from rotorid.rig.logger import how_recorded
+from rotorid.rig.parts import Encoder, FluxSensors, Keyphasor, Logger, Runout
+from rotorid.rig.speed import Rotation
 from rotorid.signals import average
-from rotorid.simulation.logger import how_recorded
-from rotorid.simulation.parts import Encoder, FluxSensors, Keyphasor, Logger, Runout
-from rotorid.simulation.speed import Rotation
 
 LINES = [1, 3, 5, 7, 9, 11]
 FINE = 40

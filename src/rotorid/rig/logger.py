@@ -11,13 +11,13 @@ import numpy as np
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
 from rotorid.record import Channel, Drive, Floats, Record
-from rotorid.simulation.marks import encoder_counts, keyphasor_pulses, read_mark
-from rotorid.simulation.parts import Actuator, Encoder, Keyphasor, sensor_unit
-from rotorid.simulation.plant import Plant
+from rotorid.rig.marks import encoder_counts, keyphasor_pulses, read_mark
+from rotorid.rig.parts import Actuator, Encoder, Keyphasor, sensor_unit
+from rotorid.rig.plant import Plant
 
 if TYPE_CHECKING:
-    from rotorid.simulation.rig import Rig
-    from rotorid.simulation.tables import Log
+    from rotorid.rig.rig import Rig
+    from rotorid.rig.tables import Log
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,7 @@ class RigRecord(Record):
 
 
 def label(name: str, part: Actuator, kind: str = "i") -> str:
-    """Return the column of an input: F_x1 for a force, i_x1, b1_x1, b2_x1 for what it comes from.
-
-    Examples
-    --------
-    >>> label("F_x1", Actuator(Linear(ki=100.0))), label("F_x1", Actuator())
-    ('i_x1', 'F_x1')
-    """
+    """Return the column of an input: F_x1 for a force, i_x1, b1_x1, b2_x1 for what it comes from."""
     return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
 
 
@@ -177,13 +171,7 @@ def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | N
 
 
 def force_reading(rig: Rig, plant: Plant, index: int) -> ForceReading:
-    """Return how a reader gets the force of an actuator with a law from the columns.
-
-    Raises
-    ------
-    InputError
-        Where no sensors give the displacement in the actuator.
-    """
+    """Return how a reader gets the force of an actuator with a law from the columns."""
     name, part = rig.model.inputs[index], rig.parts[index]
     if part.flux is not None:
         return ForceReading(part.flux.law, (label(name, part, "b1"), label(name, part, "b2")))

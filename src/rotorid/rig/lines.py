@@ -32,48 +32,7 @@ def line_record(
     phase: float = 0.0,
     sensors: Sequence[Channel | str] | None = None,
 ) -> PeriodicRecord:
-    """Return the noise-free record of a linear model in steady state, lines only.
-
-    Parameters
-    ----------
-    model : Model
-        Linear in its coordinates.
-    values : array, shape (parameter,)
-        SI.
-    forces : complex array, shape (line, input)
-        Lines of the inputs, ``mean(F exp(-i omega t))``: half the amplitude of a cosine.
-    harmonics : sequence of int
-        Increasing; the multiples of the fundamental that the lines are.
-    fundamental, sample_rate : float
-        Hz.
-    periods : int
-    speed : float
-        rad/s; a whole number of revolutions fits the period.
-    phase : float
-        Rotor angle in rad at t = 0.
-    sensors : sequence of Channel or str, optional
-        What is read; every coordinate where not given.
-
-    Returns
-    -------
-    PeriodicRecord
-        Channels: the inputs, then the sensors.
-
-    Raises
-    ------
-    InputError
-        For shapes that do not fit, a sensor of no coordinate, or an undamped resonance.
-
-    Examples
-    --------
-    >>> from rotorid.models import load_model
-    >>> model = load_model("jeffcott")
-    >>> record = line_record(
-    ...     model, model.values(model.nominal), np.full((1, 2), 500.0), harmonics=[0],
-    ...     fundamental=1.0, sample_rate=100.0, periods=2)
-    >>> record.mean_spectrum.real  # k x = F
-    array([[5.e+02, 5.e+02, 5.e-04, 5.e-04]])
-    """
+    """Return the noise-free record of a linear model in steady state, lines only."""
     lines, force = np.array(harmonics, dtype=np.int64), np.asarray(forces, dtype=np.complex128)
     if force.shape != (len(lines), len(model.inputs)):
         raise InputError(
@@ -126,19 +85,7 @@ def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, 
 def add_noise(
     record: PeriodicRecord, deviation: Mapping[str, float], rng: np.random.Generator
 ) -> PeriodicRecord:
-    """Return a record with white noise on its channels.
-
-    Parameters
-    ----------
-    record : PeriodicRecord
-    deviation : mapping of channel name to float
-        Standard deviation per sample, in SI; channels left out have none.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    PeriodicRecord
-    """
+    """Return a record with white noise on its channels."""
     std = np.array([deviation.get(name, 0.0) for name in record.names])
     noise = _unit_noise(record, rng) * (std / np.sqrt(record.samples))
     return replace(record, spectra=record.spectra + noise, variance=record.variance + std**2)

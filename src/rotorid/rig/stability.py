@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rotorid.record import Floats
-from rotorid.simulation.controller import Controller
-from rotorid.simulation.schedule import Schedule
+from rotorid.rig.controller import Controller
+from rotorid.rig.schedule import Schedule
 
 
 def loop_matrix(
@@ -20,20 +20,6 @@ def loop_matrix(
 
     Its states are those of the rotor and the amplifiers, of the controller, and the commands that
     wait or are held, as the kernel keeps them.
-
-    Parameters
-    ----------
-    schedule : Schedule
-    state : array, shape (event, state, state)
-    command : array, shape (event, state, input)
-        Exact steps from each event to the next.
-    controller : Controller
-    reads : array, shape (position, state)
-        What the controller reads.
-
-    Returns
-    -------
-    array, shape (all states, all states)
     """
     rotor, memory, inputs = state.shape[1], controller.states, controller.commands
     slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last

@@ -1,5 +1,5 @@
 """Records computed instead of measured."""
 
-from rotorid.simulation.steady_state import simulate, steady_state
+from rotorid.rig.steady_state import simulate, steady_state
 
 __all__ = ["simulate", "steady_state"]

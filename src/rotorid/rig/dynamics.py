@@ -1,7 +1,7 @@
 """Compiled: forces, amplifiers, rotor, and their integration between events.
 
 The embedded pair of Dormand and Prince, 5(4), with error control; the amplifiers' currents have a
-closed form, as their commands are held. Arguments are the tables of `rotorid.simulation.tables`;
+closed form, as their commands are held. Arguments are the tables of `rotorid.rig.tables`;
 y = [q, q'].
 """
 

@@ -90,24 +90,12 @@ class Controller:
         return np.asarray(self.C @ states + self.D)
 
     def on_each(self, axes: int) -> Controller:
-        """Return a controller of one position and one command, repeated on several axes.
-
-        Raises
-        ------
-        InputError
-            Where it has more than one position or command.
-        """
+        """Return a controller of one position and one command, repeated on several axes."""
         return side_by_side([self] * axes)
 
 
 def side_by_side(controllers: Sequence[Controller]) -> Controller:
-    """Return one controller of several that do not know of one another: decentralized.
-
-    Raises
-    ------
-    InputError
-        For controllers of more than one position and command, or of different periods.
-    """
+    """Return one controller of several that do not know of one another: decentralized."""
     for controller in controllers:
         if (controller.positions, controller.commands) != (1, 1):
             raise InputError(
@@ -137,29 +125,6 @@ def pid(
     u = -(P y + I int y dt + D dy/dt filtered by a first-order low-pass): the integral by the
     forward rule, the derivative as first-order hold through the filter, so that
     ``d[k] = a d[k-1] + D (1 - a) (y[k] - y[k-1]) / T``, a = exp(-2 pi f T).
-
-    Parameters
-    ----------
-    proportional, integral, derivative : float
-        Command per m, per m s, per m/s.
-    filter_frequency : float
-        Corner of the derivative's filter in Hz.
-    period : float
-        T in s.
-
-    Returns
-    -------
-    Controller
-
-    Raises
-    ------
-    InputError
-        For a filter frequency that is not positive.
-
-    Examples
-    --------
-    >>> pid(1e4, 0.0, 10.0, 2000.0, 1e-4).D.round(1)
-    array([[-81539.]])
     """
     if not (np.isfinite(filter_frequency) and filter_frequency > 0):
         raise InputError(
@@ -179,30 +144,7 @@ def pid(
 
 
 def as_controller(system: Any, period: float) -> Controller:
-    """Return a controller from an object of python-control or scipy.signal.
-
-    Parameters
-    ----------
-    system : Controller, control.StateSpace, control.TransferFunction, scipy.signal.dlti, ...
-        Discrete, from positions to commands, the sign of the feedback in it.
-    period : float
-        Period in s of the controller's clock, for systems that do not tell theirs.
-
-    Returns
-    -------
-    Controller
-
-    Raises
-    ------
-    InputError
-        For a continuous system, another period, or something else.
-
-    Examples
-    --------
-    >>> lead = signal.dlti([-2e4, 1.9e4], [1.0, -0.5], dt=1e-4)
-    >>> as_controller(lead, 1e-4).states
-    1
-    """
+    """Return a controller from an object of python-control or scipy.signal."""
     if isinstance(system, Controller):
         return _of_period(system, system.period, period)
     dt = getattr(system, "dt", None)

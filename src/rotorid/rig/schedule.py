@@ -46,30 +46,7 @@ class Schedule(NamedTuple):
 
 
 def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Schedule:
-    """Merge the clocks of controller and logger; both tick at t = 0.
-
-    Parameters
-    ----------
-    control_rate, sample_rate : float
-        Hz; one must be the other times a ratio of small whole numbers.
-    delay : float
-        Time in s from the controller's sample until its command takes effect.
-
-    Returns
-    -------
-    Schedule
-
-    Raises
-    ------
-    InputError
-        For rates that are not positive or have no such ratio, or a negative delay.
-
-    Examples
-    --------
-    >>> both = merge_clocks(10e3, 5e3, 50e-6)
-    >>> both.control.tolist(), both.apply.tolist(), both.log.tolist()
-    ([0, -1, 1, -1], [-1, 0, -1, 1], [0, -1, -1, -1])
-    """
+    """Merge the clocks of controller and logger; both tick at t = 0."""
     for name, value in (("rate", control_rate), ("sample_rate", sample_rate)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{value} Hz", "more than 0 Hz", "correct it", place=name)

@@ -12,14 +12,14 @@ from rotorid.actuators.laws import Differential
 from rotorid.errors import InputError
 from rotorid.models.model import Model
 from rotorid.record import Floats
+from rotorid.rig import assembly, faults, kernel
+from rotorid.rig.controller import Controller
+from rotorid.rig.logger import RigRecord, record_of
+from rotorid.rig.parts import Actuator, Logger, PositionSensor, ProcessNoise
+from rotorid.rig.plant import Plant, rotor_plant
+from rotorid.rig.schedule import Schedule, merge_clocks
+from rotorid.rig.speed import Rotation
 from rotorid.signals.multisine import Multisine
-from rotorid.simulation import assembly, faults, kernel
-from rotorid.simulation.controller import Controller
-from rotorid.simulation.logger import RigRecord, record_of
-from rotorid.simulation.parts import Actuator, Logger, PositionSensor, ProcessNoise
-from rotorid.simulation.plant import Plant, rotor_plant
-from rotorid.simulation.schedule import Schedule, merge_clocks
-from rotorid.simulation.speed import Rotation
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import pytest
 import rotorid as rid
 from rotorid.actuators import forces
 from rotorid.cli import run as command
+from rotorid.rig.rig_file import load_rig, parse_rig
 from rotorid.signals import average
 from rotorid.signals.detection import detect_distortion
-from rotorid.simulation.rig_file import load_rig, parse_rig
 
 MODEL = rid.load_model("three-mass")
 TRUTH = dict(zip(MODEL.base.names, MODEL.base_values(MODEL.values(MODEL.nominal)), strict=True))

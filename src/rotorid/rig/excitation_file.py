@@ -8,33 +8,15 @@ import numpy as np
 from scipy.io import wavfile
 
 from rotorid.errors import InputError
+from rotorid.rig.export import write_columns
+from rotorid.rig.logger import Column
 from rotorid.signals.multisine import Multisine
-from rotorid.simulation.export import write_columns
-from rotorid.simulation.logger import Column
 
 
 def write_excitation(
     signals: Multisine, path: str | Path, sample_rate: float, *, full_scale: float | None = None
 ) -> None:
-    """Write one period of a multisine, to be played over and over.
-
-    Parameters
-    ----------
-    signals : Multisine
-    path : str or Path
-        ``.csv``: sample times and signals, a heading each. ``.h5``, ``.hdf5``: one dataset per
-        signal, its unit in the attribute ``units``, and ``t``. ``.wav``: 32-bit floats, one
-        channel per signal in order, in parts of `full_scale`.
-    sample_rate : float
-        Hz; a whole multiple of the fundamental, for WAV a whole number.
-    full_scale : float, optional
-        What 1 in a WAV file stands for, in the unit of the signals.
-
-    Raises
-    ------
-    InputError
-        For another ending, a rate that does not fit, or a peak beyond the full scale.
-    """
+    """Write one period of a multisine, to be played over and over."""
     path = Path(path)
     samples = signals.samples(sample_rate)
     match path.suffix.lower():

@@ -13,8 +13,8 @@ from rotorid.errors import ModelError
 from rotorid.models.linear import LinearForm
 from rotorid.models.model import Model
 from rotorid.record import Floats, Integers
-from rotorid.simulation.schedule import Schedule
-from rotorid.simulation.speed import Rotation
+from rotorid.rig.schedule import Schedule
+from rotorid.rig.speed import Rotation
 
 _DEGREE = 4
 _ANGLES = 64
@@ -63,25 +63,7 @@ class Plant:
 
 
 def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
-    """Return the plant of a model for a run until `end` (s).
-
-    Parameters
-    ----------
-    model : Model
-    values : array, shape (parameter,)
-    rotation : Rotation
-    end : float
-
-    Returns
-    -------
-    Plant
-
-    Raises
-    ------
-    ModelError
-        For a model that is not linear, has no mass somewhere, loads that are not periodic in the
-        rotor angle, or a speed that enters otherwise than as a polynomial while it changes.
-    """
+    """Return the plant of a model for a run until `end` (s)."""
     linear = model.require_linear()
     low, high = rotation.range_until(end)
     centre, width = (low + high) / 2, (high - low) / 2 or 1.0
@@ -229,23 +211,7 @@ def transitions(
     time_constant: Floats,
     noise: Floats,
 ) -> Transitions:
-    """Return the exact steps of the rig at constant speed (matrix exponential).
-
-    Parameters
-    ----------
-    plant : Plant
-    schedule : Schedule
-    speed : float
-        rad/s.
-    ki, ks, time_constant : array, shape (input,)
-        Force laws, and lag of the amplifiers in s; 0 where they follow at once.
-    noise : array, shape (coordinate, noise)
-        Acceleration per random force.
-
-    Returns
-    -------
-    Transitions
-    """
+    """Return the exact steps of the rig at constant speed (matrix exponential)."""
     n, inputs = plant.force.shape
     lagging = np.flatnonzero(time_constant > 0)
     states, harmonics = 2 * n + len(lagging), len(plant.harmonics)

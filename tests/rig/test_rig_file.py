@@ -12,10 +12,10 @@ import rotorid as rid
 from rotorid.actuators import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.experiment import load_experiment
+from rotorid.rig.export import experiment_text, write_record
+from rotorid.rig.parts import Encoder
+from rotorid.rig.rig_file import load_rig, parse_rig, shipped_rigs
 from rotorid.signals.multisine import multisine
-from rotorid.simulation.export import experiment_text, write_record
-from rotorid.simulation.parts import Encoder
-from rotorid.simulation.rig_file import load_rig, parse_rig, shipped_rigs
 
 TEXT = load_rig("three-mass").text
 
@@ -44,7 +44,7 @@ def test_the_seeds_rotor_as_it_is_described() -> None:
 
 @pytest.mark.parametrize("name", shipped_rigs())
 def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
-    from rotorid.simulation.assembly import growth
+    from rotorid.rig.assembly import growth
 
     rig = load_rig(name).rig
     for speed in (0.0, rig.rotation.speed / 2, rig.rotation.speed):

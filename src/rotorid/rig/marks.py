@@ -6,9 +6,9 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.record import Floats
+from rotorid.rig.parts import Encoder, Keyphasor
+from rotorid.rig.speed import Rotation
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_times
-from rotorid.simulation.parts import Encoder, Keyphasor
-from rotorid.simulation.speed import Rotation
 
 
 def encoder_counts(
@@ -22,13 +22,7 @@ def encoder_counts(
 def keyphasor_pulses(
     mark: Keyphasor, rotation: Rotation, time: Floats, rng: np.random.Generator
 ) -> Floats:
-    """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples.
-
-    Raises
-    ------
-    InputError
-        For a rotor that does not turn forwards, or pulses shorter than their flanks.
-    """
+    """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples."""
     step = time[1] - time[0]
     turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
     speeds = rotation.speed_at(time)

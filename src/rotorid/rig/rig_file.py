@@ -13,16 +13,8 @@ import numpy as np
 from rotorid.errors import InputError, ReadError
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.combination import linear_combination
-from rotorid.signals.multisine import (
-    Multisine,
-    full_harmonics,
-    leave_out,
-    minimize_crest,
-    multisine,
-    odd_harmonics,
-)
-from rotorid.simulation.logger import RigRecord
-from rotorid.simulation.parts import (
+from rotorid.rig.logger import RigRecord
+from rotorid.rig.parts import (
     Encoder,
     Keyphasor,
     Logger,
@@ -31,10 +23,18 @@ from rotorid.simulation.parts import (
     Runout,
     sensor_unit,
 )
-from rotorid.simulation.rig import Rig
-from rotorid.simulation.rig_actuators import build_actuators, build_controller
-from rotorid.simulation.rig_schema import ExcitationEntry, LoggerEntry, RigFile, SensorEntry
-from rotorid.simulation.speed import Rotation
+from rotorid.rig.rig import Rig
+from rotorid.rig.rig_actuators import build_actuators, build_controller
+from rotorid.rig.rig_schema import ExcitationEntry, LoggerEntry, RigFile, SensorEntry
+from rotorid.rig.speed import Rotation
+from rotorid.signals.multisine import (
+    Multisine,
+    full_harmonics,
+    leave_out,
+    minimize_crest,
+    multisine,
+    odd_harmonics,
+)
 from rotorid.toml import parse_toml
 from rotorid.units import to_si
 
@@ -68,15 +68,7 @@ class RigPlan:
     seed: int
 
     def run(self, seed: int | None = None) -> RigRecord:
-        """Run the rig for its duration, with its seed or another.
-
-        Raises
-        ------
-        RigError
-            For a rig that cannot run on: what, when, and where.
-        InputError
-            For a duration or an excitation that does not fit the clocks.
-        """
+        """Run the rig for its duration, with its seed or another."""
         rng = np.random.default_rng(self.seed if seed is None else seed)
         try:
             return self.rig.run(self.duration, rng)
@@ -92,7 +84,7 @@ def shipped_rigs() -> tuple[str, ...]:
     >>> shipped_rigs()
     ('rigid', 'three-mass')
     """
-    library = files("rotorid.simulation").joinpath("library")
+    library = files("rotorid.rig").joinpath("library")
     return tuple(
         sorted(p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml"))
     )
@@ -124,7 +116,7 @@ def load_rig(name: str | Path) -> RigPlan:
     """
     text = str(name)
     if text in shipped_rigs():
-        resource = files("rotorid.simulation").joinpath("library").joinpath(f"{text}.toml")
+        resource = files("rotorid.rig").joinpath("library").joinpath(f"{text}.toml")
         return parse_rig(resource.read_bytes(), name=text, file=f"{text}.toml")
     path = Path(name)
     if not path.suffix and not path.exists():
@@ -145,24 +137,7 @@ def load_rig(name: str | Path) -> RigPlan:
 def parse_rig(
     data: bytes | str, *, name: str = "rig", file: str = "", folder: str | Path = "."
 ) -> RigPlan:
-    """Return what the text of a rig file says.
-
-    Parameters
-    ----------
-    data : bytes or str
-        TOML.
-    name : str
-        What to call the rig.
-    file : str
-        For messages.
-    folder : str or Path
-        What the path of a model is relative to.
-
-    Raises
-    ------
-    ReadError, InputError
-        As `load_rig`.
-    """
+    """Return what the text of a rig file says."""
     raw = data.encode() if isinstance(data, str) else data
     entry = parse_toml(raw, RigFile, file=file)
     try:

@@ -9,13 +9,13 @@ import numpy as np
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.record import Floats, Integers
-from rotorid.simulation import tables
-from rotorid.simulation.plant import Plant, Transitions, transitions
-from rotorid.simulation.stability import loop_matrix, worst_mode
+from rotorid.rig import tables
+from rotorid.rig.plant import Plant, Transitions, transitions
+from rotorid.rig.stability import loop_matrix, worst_mode
 
 if TYPE_CHECKING:
-    from rotorid.simulation.parts import PositionSensor
-    from rotorid.simulation.rig import Rig
+    from rotorid.rig.parts import PositionSensor
+    from rotorid.rig.rig import Rig
 
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
 
@@ -113,13 +113,7 @@ def bearing_table(rig: Rig, plant: Plant) -> tables.Bearings:
 
 
 def pairs(inputs: tuple[str, ...]) -> Integers:
-    """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none.
-
-    Examples
-    --------
-    >>> pairs(("F_x1", "F_y1", "F_z"))
-    array([ 1,  0, -1])
-    """
+    """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none."""
     swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
     return np.array(
         [

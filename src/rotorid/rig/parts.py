@@ -177,13 +177,7 @@ class PositionSensor:
 
 
 def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
-    """Return the unit of what a sensor reads: that of a length, where it reads one.
-
-    Examples
-    --------
-    >>> sensor_unit(["theta_y", "x"], {"x": "m", "theta_y": "rad"})
-    'm'
-    """
+    """Return the unit of what a sensor reads: that of a length, where it reads one."""
     found = [units[name] for name in combination]
     return next((unit for unit in found if unit != "rad"), "rad")
 

@@ -13,10 +13,10 @@ from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.models import Model
-from rotorid.simulation.logger import Column, RigRecord, actuator_position, label
-from rotorid.simulation.parts import Encoder, Keyphasor, PositionSensor, sensor_unit
-from rotorid.simulation.rig import Rig
-from rotorid.simulation.rig_file import RigPlan
+from rotorid.rig.logger import Column, RigRecord, actuator_position, label
+from rotorid.rig.parts import Encoder, Keyphasor, PositionSensor, sensor_unit
+from rotorid.rig.rig import Rig
+from rotorid.rig.rig_file import RigPlan
 
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
@@ -26,18 +26,6 @@ def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
 
     One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
     and a group ``truth``, which no logger would write.
-
-    Parameters
-    ----------
-    record : RigRecord
-    path : Path
-    rig_text : str
-        The rig file, kept with the truth.
-
-    Raises
-    ------
-    OSError
-        Where the file cannot be written.
     """
     with h5py.File(path, "w") as data:
         time = np.arange(len(record.samples)) / record.sample_rate
@@ -48,13 +36,7 @@ def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
 
 
 def write_columns(path: Path, columns: Sequence[Column]) -> None:
-    """Write columns as datasets of an HDF5 file, their units in the attribute ``units``.
-
-    Raises
-    ------
-    OSError
-        Where the file cannot be written.
-    """
+    """Write columns as datasets of an HDF5 file, their units in the attribute ``units``."""
     with h5py.File(path, "w") as data:
         for column in columns:
             _dataset(data, column)
@@ -87,20 +69,7 @@ def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
 
 
 def experiment_path(out: Path, rig: str) -> Path:
-    """Return where the experiment file of a record goes: beside it, with the ending .toml.
-
-    Parameters
-    ----------
-    out : Path
-        The record.
-    rig : str
-        The rig file, which must not be overwritten.
-
-    Raises
-    ------
-    InputError
-        For a record of another ending than HDF5's, or beside a rig file of its own name.
-    """
+    """Return where the experiment file of a record goes: beside it, with the ending .toml."""
     if out.suffix.lower() not in (".h5", ".hdf5"):
         raise InputError(
             f"the ending {out.suffix!r}",
@@ -122,24 +91,7 @@ def experiment_path(out: Path, rig: str) -> Path:
 
 
 def experiment_text(plan: RigPlan, record: RigRecord, file: str) -> str:
-    """Return the experiment file that identifies the record of a rig.
-
-    Parameters
-    ----------
-    plan : RigPlan
-    record : RigRecord
-    file : str
-        The record, relative to the experiment file.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        For a rig without excitation, whose record has no lines to identify from.
-    """
+    """Return the experiment file that identifies the record of a rig."""
     rig = plan.rig
     if rig.excitation is None:
         raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rotorid.record import Floats, Integers
-from rotorid.simulation.schedule import Schedule
+from rotorid.rig.schedule import Schedule
 
 
 class Events(NamedTuple):
