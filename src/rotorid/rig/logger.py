@@ -73,7 +73,7 @@ class RigRecord(Record):
 
 
 def label(name: str, part: Actuator, kind: str = "i") -> str:
-    """Return the column of an input: F_x1 for a force, i_x1, b1_x1, b2_x1 for what it comes from."""
+    """Return the column of an input: F_x1 for a force; i_x1, b1_x1, b2_x1 for its sources."""
     return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
 
 
