@@ -62,7 +62,7 @@ def test_identify(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.err == ""
     assert printed.out.startswith("jeffcott, batch: ok\n")
     data = json.loads((folder / "run.json").read_text())
-    assert data["schema"] == "rotorid-estimate/1"
+    assert data["schema"] == "rotorid-estimate/2"
     assert [row["name"] for row in data["parameters"]] == ["m", "m*xi", "m*zeta", "c", "k"]
     assert len(data["covariance"]) == 5
     assert set(data["prediction"]) == {"F_x", "F_y"}

@@ -2,8 +2,10 @@
 
 import json
 import math
+import re
+import sys
 import tempfile
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +16,27 @@ from hypothesis import strategies as st
 
 from rotorid.errors import ReadError
 from rotorid.estimate import (
+    Alternative,
+    EquationMisfit,
     Estimate,
     LineMisfit,
     Misfit,
     Prediction,
+    Provenance,
+    SourceFile,
     Suspect,
     Value,
     load_estimate,
 )
 from rotorid.estimators import Batch, LeastSquares, Sequential
+from rotorid.record import Check
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
 DEVIATIONS = st.none() | FINITE
+ASSIGNMENTS = st.lists(st.tuples(NAMES, FINITE), max_size=3).map(tuple)
+SOURCES = st.lists(st.builds(SourceFile, NAMES, NAMES), max_size=2).map(tuple)
+VERDICTS = st.sampled_from(["ok", "note", "warning", "refused"])
 
 
 @st.composite
@@ -44,7 +54,9 @@ def estimates(draw):
         derived=tuple(draw(st.lists(bare, max_size=3))),
         covariance=np.array(rows).reshape(size, size),
         misfit=draw(st.none() | st.builds(Misfit, FINITE, FINITE, st.integers(0, 999), FINITE)),
-        suspects=tuple(draw(st.lists(st.builds(Suspect, NAMES, FINITE), max_size=3))),
+        suspects=tuple(
+            draw(st.lists(st.builds(Suspect, NAMES, FINITE, DEVIATIONS, DEVIATIONS), max_size=3))
+        ),
         prediction=draw(st.dictionaries(NAMES, st.none() | st.builds(Prediction, FINITE))),
         lines_hz=tuple(draw(st.lists(FINITE, max_size=3))),
         periods=draw(st.integers(0, 10**6)),
@@ -53,16 +65,13 @@ def estimates(draw):
         line_misfit=tuple(
             draw(st.lists(st.builds(LineMisfit, st.integers(0, 9), FINITE, FINITE, FINITE)))
         ),
+        equation_misfit=tuple(
+            draw(st.lists(st.builds(EquationMisfit, st.integers(0, 9), NAMES, FINITE, FINITE)))
+        ),
+        alternatives=tuple(draw(st.lists(st.builds(Alternative, FINITE, ASSIGNMENTS)))),
+        checks=tuple(draw(st.lists(st.builds(Check, NAMES, NAMES, NAMES, VERDICTS)))),
+        provenance=draw(st.none() | st.builds(Provenance, SOURCES, NAMES, NAMES, NAMES)),
     )
-
-
-def same(first, second):
-    for field in fields(Estimate):
-        a, b = getattr(first, field.name), getattr(second, field.name)
-        if field.name == "covariance":
-            np.testing.assert_array_equal(a, b)
-        else:
-            assert repr(a) == repr(b), field.name  # NaN equals NaN, None does not
 
 
 @settings(max_examples=120, deadline=None)
@@ -70,7 +79,7 @@ def same(first, second):
 def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
     path = tmp_path_factory.mktemp("estimate") / "result.json"
     estimate.save(path)
-    same(load_estimate(path), estimate)
+    assert load_estimate(path) == estimate
 
 
 @pytest.mark.parametrize("method", [LeastSquares, Batch, Sequential])
@@ -79,12 +88,9 @@ def test_results_of_the_bank(problem, method, tmp_path):
     estimate = method(fixed=problem.known).estimate(problem.model, problem.records)
     estimate.save(tmp_path / "result.json")
     found = load_estimate(tmp_path / "result.json")
-    same(
-        found,
-        replace(
-            estimate,
-            derived=tuple(replace(v, std_inflated=None, fixed=False) for v in estimate.derived),
-        ),
+    assert found == replace(
+        estimate,
+        derived=tuple(replace(v, std_inflated=None, fixed=False) for v in estimate.derived),
     )
     assert str(found) == str(estimate)
 
@@ -96,7 +102,7 @@ def test_what_is_not_determined_comes_back_as_it_was(tmp_path):
     found = load_estimate(tmp_path / "result.json")
     assert math.isnan(found.value("I_p"))
     assert found.value("m1") == estimate.value("m1")
-    same(found, estimate)
+    assert found == estimate
     assert str(found) == str(estimate)
     assert found._repr_html_() == estimate._repr_html_()
 
@@ -122,9 +128,12 @@ def test_keys_of_the_result_file(tmp_path):
         "lines_hz",
         "periods",
         "warnings",
+        "alternatives",
+        "checks",
+        "provenance",
     }
     assert contract <= set(data)
-    assert data["schema"] == "rotorid-estimate/1"
+    assert data["schema"] == "rotorid-estimate/2"
     keys = {"name", "unit", "value", "std", "std_inflated", "fixed"}
     assert all(set(row) == keys for row in data["parameters"])
     assert all(set(row) == {"name", "unit", "value", "std"} for row in data["derived"])
@@ -138,6 +147,111 @@ def test_keys_of_the_result_file(tmp_path):
     assert data["misfit"] is None
     assert data["periods"] == 3
     assert data["lines_hz"] == [5.0, 10.0, 20.0]
+
+
+def test_rows_of_version_2():
+    data = json.loads(json.dumps(VALID))
+    assert data["suspects"] == [
+        {"term": "damping", "drop": 2.0, "share": 0.5, "value": 3.0, "unit": "N s/m"}
+    ]
+    assert data["alternatives"] == [{"cost": 1.5, "parameters": [{"name": "a", "value": 2.0}]}]
+    assert data["checks"] == [
+        {"check": "clipping", "channel": "x1", "found": "3 samples", "verdict": "warning"}
+    ]
+    assert data["provenance"] == {
+        "files": [{"file": "a.csv", "sha256": "00"}],
+        "experiment": "model = 1",
+        "version": "0.1",
+        "command": "rotorid identify",
+    }
+
+
+def test_a_file_of_version_1_still_loads(tmp_path):
+    data = json.loads(json.dumps(VALID))
+    for key in ("alternatives", "checks", "provenance", "equation_misfit"):
+        del data[key]
+    data["schema"] = "rotorid-estimate/1"
+    data["suspects"] = [{"term": "damping", "drop": 2.0}]
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    found = load_estimate(path)
+    assert found.suspects == (Suspect("damping", 2.0),)
+    assert (found.alternatives, found.checks, found.provenance) == ((), (), None)
+    assert found.value("a") == 1.0
+
+
+def test_a_file_of_a_later_version_is_refused_by_name(tmp_path):
+    path = tmp_path / "new.json"
+    path.write_text(json.dumps({**VALID, "schema": "rotorid-estimate/3"}), encoding="utf-8")
+    with pytest.raises(ReadError, match="'rotorid-estimate/3'; expected 'rotorid-estimate/1' or"):
+        load_estimate(path)
+
+
+def test_numbers_that_are_not_finite_are_null_in_the_file(tmp_path):
+    broken = Estimate(
+        "m",
+        "ml",
+        "not_converged",
+        (Value("a", "kg", math.inf, math.nan),),
+        covariance=[[math.nan]],
+        misfit=Misfit(math.nan, 1.0, 3, math.nan),
+        alternatives=(Alternative(math.nan, (("a", math.inf),)),),
+    )
+    broken.save(tmp_path / "result.json")
+    text = (tmp_path / "result.json").read_text(encoding="utf-8")
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    found = load_estimate(tmp_path / "result.json")
+    assert math.isnan(found.value("a"))
+    assert math.isnan(found.covariance[0, 0])
+    assert math.isnan(found.alternatives[0].parameters[0][1])
+
+
+def estimate_of(**changes):
+    values = (Value("a", "kg", 1.0, 0.1), Value("b", "1", math.nan, math.nan))
+    known = {"covariance": np.diag([0.01, np.nan]), "prediction": {"F": Prediction(0.1)}}
+    return Estimate("m", "ls", "ok", values, **{**known, **changes})
+
+
+def test_equal_by_content():
+    assert estimate_of() == estimate_of()
+    assert estimate_of() != estimate_of(covariance=np.diag([0.02, np.nan]))
+    assert estimate_of() != estimate_of(covariance=np.zeros((1, 1)))
+    assert estimate_of() != estimate_of(prediction={"F": Prediction(0.2)})
+    assert estimate_of() != estimate_of(periods=1)
+    assert estimate_of() != "an estimate"
+
+
+def test_arrays_are_read_only_and_its_own():
+    given = np.eye(2)
+    estimate = estimate_of(covariance=given)
+    with pytest.raises(ValueError, match="read-only"):
+        estimate.covariance[0, 0] = 2.0
+    given[0, 0] = 5.0
+    assert estimate.covariance[0, 0] == 1.0
+
+
+def test_repr_fits_a_screen():
+    many = tuple(Value(f"parameter{i}", "kg", 1e5 * i, 1.0) for i in range(500))
+    text = repr(Estimate("a long name " * 20, "ml", "ok", many))
+    assert len(text) < 240
+    assert "\n" not in text
+    assert "ml: ok; parameter0 = 0, parameter1 = 1e+05" in text
+
+
+def test_data_frame():
+    frame = estimate_of(derived=(Value("c", "m", 3.0, 0.5),)).to_frame()
+    assert list(frame.columns) == ["kind", "unit", "value", "std", "std_inflated", "fixed"]
+    assert frame.loc["c", "kind"] == "derived"
+    assert frame.loc["c", "std"] == 0.5
+    assert list(frame.index) == ["a", "b", "c"]
+
+
+def test_data_frame_without_pandas(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas") as found:
+        estimate_of().to_frame()
+    assert "\n" not in str(found.value)
 
 
 def test_an_input_that_is_zero_has_no_prediction():
@@ -175,7 +289,10 @@ VALID = Estimate(
     covariance=np.array([[0.01]]),
     prediction={"F": Prediction(0.1)},
     misfit=Misfit(1.0, 1.0, 3, 0.5),
-    suspects=(Suspect("damping", 2.0),),
+    suspects=(Suspect("damping", 2.0, 0.5, 3.0, "N s/m"),),
+    alternatives=(Alternative(1.5, (("a", 2.0),)),),
+    checks=(Check("clipping", "x1", "3 samples", "warning"),),
+    provenance=Provenance((SourceFile("a.csv", "00"),), "model = 1", "0.1", "rotorid identify"),
 ).to_dict()
 JUNK = [None, "x", 3, -1.5, [], {}, [1], {"a": 1}, [[1, 2], [3]], True, 10**400, "nan"]
 
@@ -193,8 +310,12 @@ def test_a_damaged_file_is_read_or_refused(key, junk, drop):
 
 @settings(max_examples=200, deadline=None)
 @given(
-    st.sampled_from(["parameters", "misfit", "suspects", "prediction"]),
-    st.sampled_from(["name", "unit", "value", "std", "fixed", "cost", "drop", "F", "more"]),
+    st.sampled_from(
+        ["parameters", "misfit", "suspects", "prediction", "alternatives", "checks", "provenance"]
+    ),
+    st.sampled_from(
+        ["name", "value", "std", "fixed", "cost", "drop", "F", "parameters", "verdict", "files"]
+    ),
     st.sampled_from(JUNK),
 )
 def test_a_damaged_row_is_read_or_refused(table, key, junk):
@@ -223,7 +344,7 @@ def check(text):
         else:
             assert str(found)
             return ""
-    assert "result.json: found " in message
+    assert re.search(r"result\.json: (\S+: )?found .*; expected .*; write one with", message)
     assert "\n" not in message
     return message
 

@@ -2,21 +2,43 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import Any, Literal, get_args
+from reprlib import Repr
+from textwrap import shorten
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+)
 
-from rotorid.errors import ReadError
-from rotorid.record import Floats
+from rotorid.errors import InputError, ReadError
+from rotorid.record import Check, Floats
+from rotorid.values import ByContent, read_only
 
-SCHEMA = "rotorid-estimate/1"
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCHEMA = "rotorid-estimate/2"
+READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
+
+# JSON knows no NaN: null stands for a number that is not finite, in both directions.
+Number = Annotated[float, Strict(), BeforeValidator(lambda x: math.nan if x is None else x)]
+Optional = Annotated[float, Strict()] | None
+Count = Annotated[int, Strict()]
+Flag = Annotated[bool, Strict()]
 
 
 @dataclass(frozen=True)
@@ -29,49 +51,151 @@ class Value:
 
     name: str
     unit: str
-    value: float
-    std: float | None = None
-    std_inflated: float | None = None
-    fixed: bool = False
+    value: Number
+    std: Optional = None
+    std_inflated: Optional = None
+    fixed: Flag = False
 
 
 @dataclass(frozen=True)
 class Misfit:
     """The cost at the estimate against what noise alone would leave."""
 
-    cost: float
-    expected: float
-    dof: int
-    p_value: float
+    cost: Number
+    expected: Number
+    dof: Count
+    p_value: Number
 
 
 @dataclass(frozen=True)
 class LineMisfit:
     """The cost of one line of one record (counted from 0) against what noise would leave."""
 
-    record: int
-    frequency_hz: float
-    cost: float
-    expected: float
+    record: Count
+    frequency_hz: Number
+    cost: Number
+    expected: Number
+
+
+@dataclass(frozen=True)
+class EquationMisfit:
+    """The cost of one equation of one record (counted from 0) against what noise would leave."""
+
+    record: Count
+    equation: str
+    cost: Number
+    expected: Number
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A term missing from the model, and the drop of the cost if it were there."""
+    """What the model may lack, or a channel get wrong.
+
+    Parameters
+    ----------
+    term : str
+        ``damping k1``, ``gain[x1]``, ``swap[x1, y1]``, ...
+    drop : float
+        Drop of the cost if the term were free.
+    share : float or None
+        Share of the excess misfit that it explains.
+    value : float or None
+        Its estimate when it is freed, in `unit`.
+    """
 
     term: str
-    drop: float
+    drop: Number
+    share: Optional = None
+    value: Optional = None
+    unit: str = ""
+
+
+def _pairs(rows: Any) -> Any:
+    """Return ``(name, value)`` from rows of a file; pairs as they are."""
+    if not isinstance(rows, list):
+        return rows
+    return tuple(
+        (r["name"], r["value"]) if isinstance(r, dict) and len(r) == 2 else r for r in rows
+    )
+
+
+def _rows(pairs: tuple[tuple[str, float], ...]) -> list[dict[str, Any]]:
+    return [{"name": name, "value": value} for name, value in pairs]
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another answer that fits as well: its cost, and ``(name, value)`` of each parameter."""
+
+    cost: Number
+    parameters: Annotated[
+        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
+    ]
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that went into an estimate, and the sha256 of its content in hexadecimal."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where an estimate comes from.
+
+    Parameters
+    ----------
+    files : sequence of SourceFile
+        Records and models that were read.
+    experiment : str
+        The experiment file's text.
+    version : str
+        Of rotorid.
+    command : str
+        As it was given.
+    """
+
+    files: tuple[SourceFile, ...] = ()
+    experiment: str = ""
+    version: str = ""
+    command: str = ""
 
 
 @dataclass(frozen=True)
 class Prediction:
     """How well an estimate predicts one channel: |residual| / |measured| on the lines."""
 
-    relative_error: float
+    relative_error: Number
 
 
-@dataclass(frozen=True)
-class Estimate:
+def _undetermined(value: Value) -> Value:
+    """Give what is not determined no finite deviation either."""
+    if math.isnan(value.value) and value.std is None:
+        return replace(value, std=math.nan, std_inflated=math.nan)
+    return value
+
+
+def _square(rows: Any) -> Floats:
+    """Return a square matrix from its rows."""
+    if any(len(row) != len(rows) for row in rows):
+        raise ValueError("a square matrix")
+    return np.array(rows, dtype=float).reshape(len(rows), len(rows))
+
+
+if TYPE_CHECKING:
+    Values = tuple[Value, ...]
+    Covariance = Floats
+else:
+    Values = tuple[Annotated[Value, AfterValidator(_undetermined)], ...]
+    Covariance = Annotated[
+        tuple[tuple[Number, ...], ...], AfterValidator(_square), PlainSerializer(np.ndarray.tolist)
+    ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(ByContent):
     """What an estimator found.
 
     Parameters
@@ -97,6 +221,14 @@ class Estimate:
         Of the scaled least-squares problem.
     line_misfit : sequence of LineMisfit
         The misfit line by line, for methods with a likelihood.
+    equation_misfit : sequence of EquationMisfit
+        The same equation by equation.
+    alternatives : sequence of Alternative
+        Other answers that fit as well; not empty means that the status is ``not_identifiable``.
+    checks : sequence of Check
+        What the data showed before any model.
+    provenance : Provenance or None
+        Files, experiment, version and command; ``None`` for an estimate made in Python.
 
     Examples
     --------
@@ -115,18 +247,26 @@ class Estimate:
     model: str
     method: str
     status: Status
-    parameters: tuple[Value, ...]
-    nuisance: tuple[Value, ...] = ()
-    derived: tuple[Value, ...] = ()
-    covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    parameters: Values
+    nuisance: Values = ()
+    derived: Values = ()
+    covariance: Covariance = field(default_factory=lambda: np.zeros((0, 0)))
     misfit: Misfit | None = None
     suspects: tuple[Suspect, ...] = ()
     prediction: dict[str, Prediction | None] = field(default_factory=dict)
-    lines_hz: tuple[float, ...] = ()
-    periods: int = 0
+    lines_hz: tuple[Number, ...] = ()
+    periods: Count = 0
     warnings: tuple[str, ...] = ()
-    condition_number: float | None = None
+    condition_number: Optional = None
     line_misfit: tuple[LineMisfit, ...] = ()
+    equation_misfit: tuple[EquationMisfit, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    checks: tuple[Check, ...] = ()
+    provenance: Provenance | None = None
+
+    def __post_init__(self) -> None:
+        covariance = np.array(self.covariance, dtype=float)
+        object.__setattr__(self, "covariance", read_only(covariance))
 
     def __getitem__(self, name: str) -> Value:
         """Return a parameter, nuisance or derived quantity by name."""
@@ -199,6 +339,11 @@ class Estimate:
             notes.append("inflated: deviations as if all of the misfit were noise")
         return [*notes, *(f"warning: {warning}" for warning in self.warnings)]
 
+    def __repr__(self) -> str:
+        names = ", ".join(f"{v.name} = {v.value:.4g}" for v in self.parameters)
+        found = shorten(names, 120, placeholder="...")
+        return f"<Estimate {shorten(self.model, 40)}, {self.method}: {self.status}; {found}>"
+
     def __str__(self) -> str:
         lines = [f"{self.model}, {self.method}: {self.status}"]
         for rows in self.tables.values():
@@ -221,14 +366,34 @@ class Estimate:
         """Return a copy with some fields replaced."""
         return replace(self, **changes)
 
+    def to_frame(self) -> pd.DataFrame:
+        """Return every quantity as a row of a pandas data frame, indexed by name.
+
+        Raises
+        ------
+        ImportError
+            Where pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise ImportError(
+                "no pandas for a data frame; install it: pip install pandas"
+            ) from None
+        kinds = {
+            "parameter": self.parameters,
+            "nuisance": self.nuisance,
+            "derived": self.derived,
+        }
+        rows = [{**vars(v), "kind": kind} for kind, values in kinds.items() for v in values]
+        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "fixed"]
+        return pd.DataFrame(rows, columns=columns).set_index("name")
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data, as the result file holds it (interface, schema 1)."""
+        """Return the result as plain data, as the result file holds it."""
         from rotorid import __version__
 
-        data = asdict(self)
-        data["covariance"] = self.covariance.tolist()
-        for row in (*data["nuisance"], *data["derived"]):
-            del row["fixed"], row["std_inflated"]
+        data = _ESTIMATE.dump_python(self, mode="json", exclude=_LEFT_OUT)
         return {"schema": SCHEMA, "version": __version__, **data}
 
     def save(self, path: str | Path) -> None:
@@ -239,8 +404,16 @@ class Estimate:
         OSError
             Where the file cannot be written.
         """
-        text = json.dumps(_finite(self.to_dict()), indent=2, allow_nan=False)
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        text = _PLAIN.dump_json(self.to_dict(), indent=2)
+        Path(path).write_bytes(text + b"\n")
+
+
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
+_PLAIN = TypeAdapter(dict[str, Any])
+_ESTIMATE = TypeAdapter(Estimate)
+_EVERY = {"__all__": {"fixed", "std_inflated"}}
+_LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
 
 
 def _table(title: str, values: Sequence[Value]) -> list[tuple[str, ...]]:
@@ -287,17 +460,6 @@ def _aligned(row: Sequence[str], widths: Sequence[int]) -> str:
     return "  ".join(cells).rstrip()
 
 
-def _finite(data: Any) -> Any:
-    """Replace numbers that JSON does not know by null."""
-    if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_finite(value) for value in data]
-    if isinstance(data, float) and not np.isfinite(data):
-        return None
-    return data
-
-
 def load_estimate(path: str | Path) -> Estimate:
     """Read a result file.
 
@@ -315,79 +477,36 @@ def load_estimate(path: str | Path) -> Estimate:
     ReadError
         Where the file cannot be read or is no result file.
     """
-    file, wanted = str(path), ("a result file", "write one with identify --json")
+    file, cure = str(path), "write one with identify --json"
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        found = str(error.strerror or error)
-        raise ReadError(found, "a readable result file", "check the path", file=file) from error
-    except (ValueError, RecursionError) as error:
-        raise ReadError(f"no JSON ({error})", *wanted, file=file) from error
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        found = repr(data.get("schema") if isinstance(data, dict) else type(data).__name__)
-        raise ReadError(f"schema {found}", repr(SCHEMA), wanted[1], file=file)
+        content = Path(path).read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        found = str(getattr(error, "strerror", None) or error)
+        raise ReadError(found, "a readable result file", "check the path", file=file) from None
     try:
-        return _from_dict(data)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise ReadError(f"{type(error).__name__}: {error}", *wanted, file=file) from error
+        head = _Head.model_validate_json(content)
+        if head.schema_ not in READABLE:
+            found, expected = f"schema {head.schema_!r}", " or ".join(map(repr, READABLE))
+            raise ReadError(found, expected, cure, file=file)
+        return _ESTIMATE.validate_json(content)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        raise _refusal(fault, cure).at(file=file) from None
 
 
-def _from_dict(data: dict[str, Any]) -> Estimate:
-    if data["status"] not in get_args(Status):
-        raise ValueError(f"the status {data['status']!r}")
-    size = len(data["covariance"])
-    covariance = [[_number(x) for x in row] for row in data["covariance"]]
-    condition = data.get("condition_number")
-    return Estimate(
-        model=_text(data["model"]),
-        method=_text(data["method"]),
-        status=data["status"],
-        parameters=tuple(map(_value, data["parameters"])),
-        nuisance=tuple(map(_value, data["nuisance"])),
-        derived=tuple(map(_value, data["derived"])),
-        covariance=np.array(covariance, dtype=float).reshape(size, size),
-        misfit=_read(Misfit, data["misfit"]),
-        suspects=tuple(_read(Suspect, row) for row in data["suspects"]),
-        prediction={key: _read(Prediction, row) for key, row in data["prediction"].items()},
-        lines_hz=tuple(map(_number, data["lines_hz"])),
-        periods=int(_number(data["periods"])),
-        warnings=tuple(map(_text, data["warnings"])),
-        condition_number=None if condition is None else _number(condition),
-        line_misfit=tuple(_read(LineMisfit, row) for row in data.get("line_misfit", ())),
-    )
+class _Head(BaseModel):
+    """What says which kind of file it is."""
+
+    schema_: str = Field(alias="schema")
 
 
-def _number(x: object) -> float:
-    """Return a number; null stands for one that is not finite."""
-    if isinstance(x, bool) or not isinstance(x, int | float | None):
-        raise TypeError(f"{x!r} for a number")
-    return math.nan if x is None else float(x)
-
-
-def _text(x: object) -> str:
-    if not isinstance(x, str):
-        raise TypeError(f"{x!r} for a text")
-    return x
-
-
-_FIELDS: dict[str, Callable[[object], object]] = {
-    "str": _text,
-    "float": _number,
-    "float | None": lambda x: None if x is None else _number(x),
-    "int": lambda x: int(_number(x)),
-    "bool": bool,
-}
-
-
-def _read(kind: type[Any], row: dict[str, object] | None) -> Any:
-    """Return a dataclass from a row of plain data, its fields checked; None from null."""
-    if row is None:
-        return None
-    types = {field.name: str(field.type) for field in fields(kind)}
-    return kind(**{key: _FIELDS[types[key]](x) for key, x in row.items()})
-
-
-def _value(row: dict[str, object]) -> Value:
-    value: Value = _read(Value, row)
-    # Of what is not determined no deviation is finite either: null, all of them.
-    return replace(value, std=math.nan, std_inflated=math.nan) if row["value"] is None else value
+def _refusal(fault: Any, cure: str) -> InputError:
+    """Turn the first fault that pydantic found into one line."""
+    place = ".".join(str(part)[:60] for part in fault["loc"])
+    if fault["type"] == "json_invalid":
+        return ReadError(f"no JSON ({fault['ctx']['error']})", "a result file", cure)
+    if fault["type"] == "missing":
+        return ReadError("no such key", "a value", cure, place=place)
+    found = _SHORT.repr(fault["input"])
+    expected = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    return ReadError(found, expected[0].lower() + expected[1:], cure, place=place)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,16 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a channel showed before any model, and what follows from it."""
+
+    check: str
+    channel: str
+    found: str
+    verdict: Literal["ok", "note", "warning", "refused"]
 
 
 @dataclass(frozen=True)
