@@ -19,10 +19,10 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from rotorid.rig import assembly
-from rotorid.rig.dynamics import forces
+from rotorid.rig.file import load_rig, parse_rig
+from rotorid.rig.kernel import forces
 from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig
-from rotorid.rig.rig_file import load_rig, parse_rig
 
 DURATION, SHORT = 13.0, 0.1
 MAGNETS = """[actuators.all]

@@ -15,8 +15,8 @@ import numpy as np
 
 import rotorid as rid
 from rotorid.actuators import forces
+from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import ProcessNoise
-from rotorid.rig.rig_file import load_rig, parse_rig
 from rotorid.signals.detection import detect_distortion
 
 LINES, PERIOD = [1, 3, 5, 7, 9, 11], 500

@@ -40,6 +40,7 @@ CONFINED = {
     "click": {"cli"},
     "rich": {"cli", "report"},
     "lark": {"models"},
+    "tomlkit": {"rig"},
 }
 
 

@@ -167,15 +167,19 @@ def validate(result: Path, experiment: Path) -> int:
 @click.argument("rig")
 @click.option("--out", required=True, type=_FILE, help="The record to write (.h5).")
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
+@click.option("--force", is_flag=True, help="Replace files that simulate did not write itself.")
 @_debug_option
-def simulate(rig: str, out: Path, seed: int | None) -> int:
+def simulate(rig: str, out: Path, seed: int | None, force: bool) -> int:
     """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
     from rotorid.report.rig import record_summary  # its compiler takes its time to load
-    from rotorid.rig.export import experiment_path, experiment_text, write_record
-    from rotorid.rig.rig_file import load_rig
+    from rotorid.rig.export import experiment_path, experiment_text, require_own, write_record
+    from rotorid.rig.file import load_rig
 
     experiment = experiment_path(out, rig)
     _check(out, experiment)
+    if not force:
+        require_own(out)
+        require_own(experiment)
     plan = load_rig(rig)
     with _progress("running"):
         record = plan.run(seed)

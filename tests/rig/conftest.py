@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rotorid.actuators import Differential
+from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.logger import RigRecord
 from rotorid.rig.parts import ProcessNoise
 from rotorid.rig.rig import Rig
-from rotorid.rig.rig_file import load_rig, parse_rig
 
 
 def without_noise(rig: Rig) -> Rig:

@@ -71,7 +71,7 @@ def test_systems_of_other_packages(kind: str) -> None:
 
 def test_python_control_is_not_imported_by_the_package() -> None:
     code = (
-        "import sys, rotorid.rig.rig_file, rotorid.cli; "
+        "import sys, rotorid.rig.file, rotorid.cli; "
         "from rotorid.rig.controller import as_controller; "
         "from scipy import signal; as_controller(signal.dlti([1.0], [1.0, 0.5], dt=1e-4), 1e-4); "
         "sys.exit('control' in sys.modules)"

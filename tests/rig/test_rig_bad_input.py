@@ -11,9 +11,9 @@ import pytest
 
 from rotorid.cli import run
 from rotorid.errors import InputError
-from rotorid.rig.faults import RigError
+from rotorid.rig.errors import RigError
+from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import Actuator
-from rotorid.rig.rig_file import load_rig, parse_rig
 
 TEXT = load_rig("three-mass").text
 MAGNETS = """law = "differential"

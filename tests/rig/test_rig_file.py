@@ -13,8 +13,8 @@ from rotorid.actuators import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.experiment import load_experiment
 from rotorid.rig.export import experiment_text, write_record
-from rotorid.rig.parts import Encoder
-from rotorid.rig.rig_file import load_rig, parse_rig, shipped_rigs
+from rotorid.rig.file import load_rig, parse_rig, shipped_rigs
+from rotorid.rig.rotation import Encoder
 from rotorid.signals.multisine import multisine
 
 TEXT = load_rig("three-mass").text
@@ -239,16 +239,16 @@ def test_experiment_of_magnets_flux_and_combinations() -> None:
     short = parse_rig(plan.text.replace('"10 s"', '"0.3 s"'))
     text = experiment_text(short, short.run(), "run.h5")
     assert 'position = "s_xa"' in text
-    assert 's_xa = { reads = "x - 0.2*theta_y", column = "s_xa", unit = "m" }' in text
-    assert 'L_a = { fixed = "0.2 m" }' in text
-    assert 'angle = { column = "encoder", lines = 1024 }' in text
+    assert 's_xa = {reads = "x - 0.2*theta_y", column = "s_xa", unit = "m"}' in text
+    assert 'L_a = {fixed = "0.2 m"}' in text
+    assert 'angle = {column = "encoder", lines = 1024}' in text
     hall = plan.text.replace(
         'bandwidth = "1.5 kHz"',
         'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
     ).replace('"10 s"', '"0.3 s"')
     flux = parse_rig(hall)
     text = experiment_text(flux, flux.run(), "run.h5")
-    assert 'flux = [{ column = "b1_xa", unit = "T" }, { column = "b2_xa", unit = "T" }]' in text
+    assert 'flux = [{column = "b1_xa", unit = "T"}, {column = "b2_xa", unit = "T"}]' in text
 
 
 def test_flux_densities_through_the_files(tmp_path: Path) -> None:
@@ -280,7 +280,7 @@ def test_excitation_beyond_the_inputs_is_refused() -> None:
 
 def test_hold_and_delay_may_stand_beside_the_law(written: Path, tmp_path: Path) -> None:
     text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
-    moved = re.sub(r', hold = "zero-order", delay = "-50 us" \}', " }", text)
+    moved = re.sub(r', hold = "zero-order", delay = "-50 us"\}', "}", text)
     moved = moved.replace('law = "linear"', 'law = "linear", hold = "zero-order", delay = "-50 us"')
     (tmp_path / "moved.toml").write_text(moved)
     (one,) = load_experiment(written / "run.toml").measured("batch")
@@ -291,7 +291,7 @@ def test_hold_and_delay_may_stand_beside_the_law(written: Path, tmp_path: Path) 
 def test_a_record_may_name_sensors_of_all_records(written: Path, tmp_path: Path) -> None:
     text = (written / "run.toml").read_text().replace('"run.h5"', f'"{written}/run.h5"')
     (law,) = re.findall(r"\nF_x1 = .*", text)
-    text = text.replace(law, "").replace("\nx1 = {", '\ns1 = { reads = "x1",')
+    text = text.replace(law, "").replace("\nx1 = {", '\ns1 = {reads = "x1", ')
     own = (
         "[records.channels]" + law.replace('position = "x1"', 'position = "s1"') + "\n\n[channels]"
     )

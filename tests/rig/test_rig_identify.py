@@ -11,7 +11,7 @@ import pytest
 import rotorid as rid
 from rotorid.actuators import forces
 from rotorid.cli import run as command
-from rotorid.rig.rig_file import load_rig, parse_rig
+from rotorid.rig.file import load_rig, parse_rig
 from rotorid.signals import average
 from rotorid.signals.detection import detect_distortion
 
@@ -130,7 +130,7 @@ def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> N
     found = errors(result["parameters"])
     assert max(map(abs, found.values())) < 1.5, found
     constant = experiment.read_text().replace(
-        'angle = { column = "encoder", lines = 1024 }', 'speed = "8400 rpm"'
+        'angle = {column = "encoder", lines = 1024}', 'speed = "8400 rpm"'
     )
     experiment.write_text(constant)
     worse = errors(identify(experiment)["parameters"])

@@ -11,11 +11,11 @@ from rotorid.actuators import Differential
 from rotorid.errors import InputError
 from rotorid.models import parse_model
 from rotorid.rig.assembly import excitation_table, growth, pairs
-from rotorid.rig.dynamics import coil_current
+from rotorid.rig.file import load_rig
+from rotorid.rig.kernel import coil_current
 from rotorid.rig.parts import Actuator, Logger
 from rotorid.rig.plant import rotor_plant
-from rotorid.rig.rig_file import load_rig
-from rotorid.rig.speed import Rotation
+from rotorid.rig.rotation import Rotation
 
 MAGNET = Differential(constant=5e-6, bias=1.5, gap=5e-4, angle=np.radians(22.5))
 

@@ -7,8 +7,8 @@ import pytest
 
 from rotorid.actuators import Flux, forces
 from rotorid.rig.logger import how_recorded
-from rotorid.rig.parts import Encoder, FluxSensors, Keyphasor, Logger, Runout
-from rotorid.rig.speed import Rotation
+from rotorid.rig.parts import FluxSensors, Logger, Runout
+from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
 from rotorid.signals import average
 
 LINES = [1, 3, 5, 7, 9, 11]

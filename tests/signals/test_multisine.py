@@ -10,7 +10,7 @@ from scipy.io import wavfile
 
 import rotorid as rid
 from rotorid.errors import InputError
-from rotorid.rig.excitation_file import write_excitation
+from rotorid.rig.export import write_excitation
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,

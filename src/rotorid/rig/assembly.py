@@ -9,9 +9,10 @@ import numpy as np
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.record import Floats, Integers
-from rotorid.rig import tables
+from rotorid.rig.controller import Controller
+from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
 from rotorid.rig.plant import Plant, Transitions, transitions
-from rotorid.rig.stability import loop_matrix, worst_mode
+from rotorid.rig.schedule import Schedule
 
 if TYPE_CHECKING:
     from rotorid.rig.parts import PositionSensor
@@ -64,25 +65,25 @@ def growth(rig: Rig, plant: Plant, speed: float) -> tuple[float, float, str]:
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
-def event_table(rig: Rig, samples: int) -> tables.Events:
+def event_table(rig: Rig, samples: int) -> Events:
     """Return the pattern of events, repeated until the record is complete."""
     plan = rig.schedule
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
-    return tables.Events(plan, settling + -(-samples // plan.logs), settling)
+    return Events(plan, settling + -(-samples // plan.logs), settling)
 
 
-def step_table(rig: Rig, plant: Plant) -> tables.Steps:
+def step_table(rig: Rig, plant: Plant) -> Steps:
     """Return the exact steps of a linear rig; of another one only their sizes matter."""
     n, inputs = plant.force.shape
     if rig.linear:
         steps = linear_steps(rig, plant, rig.rotation.speed)
-        return tables.Steps(True, steps.state, steps.command, steps.noise, steps.load)
+        return Steps(True, steps.state, steps.command, steps.noise, steps.load)
     events, noises = len(rig.schedule.offset), len(rig.process_noise.std)
     shapes = ((2 * n, 2 * n), (2 * n, inputs), (2 * n, noises), (2 * n, 0))
-    return tables.Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
+    return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
 
 
-def bearing_table(rig: Rig, plant: Plant) -> tables.Bearings:
+def bearing_table(rig: Rig, plant: Plant) -> Bearings:
     """Return the actuators' constants."""
     parts = rig.parts
     law = np.zeros((len(parts), 4))
@@ -96,7 +97,7 @@ def bearing_table(rig: Rig, plant: Plant) -> tables.Bearings:
                 row[:2] = 1.0, 0.0
     lag = np.array([part.time_constant for part in parts])
     pairs_of = [part.law if isinstance(part.law, Differential) else None for part in parts]
-    return tables.Bearings(
+    return Bearings(
         kind=np.array([0 if m is None else 1 for m in pairs_of]),
         law=law,
         limit=np.array([part.limit for part in parts]),
@@ -123,12 +124,12 @@ def pairs(inputs: tuple[str, ...]) -> Integers:
     )
 
 
-def rotor_table(rig: Rig, plant: Plant) -> tables.Rotor:
+def rotor_table(rig: Rig, plant: Plant) -> Rotor:
     """Return the rotor and its rotation."""
     n = len(plant.force)
     turn = rig.rotation
     rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
-    return tables.Rotor(
+    return Rotor(
         motion=np.ascontiguousarray(plant.motion),
         load=np.ascontiguousarray(plant.load),
         harmonics=plant.harmonics,
@@ -142,9 +143,7 @@ def rotor_table(rig: Rig, plant: Plant) -> tables.Rotor:
     )
 
 
-def loop_table(
-    rig: Rig, events: tables.Events, samples: int, rng: np.random.Generator
-) -> tables.Loop:
+def loop_table(rig: Rig, events: Events, samples: int, rng: np.random.Generator) -> Loop:
     """Return controller, sensors and their errors, excitation, and the random forces."""
     plan = events.pattern
     steps = events.repeats * plan.controls
@@ -154,7 +153,7 @@ def loop_table(
     apart = bool(((plan.log >= 0) & (plan.control < 0)).any())
     deviations = np.array(list(rig.process_noise.std.values()))
     names = [sensor.name for sensor in rig.sensors]
-    return tables.Loop(
+    return Loop(
         A=rig.controller.A,
         B=rig.controller.B,
         C=rig.controller.C,
@@ -207,7 +206,7 @@ def excitation_table(rig: Rig) -> Floats:
     return table
 
 
-def load_table(rig: Rig, plant: Plant, events: tables.Events) -> Floats:
+def load_table(rig: Rig, plant: Plant, events: Events) -> Floats:
     """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
     if not rig.linear:
         return np.zeros((0, 0))
@@ -217,8 +216,50 @@ def load_table(rig: Rig, plant: Plant, events: tables.Events) -> Floats:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
 
 
-def log_table(rig: Rig, samples: int) -> tables.Log:
+def log_table(rig: Rig, samples: int) -> Log:
     """Return the empty log."""
     inputs = len(rig.model.inputs)
     widths = (2 * len(rig.model.coordinates), len(rig.sensors), inputs, inputs, inputs)
-    return tables.Log(*(np.zeros((samples, width)) for width in widths))
+    return Log(*(np.zeros((samples, width)) for width in widths))
+
+
+def loop_matrix(
+    schedule: Schedule,
+    state: Floats,
+    command: Floats,
+    controller: Controller,
+    reads: Floats,
+) -> Floats:
+    """Return the matrix that carries the loop over one pattern of events, without inputs.
+
+    Its states are those of the rotor and the amplifiers, of the controller, and the commands that
+    wait or are held, as the kernel keeps them.
+    """
+    rotor, memory, inputs = state.shape[1], controller.states, controller.commands
+    slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last
+    size = rotor + memory + (slots + 1) * inputs
+    identity = np.eye(size)
+    x, m = identity[:rotor], identity[rotor : rotor + memory]
+    rest = identity[rotor + memory :].reshape(slots + 1, inputs, size)
+    held, waiting = rest[0], list(rest[1:])
+    for e in range(len(schedule.offset)):
+        if schedule.control[e] >= 0:
+            y = reads @ x
+            waiting.append(controller.C @ m + controller.D @ y)
+            m = controller.A @ m + controller.B @ y
+        if schedule.apply[e] >= 0:
+            # Commands since the pattern began, and those from before it, counted from its start.
+            held = waiting[slots + schedule.apply[e] - schedule.lag]
+        x = state[e] @ x + command[e] @ held
+    return np.vstack([x, m, held, *waiting[-slots:]])
+
+
+def worst_mode(matrix: Floats) -> tuple[float, float, Floats]:
+    """Return size and angle (rad) of the largest eigenvalue and the size of its motion."""
+    values, vectors = np.linalg.eig(matrix)
+    worst = int(np.argmax(np.abs(values)))
+    return (
+        float(np.abs(values[worst])),
+        float(np.abs(np.angle(values[worst]))),
+        np.abs(vectors[:, worst]),
+    )

@@ -8,16 +8,22 @@ from typing import Any
 
 import h5py
 import numpy as np
+import tomlkit
+import tomlkit.items
+from scipy.io import wavfile
 
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
-from rotorid.models import Model
+from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Column, RigRecord, actuator_position, label
-from rotorid.rig.parts import Encoder, Keyphasor, PositionSensor, sensor_unit
+from rotorid.rig.parts import sensor_unit
 from rotorid.rig.rig import Rig
-from rotorid.rig.rig_file import RigPlan
+from rotorid.rig.rotation import Encoder, Keyphasor
+from rotorid.signals.multisine import Multisine
 
+_WRITER = "rotorid simulate"
+_MARK = f"Written by `{_WRITER}`"
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
@@ -28,6 +34,7 @@ def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
     and a group ``truth``, which no logger would write.
     """
     with h5py.File(path, "w") as data:
+        data.attrs["written_by"] = _WRITER
         time = np.arange(len(record.samples)) / record.sample_rate
         _dataset(data, Column("t", "s", time))
         for column in record.columns:
@@ -97,44 +104,78 @@ def experiment_text(plan: RigPlan, record: RigRecord, file: str) -> str:
         raise InputError(
             "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
         )
-    lines = [
-        f"# Written by `rotorid simulate`, from the rig {plan.name}: {plan.title}",
-        f'model = "{plan.model}"',
-        "",
-        "[[records]]",
-        f'file = "{file}"',
-        f'sample_rate = "{_number(rig.logger.sample_rate)} Hz"',
-        *_rotation(rig),
-        f'fundamental = "{_number(rig.excitation.fundamental)} Hz"',
-        f"harmonics = {_harmonics(rig)}",
-        "",
-        "[channels]",
-        *_inputs(rig, record),
-        *(_position(sensor, rig.model) for sensor in rig.sensors),
-    ]
-    known = _known_parameters(rig)
-    if known:
-        lines += ["", "[parameters]          # they multiply forces: a ruler gives them", *known]
-    return "\n".join(lines) + "\n"
+    text = tomlkit.document()
+    title = "".join(c if c.isprintable() else " " for c in plan.title)
+    text.add(tomlkit.comment(f"{_MARK}, from the rig {plan.name}: {title}"))
+    text["model"] = plan.model
+    entry = tomlkit.table()
+    for key, value in _record_entry(rig, file).items():
+        entry[key] = _inline(value)
+    records = tomlkit.aot()
+    records.append(entry)
+    text["records"] = records
+    text["channels"] = _table(_inputs(rig, record) | _positions(rig))
+    if known := _known_parameters(rig):
+        text["parameters"] = _table(known)
+        text["parameters"].comment("they multiply forces: a ruler gives them")
+    return tomlkit.dumps(text)
+
+
+def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
+    """Return a table with an inline table on each line."""
+    table = tomlkit.table()
+    for key, value in entries.items():
+        table[key] = _inline(value)
+    return table
+
+
+def _inline(value: Any) -> Any:
+    """Return a value as it stands on one line."""
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        for key, inner in value.items():
+            table[key] = _inline(inner)
+        return table
+    if isinstance(value, list):
+        array = tomlkit.array()
+        array.extend([_inline(inner) for inner in value])
+        return array
+    return value
+
+
+def _quantity(value: float, unit: str) -> str:
+    """Write a number with its unit so that it is read as the same one."""
+    return f"{_number(value)} {unit}"
 
 
 def _number(value: float) -> str:
-    """Write a number so that it is read as the same one."""
     return repr(float(value)).removesuffix(".0")
 
 
-def _rotation(rig: Rig) -> list[str]:
+def _record_entry(rig: Rig, file: str) -> dict[str, Any]:
+    """Return the table of the record: its file, clock, rotation and lines."""
+    fundamental = rig.excitation.fundamental if rig.excitation else 0.0
+    return {
+        "file": file,
+        "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
+        **_rotation(rig),
+        "fundamental": _quantity(fundamental, "Hz"),
+        "harmonics": _harmonics(rig),
+    }
+
+
+def _rotation(rig: Rig) -> dict[str, Any]:
     mark = rig.logger.angle
     if isinstance(mark, Encoder):
-        return [f'angle = {{ column = "encoder", lines = {mark.lines} }}']
+        return {"angle": {"column": "encoder", "lines": mark.lines}}
     if isinstance(mark, Keyphasor):
-        return ['keyphasor = "keyphasor"']
+        return {"keyphasor": "keyphasor"}
     if rig.rotation.speed == 0 and rig.rotation.constant:
-        return []
+        return {}
     low, high = rig.rotation.range_until(0.0)
-    found = [f'speed = "{_number((low + high) / 2)} rad/s"']
+    found = {"speed": _quantity((low + high) / 2, "rad/s")}
     if rig.rotation.phase:
-        found.append(f'phase = "{_number(rig.rotation.phase)} rad"')
+        found["phase"] = _quantity(rig.rotation.phase, "rad")
     return found
 
 
@@ -149,20 +190,21 @@ def _harmonics(rig: Rig) -> list[int]:
     return sorted(lines)
 
 
-def _inputs(rig: Rig, record: RigRecord) -> list[str]:
+def _inputs(rig: Rig, record: RigRecord) -> dict[str, Any]:
+    """Return how the force of each input follows from the columns."""
     columns = {column.name: column for column in record.columns}
     plant = rig.plant(1.0)
-    found = []
+    found = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
         kinds = ("i",) if part.flux is None else ("b1", "b2")
         sources = [_recorded(columns[label(name, part, kind)]) for kind in kinds]
         if part.law is None:
-            keys = sources[0]
+            found[name] = sources[0]
         elif part.flux is not None:
-            keys = _flux(part.flux.law, sources)
+            found[name] = _flux(part.flux.law, sources)
         else:
-            keys = _law(part.law, sources[0], _place(rig, actuator_position(rig, plant, j)))
-        found.append(f"{name} = {{ {keys} }}")
+            place = _place(rig, actuator_position(rig, plant, j))
+            found[name] = _law(part.law, sources[0], place)
     return found
 
 
@@ -174,40 +216,42 @@ def _place(rig: Rig, position: Mapping[str, float]) -> str:
     return _combination(position)
 
 
-def _recorded(column: Column) -> str:
-    keys = [f'column = "{column.name}"', f'unit = "{column.unit}"']
+def _recorded(column: Column) -> dict[str, Any]:
+    found = {"column": column.name, "unit": column.unit}
     if column.hold:
-        keys.append('hold = "zero-order"')
+        found["hold"] = "zero-order"
     if column.delay:
-        keys.append(f'delay = "{_number(round(column.delay * 1e6, 6))} us"')
-    return ", ".join(keys)
+        found["delay"] = _quantity(round(column.delay * 1e6, 6), "us")
+    return found
 
 
-def _flux(law: Flux, sources: list[str]) -> str:
-    keys = [
-        'law = "flux"',
-        f"flux = [{', '.join(f'{{ {source} }}' for source in sources)}]",
-        f'area = "{_number(law.area)} m^2"',
-        f"poles = {law.poles}",
-    ]
-    return ", ".join([*keys, *_angle(law.angle)])
+def _flux(law: Flux, sources: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "law": "flux",
+        "flux": sources,
+        "area": _quantity(law.area, "m^2"),
+        "poles": law.poles,
+        **_angle(law.angle),
+    }
 
 
-def _law(law: Linear | Differential, source: str, position: str) -> str:
-    keys = [f"current = {{ {source} }}", f'position = "{position}"']
+def _law(law: Linear | Differential, source: dict[str, Any], position: str) -> dict[str, Any]:
+    place = {"current": source, "position": position}
     if isinstance(law, Linear):
-        keys += [f'ki = "{_number(law.ki)} N/A"', f'ks = "{_number(law.ks)} N/m"']
-        return ", ".join(['law = "linear"', *keys])
-    keys += [
-        f'K = "{_number(law.constant)} N m^2/A^2"',
-        f'bias = "{_number(law.bias)} A"',
-        f'gap = "{_number(law.gap)} m"',
-    ]
-    return ", ".join(['law = "differential"', *keys, *_angle(law.angle)])
+        slopes = {"ki": _quantity(law.ki, "N/A"), "ks": _quantity(law.ks, "N/m")}
+        return {"law": "linear", **place, **slopes}
+    return {
+        "law": "differential",
+        **place,
+        "K": _quantity(law.constant, "N m^2/A^2"),
+        "bias": _quantity(law.bias, "A"),
+        "gap": _quantity(law.gap, "m"),
+        **_angle(law.angle),
+    }
 
 
-def _angle(angle: float) -> list[str]:
-    return [f'angle = "{_number(angle)} rad"'] if angle else []
+def _angle(angle: float) -> dict[str, str]:
+    return {"angle": _quantity(angle, "rad")} if angle else {}
 
 
 def _combination(parts: Mapping[str, float]) -> str:
@@ -220,13 +264,17 @@ def _combination(parts: Mapping[str, float]) -> str:
     return text
 
 
-def _position(sensor: PositionSensor, model: Model) -> str:
-    unit = sensor_unit(sensor.combination, model.units)
-    reads = "" if sensor.reads is None else f'reads = "{_combination(sensor.reads)}", '
-    return f'{sensor.name} = {{ {reads}column = "{sensor.name}", unit = "{unit}" }}'
+def _positions(rig: Rig) -> dict[str, Any]:
+    """Return the sensors, each with its column."""
+    found = {}
+    for sensor in rig.sensors:
+        reads = {} if sensor.reads is None else {"reads": _combination(sensor.reads)}
+        unit = sensor_unit(sensor.combination, rig.model.units)
+        found[sensor.name] = {**reads, "column": sensor.name, "unit": unit}
+    return found
 
 
-def _known_parameters(rig: Rig) -> list[str]:
+def _known_parameters(rig: Rig) -> dict[str, Any]:
     """Return the parameters that multiply an input: no record of the rig alone gives them."""
     exponents = rig.model.monomials
     held = {
@@ -238,8 +286,86 @@ def _known_parameters(rig: Rig) -> list[str]:
         if power
     }
     units = {parameter.name: parameter.unit for parameter in rig.model.parameters}
-    return [
-        f'{name} = {{ fixed = "{_number(rig.values[name])} {units[name]}" }}'
+    return {
+        name: {"fixed": _quantity(rig.values[name], units[name])}
         for name in rig.model.parameter_names
         if name in held
-    ]
+    }
+
+
+def require_own(path: Path) -> None:
+    """Refuse to replace a file that `simulate` did not write itself.
+
+    Its record has the attribute ``written_by``, its experiment file begins with its own comment.
+    """
+    if not path.is_file():
+        return
+    if h5py.is_hdf5(path):
+        with h5py.File(path) as data:
+            own = data.attrs.get("written_by") == _WRITER
+    else:
+        with path.open("rb") as stream:
+            own = stream.read(200).startswith(f"# {_MARK}".encode())
+    if not own:
+        raise InputError(
+            "a file that `rotorid simulate` did not write",
+            "a new name, or a file of its own",
+            "name the record otherwise, or replace the file with --force",
+            file=str(path),
+            place="--out",
+        )
+
+
+def write_excitation(
+    signals: Multisine, path: str | Path, sample_rate: float, *, full_scale: float | None = None
+) -> None:
+    """Write one period of a multisine, to be played over and over."""
+    path = Path(path)
+    samples = signals.samples(sample_rate)
+    match path.suffix.lower():
+        case ".csv":
+            _write_csv(signals, samples, path, sample_rate)
+        case ".h5" | ".hdf5":
+            time = np.arange(len(samples)) / sample_rate
+            columns = [Column("t", "s", time)]
+            for name, column in zip(signals.names, samples.T, strict=True):
+                columns.append(Column(name, signals.unit, column))
+            write_columns(path, columns)
+        case ".wav":
+            _write_wav(samples, path, sample_rate, full_scale)
+        case ending:
+            raise InputError(
+                f"the ending {ending!r}", ".csv, .h5, .hdf5 or .wav", "name it so", file=str(path)
+            )
+
+
+def _write_csv(signals: Multisine, samples: np.ndarray, path: Path, sample_rate: float) -> None:
+    time = np.arange(len(samples)) / sample_rate
+    heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
+    rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([time, samples]).tolist())
+    path.write_text(f"{heading}\n{rows}\n", encoding="utf-8")
+
+
+def _write_wav(
+    samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None
+) -> None:
+    peak = float(np.abs(samples).max())
+    if full_scale is None or not full_scale > 0:
+        raise InputError(
+            f"a full scale of {full_scale}",
+            "what 1 stands for in the WAV file",
+            f"give full_scale; the peak is {peak:.6g}",
+            file=str(path),
+        )
+    if peak > full_scale:
+        raise InputError(
+            f"a peak of {peak:.6g}",
+            f"at most the full scale of {full_scale:.6g}",
+            "raise full_scale, or lower the crest factor",
+            file=str(path),
+        )
+    if sample_rate != int(sample_rate):
+        raise InputError(
+            f"{sample_rate} Hz", "a whole number of Hz in a WAV file", "use CSV", file=str(path)
+        )
+    wavfile.write(path, int(sample_rate), (samples / full_scale).astype(np.float32))

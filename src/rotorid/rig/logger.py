@@ -11,13 +11,13 @@ import numpy as np
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
 from rotorid.record import Channel, Drive, Floats, Record
-from rotorid.rig.marks import encoder_counts, keyphasor_pulses, read_mark
-from rotorid.rig.parts import Actuator, Encoder, Keyphasor, sensor_unit
+from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
+from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
 
 if TYPE_CHECKING:
+    from rotorid.rig.kernel import Log
     from rotorid.rig.rig import Rig
-    from rotorid.rig.tables import Log
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,8 @@ import numpy as np
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
-
-
-def _check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
-    """Refuse values that are not positive, or negative, where they must not be."""
-    for names, strict in ((positive, True), (zero, False)):
-        for name in names:
-            value = getattr(part, name)
-            if value is None or value > 0 or (value == 0 and not strict):
-                continue
-            raise InputError(
-                f"{name} = {value}",
-                "more than 0" if strict else "0 or more",
-                "correct it",
-                place=name,
-            )
+from rotorid.rig.errors import check
+from rotorid.rig.rotation import Encoder, Keyphasor
 
 
 @dataclass(frozen=True)
@@ -44,7 +31,7 @@ class FluxSensors:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(self, zero=("noise",))
+        check(self, zero=("noise",))
 
 
 @dataclass(frozen=True)
@@ -85,7 +72,7 @@ class Actuator:
     flux: FluxSensors | None = None
 
     def __post_init__(self) -> None:
-        _check(self, positive=("limit", "bandwidth", "slew"), zero=("noise",))
+        check(self, positive=("limit", "bandwidth", "slew"), zero=("noise",))
         if isinstance(self.law, Differential) and self.law.bias < self.limit < np.inf:
             raise InputError(
                 f"a current limit of {self.limit:g} A beyond the bias of {self.law.bias:g} A",
@@ -168,7 +155,7 @@ class PositionSensor:
     runout: tuple[Runout, ...] = ()
 
     def __post_init__(self) -> None:
-        _check(self, zero=("noise", "quantum"))
+        check(self, zero=("noise", "quantum"))
 
     @property
     def combination(self) -> Mapping[str, float]:
@@ -180,49 +167,6 @@ def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
     """Return the unit of what a sensor reads: that of a length, where it reads one."""
     found = [units[name] for name in combination]
     return next((unit for unit in found if unit != "rad"), "rad")
-
-
-@dataclass(frozen=True)
-class Encoder:
-    """A disc with lines; the logger reads a counter.
-
-    Parameters
-    ----------
-    lines : int
-        Counts per revolution.
-    jitter : float
-        Standard deviation of each reading before it is counted, in rad.
-    """
-
-    lines: int
-    jitter: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check(self, positive=("lines",), zero=("jitter",))
-
-
-@dataclass(frozen=True)
-class Keyphasor:
-    """A mark that passes a sensor once per revolution, at phi = 0.
-
-    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them.
-
-    Parameters
-    ----------
-    jitter : float
-        Standard deviation of the pulses' times in s.
-    noise : float
-        Standard deviation of the samples; a pulse is 1 high.
-    width : float
-        Part of a revolution that the mark lasts.
-    """
-
-    jitter: float = 0.0
-    noise: float = 0.0
-    width: float = 0.1
-
-    def __post_init__(self) -> None:
-        _check(self, positive=("width",), zero=("jitter", "noise"))
 
 
 @dataclass(frozen=True)

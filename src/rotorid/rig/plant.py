@@ -13,8 +13,8 @@ from rotorid.errors import ModelError
 from rotorid.models.linear import LinearForm
 from rotorid.models.model import Model
 from rotorid.record import Floats, Integers
+from rotorid.rig.rotation import Rotation
 from rotorid.rig.schedule import Schedule
-from rotorid.rig.speed import Rotation
 
 _DEGREE = 4
 _ANGLES = 64

@@ -12,13 +12,13 @@ from rotorid.actuators.laws import Differential
 from rotorid.errors import InputError
 from rotorid.models.model import Model
 from rotorid.record import Floats
-from rotorid.rig import assembly, faults, kernel
+from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.controller import Controller
 from rotorid.rig.logger import RigRecord, record_of
 from rotorid.rig.parts import Actuator, Logger, PositionSensor, ProcessNoise
 from rotorid.rig.plant import Plant, rotor_plant
+from rotorid.rig.rotation import Rotation
 from rotorid.rig.schedule import Schedule, merge_clocks
-from rotorid.rig.speed import Rotation
 from rotorid.signals.multisine import Multisine
 
 
@@ -177,11 +177,11 @@ class Rig:
         since = time + events.settling * events.pattern.duration
         name = self.model.inputs[axis]
         if code == kernel.TOUCH:
-            raise faults.touched(name, since, float(bearings.clearance[axis]))
+            raise errors.touched(name, since, float(bearings.clearance[axis]))
         if code == kernel.BEYOND_BIAS:
-            raise faults.beyond_bias(name, since, size, float(bearings.bias[axis]))
+            raise errors.beyond_bias(name, since, size, float(bearings.bias[axis]))
         if code == kernel.STUCK:
-            raise faults.stuck(since, self.tolerance)
+            raise errors.stuck(since, self.tolerance)
         return record_of(self, plant, log, rng)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
@@ -189,7 +189,7 @@ class Rig:
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
             rate, frequency, axis = assembly.growth(self, plant, speed)
             if rate >= 0:
-                raise faults.unstable(axis, speed, frequency, rate)
+                raise errors.unstable(axis, speed, frequency, rate)
 
 
 def _known(place: str, names: Iterable[str], known: Iterable[str]) -> None:

@@ -20,8 +20,8 @@ from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import solve
 from rotorid.estimators.likelihood.unknowns import Nuisances
 from rotorid.identify import identify
+from rotorid.rig.file import parse_rig
 from rotorid.rig.rig import Rig
-from rotorid.rig.rig_file import parse_rig
 from rotorid.signals.average import average
 from rotorid.signals.covariance import LineCovariance, correlated_covariance
 

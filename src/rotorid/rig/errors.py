@@ -90,3 +90,18 @@ def unstable(where: str, speed: float, frequency: float, growth: float) -> RigEr
         time=0.0,
         where=where,
     )
+
+
+def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
+    """Refuse values that are not positive, or negative, where they must not be."""
+    for names, strict in ((positive, True), (zero, False)):
+        for name in names:
+            value = getattr(part, name)
+            if value is None or value > 0 or (value == 0 and not strict):
+                continue
+            raise InputError(
+                f"{name} = {value}",
+                "more than 0" if strict else "0 or more",
+                "correct it",
+                place=name,
+            )

@@ -1,0 +1,183 @@
+"""The rotation of a rig, and the marks that show it: an encoder's counter, a keyphasor's pulses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.errors import InputError
+from rotorid.record import Floats
+from rotorid.rig.errors import check
+from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_times
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Speed over time, ``Omega = speed + acceleration t + drift sin(2 pi t / drift_period)``.
+
+    t = 0 is the first sample of the record; before it the rig settles at the speed of t = 0.
+
+    Parameters
+    ----------
+    speed : float
+        rad/s at t = 0.
+    acceleration : float
+        rad/s^2: a ramp.
+    drift : float
+        rad/s: the amplitude of a slow wandering.
+    drift_period : float
+        s.
+    phase : float
+        Rotor angle in rad at t = 0.
+
+    Raises
+    ------
+    InputError
+        For values that are not finite or a drift without period.
+
+    Examples
+    --------
+    >>> ramp = Rotation(speed=10.0, acceleration=2.0)
+    >>> float(ramp.speed_at(3.0)), float(ramp.angle_at(3.0))
+    (16.0, 39.0)
+    """
+
+    speed: float = 0.0
+    acceleration: float = 0.0
+    drift: float = 0.0
+    drift_period: float = 10.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise InputError(f"{value}", "a finite number", "correct it", place=name)
+        if self.drift and self.drift_period <= 0:
+            raise InputError(
+                f"{self.drift_period}", "more than 0 s", "correct it", place="drift_period"
+            )
+
+    @property
+    def constant(self) -> bool:
+        """Whether the speed never changes."""
+        return self.acceleration == 0 and self.drift == 0
+
+    def speed_at(self, time: ArrayLike) -> Floats:
+        """Return Omega in rad/s at times in s."""
+        t = np.maximum(np.asarray(time, dtype=float), 0.0)
+        rate = 2 * np.pi / self.drift_period
+        return np.asarray(self.speed + self.acceleration * t + self.drift * np.sin(rate * t))
+
+    def angle_at(self, time: ArrayLike) -> Floats:
+        """Return phi in rad at times in s: the integral of the speed plus the phase."""
+        time = np.asarray(time, dtype=float)
+        t = np.maximum(time, 0.0)
+        rate = 2 * np.pi / self.drift_period
+        wander = self.drift / rate * (1 - np.cos(rate * t))
+        return np.asarray(self.phase + self.speed * time + self.acceleration * t**2 / 2 + wander)
+
+    def range_until(self, end: float) -> tuple[float, float]:
+        """Return the lowest and the highest speed in rad/s between the start and an end in s."""
+        speeds = self.speed_at(np.linspace(0.0, end, 2049))
+        return float(speeds.min()), float(speeds.max())
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """A disc with lines; the logger reads a counter.
+
+    Parameters
+    ----------
+    lines : int
+        Counts per revolution.
+    jitter : float
+        Standard deviation of each reading before it is counted, in rad.
+    """
+
+    lines: int
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(self, positive=("lines",), zero=("jitter",))
+
+
+@dataclass(frozen=True)
+class Keyphasor:
+    """A mark that passes a sensor once per revolution, at phi = 0.
+
+    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them.
+
+    Parameters
+    ----------
+    jitter : float
+        Standard deviation of the pulses' times in s.
+    noise : float
+        Standard deviation of the samples; a pulse is 1 high.
+    width : float
+        Part of a revolution that the mark lasts.
+    """
+
+    jitter: float = 0.0
+    noise: float = 0.0
+    width: float = 0.1
+
+    def __post_init__(self) -> None:
+        check(self, positive=("width",), zero=("jitter", "noise"))
+
+
+def encoder_counts(
+    encoder: Encoder, rotation: Rotation, time: Floats, rng: np.random.Generator
+) -> Floats:
+    """Return the counter at times in s, afresh at every revolution."""
+    angle = rotation.angle_at(time) + encoder.jitter * rng.normal(size=len(time))
+    return np.asarray(np.floor(angle * (encoder.lines / (2 * np.pi))) % encoder.lines)
+
+
+def keyphasor_pulses(
+    mark: Keyphasor, rotation: Rotation, time: Floats, rng: np.random.Generator
+) -> Floats:
+    """Return the sampled pulses: high from phi = 2 pi n, with flanks of two samples."""
+    step = time[1] - time[0]
+    turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
+    speeds = rotation.speed_at(time)
+    if speeds.min() <= 0:
+        raise InputError(
+            f"a keyphasor at {speeds.min():.4g} rad/s", "a rotor that turns", "leave it out"
+        )
+    shortest = 2 * np.pi * min(mark.width, 1 - mark.width) / speeds.max()
+    if shortest < 4 * step:
+        raise InputError(
+            f"pulses of {shortest / step:.3g} samples",
+            "four or more, so that their flanks can be seen",
+            "sample faster, or make the mark wider",
+            place="keyphasor",
+        )
+    numbers = np.arange(np.floor(turns[0]) - 1, np.ceil(turns[1]) + 2)
+    rise = _times_of(numbers, rotation, time) + mark.jitter * rng.normal(size=len(numbers))
+    fall = _times_of(numbers + mark.width, rotation, time)
+    knots = np.stack([rise - step, rise + step, fall - step, fall + step], axis=1).ravel()
+    level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(numbers)))
+    return np.asarray(level + mark.noise * rng.normal(size=len(level)))
+
+
+def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:
+    """Return when the rotor has made so many turns (Newton's method on the angle)."""
+    mean = (rotation.angle_at(time[-1]) - rotation.angle_at(time[0])) / (time[-1] - time[0])
+    t = time[0] + (2 * np.pi * turns - rotation.angle_at(time[0])) / mean
+    for _ in range(20):
+        t = t - (rotation.angle_at(t) - 2 * np.pi * turns) / rotation.speed_at(t)
+    return np.asarray(t)
+
+
+def read_mark(
+    mark: Encoder | Keyphasor | None, column: Floats | None, sample_rate: float
+) -> MeasuredAngle | None:
+    """Return what a reader makes of the column of the angle, if there is one."""
+    if column is None:
+        return None
+    if isinstance(mark, Encoder):
+        return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
+    return keyphasor_angle(pulse_times(column, sample_rate), len(column), sample_rate)

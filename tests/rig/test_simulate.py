@@ -1,0 +1,62 @@
+"""`rotorid simulate`: what it writes, and what it does not replace."""
+
+from pathlib import Path
+
+import h5py
+import pytest
+
+from rotorid.cli import run
+from rotorid.experiment import load_experiment
+from rotorid.rig.file import load_rig
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> str:
+    """Return the path of a rig that runs for a fifth of a second."""
+    path = tmp_path / "short rig.toml"
+    path.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
+    return str(path)
+
+
+@pytest.mark.parametrize("name", ['a"b.h5', "a\\b.h5", "a'b c.h5", "schön.h5", "#.h5"])
+def test_any_name_of_a_file_can_be_read_again(rig: str, tmp_path: Path, name: str) -> None:
+    out = tmp_path / name
+    assert run(["simulate", rig, "--out", str(out)]) == 0
+    plan = load_experiment(out.with_suffix(".toml"))
+    assert out in plan.files
+    assert len(plan.measured("ml")[0].samples) == 2000
+
+
+@pytest.mark.parametrize("title", ['"""a\nb"""', '"a\\u0007b"'])
+def test_a_title_is_a_comment_of_one_line(rig: str, tmp_path: Path, title: str) -> None:
+    path = Path(rig)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"title = {title}", *lines[1:]]))
+    assert run(["simulate", rig, "--out", str(tmp_path / "run.h5")]) == 0
+    load_experiment(tmp_path / "run.toml")
+
+
+def test_its_own_files_are_replaced(rig: str, tmp_path: Path) -> None:
+    out = str(tmp_path / "run.h5")
+    assert run(["simulate", rig, "--out", out]) == 0
+    assert run(["simulate", rig, "--out", out, "--seed", "3"]) == 0
+
+
+@pytest.mark.parametrize("foreign", ["run.h5", "run.toml"])
+def test_other_files_are_kept_without_force(
+    rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], foreign: str
+) -> None:
+    out = str(tmp_path / "run.h5")
+    path = tmp_path / foreign
+    if path.suffix == ".h5":
+        with h5py.File(path, "w") as data:
+            data["measured"] = [1.0]
+    else:
+        path.write_text("# months of work\n")
+    before = path.read_bytes()
+    assert run(["simulate", rig, "--out", out]) == 2
+    assert "that `rotorid simulate` did not write" in capsys.readouterr().err
+    assert path.read_bytes() == before
+    assert {p.name for p in tmp_path.iterdir()} == {"short rig.toml", foreign}
+    assert run(["simulate", rig, "--out", out, "--force"]) == 0
+    assert path.read_bytes() != before
