@@ -226,13 +226,18 @@ CASES = {
     "binary as text": Case("binary data; .* a text table", file="run.csv", data=bytes(999)),
     "HDF5 as text": Case("HDF5 data; .* text table", file="run.csv", data=b"\x89HDF\r\n\x1a\n" * 9),
     "MAT 7.3": Case(
-        "a MAT v7.3 file.*-v7",
+        "damaged HDF5 data",
         file="run.mat",
         name="run.mat",
         data=b"MATLAB 7.3 MAT-file, by a newer MATLAB".ljust(600),
     ),
     "no ending": Case("text, no ending", file="run", name="run"),
-    "no names": Case("numbers", file="run.csv", place="line 1", data="1,2\n3,4\n"),
+    "no names": Case(
+        "no column 'f'; expected one of 0, 1; name columns by their number",
+        file="run.csv",
+        place="channels.F.column",
+        data="1,2\n3,4\n",
+    ),
     "nothing in it": Case("an empty file", file="run.csv", data=b""),
     "experiment that is no text": Case(
         "no UTF-8|TOML", place=None, experiment=("model", "\x00\ud7ff")

@@ -123,6 +123,10 @@ class Record:
         False where the angle is known up to a constant only.
     source : str
         Where the samples come from, for messages.
+    valid : bool array, shape (sample,), optional
+        False where a sample is to be left out: periods that hold one are.
+    warnings : sequence of str
+        What was done to the samples when they were read.
 
     Raises
     ------
@@ -143,6 +147,8 @@ class Record:
     angle: Floats | None = None
     phase_known: bool = True
     source: str = ""
+    valid: Booleans | None = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))

@@ -68,10 +68,10 @@ def test_files_of_other_kinds(tmp_path: Path, path: Path) -> None:
     with pytest.raises(ReadError, match=r"found text; expected a MAT file, as the ending .mat"):
         open_mat(other)
     other.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(ReadError, match=r"v7.3.*-v7"):
+    with pytest.raises(ReadError, match="damaged HDF5 data"):
         open_mat(other)
     other.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
-    with pytest.raises(ReadError, match="found HDF5 data"):
+    with pytest.raises(ReadError, match="damaged HDF5 data"):
         open_mat(other)
     other.write_bytes(path.read_bytes()[:300])
     with pytest.raises(ReadError, match="damaged MAT data"):

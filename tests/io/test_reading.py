@@ -10,7 +10,7 @@ import scipy.io
 import rotorid as rid
 from rotorid.errors import InputError, ReadError
 from rotorid.io import Source
-from rotorid.io.reading import rate_of
+from rotorid.io.clock import rate_of
 
 T = np.arange(8) / 1000.0
 X = np.array([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0, -8.0])
@@ -112,8 +112,11 @@ def test_one_source_of_time(tmp_path: Path) -> None:
     path = write(tmp_path, ".h5")
     with pytest.raises(InputError, match="one of sample_rate and time"):
         rid.read_record(path)
-    with pytest.raises(InputError, match="found both"):
+    assert rid.read_record(path, sample_rate=1000.05, time="t").sample_rate == 1000.05
+    with pytest.raises(InputError, match="1 Hz, where the time column says 1000 Hz"):
         rid.read_record(path, sample_rate=1.0, time="t")
+    with pytest.raises(InputError, match=r'if its times are in ms: .* unit = "ms"'):
+        rid.read_record(path, sample_rate=1e6, time="t")
     with pytest.raises(InputError, match="time: found no column 'tt'"):
         rid.read_record(path, time="tt")
     with pytest.raises(InputError, match=r"time.*found unit 'um'; expected .* converts to s"):
@@ -167,7 +170,7 @@ def test_samples_that_are_not_finite(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("run.parquet", b"PAR1", "found Parquet data, ending .parquet; expected .* .csv, .h5"),
+        ("run.xls", b"PK\x03\x04", "found a zip archive.*, ending .xls; expected .* .csv, .txt"),
         ("run", b"x,y", "found text, no ending"),
         ("run.csv", b"", "an empty file"),
         ("run.csv", b"x,y\n", "no samples"),

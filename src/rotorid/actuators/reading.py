@@ -125,6 +125,8 @@ def forces(
         angle=record.angle,
         phase_known=record.phase_known,
         source=record.source,
+        valid=record.valid,
+        warnings=record.warnings,
     )
 
 

@@ -48,7 +48,7 @@ class Experiment:
     @property
     def files(self) -> list[Path]:
         """The files that are read: the experiment, its model, its records."""
-        records = [self.folder / entry.file for entry in self.entry.records]
+        records = [self.folder / name for entry in self.entry.records for name in entry.paths]
         return [Path(self.file), Path(self.file).parent / self.entry.model, *records]
 
     def measured(self, method: Method | None = None) -> list[Record]:
@@ -69,7 +69,7 @@ class Experiment:
 
     def _measured(self, *, currents: bool) -> list[Record]:
         return [
-            measured(self.folder / entry.file, entry, plan, currents=currents)
+            measured(self.folder, entry, plan, currents=currents)
             for entry, plan in zip(self.entry.records, self.channels, strict=True)
         ]
 

@@ -128,8 +128,8 @@ def _position(
     return {name: value for name, value in total.items() if value}
 
 
-def measured(path: Path, entry: RecordEntry, plan: Recording, *, currents: bool) -> Record:
-    """Read a record."""
+def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool) -> Record:
+    """Read a record, its files relative to a folder."""
     columns = dict(plan.sources)
     if entry.angle is not None:
         columns[_MARK] = Source(
@@ -138,18 +138,33 @@ def measured(path: Path, entry: RecordEntry, plan: Recording, *, currents: bool)
     elif entry.keyphasor is not None:
         columns[_MARK] = Source(entry.keyphasor)
     record = read_record(
-        path,
+        [folder / name for name in entry.paths],
         columns=columns,
         sample_rate=entry.sample_rate,
         time=timing(entry),
         speed=entry.speed,
         phase=entry.phase or 0.0,
+        until=entry.until,
+        mask=entry.mask,
+        fundamental=entry.fundamental,
+        highest=_highest(entry),
+        header_row=entry.header_row,
+        overrule=entry.overrule,
     )
     record = replace(record, phase_known=entry.phase is not None)
     record = _with_drives(_with_angle(record, entry), plan)
     return forces(
         record, _readings(record, plan), drives=not currents, period=_period(record, entry)
     )
+
+
+def _highest(entry: RecordEntry) -> float | None:
+    """Return the frequency of the highest line in Hz, where the file tells it."""
+    if entry.band is not None:
+        return entry.band[1]
+    if entry.fundamental is not None and entry.harmonics:
+        return max(entry.harmonics) * entry.fundamental
+    return None
 
 
 def _period(record: Record, entry: RecordEntry) -> int | None:
@@ -241,4 +256,7 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
             warnings.append(f"{lasts}: the first {found.drop:g} s are dropped")
         else:
             warnings.append(f"{lasts}, after skip = {entry.skip:g} s: skip {found.drop:g} s more")
-    return replace(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))
+    return replace(
+        periods,
+        warnings=(*record.warnings, *periods.warnings, *warnings, *rotation_warnings(periods)),
+    )

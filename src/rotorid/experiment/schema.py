@@ -163,8 +163,11 @@ class AngleEntry(Schema):
 class RecordEntry(Schema):
     """One run of the machine."""
 
-    file: str
+    file: str | None = None
+    files: Annotated[list[str] | None, Field(min_length=1)] = None
+    header_row: Count | None = None
     sample_rate: Hertz | None = None
+    overrule: StrictBool = False
     time: Annotated[TimeEntry | None, BeforeValidator(_time)] = None
     speed: RadiansPerSecond = 0.0
     angle: AngleEntry | None = None
@@ -175,6 +178,8 @@ class RecordEntry(Schema):
     harmonics: list[Count] | None = None
     band: Annotated[tuple[float, float] | None, BeforeValidator(_band)] = None
     skip: Seconds | None = None
+    until: Annotated[float | None, _quantity("s"), Field(gt=0, le=1e9)] = None
+    mask: str | None = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -199,7 +204,7 @@ class RecordEntry(Schema):
     @model_validator(mode="after")
     def _one_of_each(self) -> RecordEntry:
         for first, second in (
-            ("sample_rate", "time"),
+            ("file", "files"),
             ("fundamental", "period_samples"),
             ("harmonics", "band"),
         ):
@@ -211,7 +216,19 @@ class RecordEntry(Schema):
                     "remove one" if given else "add one",
                     place=f"{first}, {second}",
                 )
+        if self.until is not None and self.skip is not None and self.until <= self.skip:
+            raise InputError(
+                f"until = {self.until:g} s with skip = {self.skip:g} s",
+                "an end after the start",
+                "correct one of them",
+                place="until",
+            )
         return self
+
+    @property
+    def paths(self) -> list[str]:
+        """The files of the record."""
+        return list(self.files or ()) if self.file is None else [self.file]
 
 
 class _Knowledge(Schema):

@@ -1,56 +1,57 @@
-"""Reader of text tables: comma, semicolon or tab between the columns, names in the first row."""
+"""Reader of text tables, as loggers, spreadsheets and measurement programs write them."""
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
-from rotorid.errors import InputError, ReadError
+from rotorid.errors import ReadError
+from rotorid.io.dialect import CLOCK, COMMENTS, Dialect, find_dialect, split
 from rotorid.io.table import Column, content, head, no_column, not_what_it_says, too_large
 from rotorid.record import Floats
-from rotorid.units import check_unit
 
-_HEADER_UNIT = re.compile(r"(?P<name>.*?\S)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))")
-_COMMENT = ("#", "%")
 _NUMPY_PLACE = re.compile(r"at row (\d+), column (\d+)")
 _NUMPY_ROW = re.compile(r"at row (\d+)")
+_HEAD_LINES, _LONGEST = 400, 1 << 20
+_FAST = 4_000_000  # bytes from which on pyarrow, where it is installed, saves more than its import
+_DAY = 86400.0
 
 
 @dataclass(frozen=True)
 class DelimitedTable:
-    """An open text table; its numbers are read when they are asked for.
-
-    Parameters
-    ----------
-    file : str
-    names : tuple of str
-        Names of the columns, without their units.
-    units : tuple of str or None
-        Units from the header (``x1 [um]``) or from a row of units below it.
-    delimiter, encoding : str
-    header_lines : int
-        Lines before the numbers.
-    decimal_comma : bool
-    """
+    """An open text table; its numbers are read when they are asked for."""
 
     file: str
-    names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    delimiter: str
+    dialect: Dialect
     encoding: str
-    header_lines: int
-    decimal_comma: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns, without their units."""
+        return self.dialect.names
+
+    @property
+    def units(self) -> tuple[str | None, ...]:
+        """Units of the columns, where the file states them."""
+        return self.dialect.units
 
     def find(self, name: str) -> str:
         """Return the name of a column, once it is sure to be there once."""
         if name not in self.names:
-            raise no_column(name, self.names, self.file)
+            error = no_column(name, self.names, self.file)
+            if not self.dialect.named:
+                cure = (
+                    "name columns by their number, from 0, or say where the names are: header_row"
+                )
+                raise ReadError(error.found, error.expected, cure, file=self.file)
+            raise error
         if self.names.count(name) > 1:
             raise ReadError(
                 f"column {name!r} {self.names.count(name)} times",
@@ -63,12 +64,17 @@ class DelimitedTable:
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by name."""
         wanted = list(dict.fromkeys(names))
-        positions = [self.names.index(name) for name in wanted]
-        numbers = self._numbers(positions)
-        return {
-            name: Column(np.ascontiguousarray(numbers[:, i]), self.units[position])
-            for i, (name, position) in enumerate(zip(wanted, positions, strict=True))
-        }
+        position = {name: self.names.index(name) for name in wanted}
+        numbers = [p for p in position.values() if not self.dialect.clocks[p]]
+        table = self._numbers(numbers) if numbers else np.zeros((0, 0))
+        columns = {}
+        for name, place in position.items():
+            if self.dialect.clocks[place]:
+                columns[name] = Column(self._clock(place), "s", None)
+            else:
+                values = np.ascontiguousarray(table[:, numbers.index(place)])
+                columns[name] = Column(values, self.units[place], self.dialect.rate)
+        return columns
 
     def scalar(self, name: str) -> float:
         """Refuse: a text table has columns only."""
@@ -79,26 +85,88 @@ class DelimitedTable:
             file=self.file,
         )
 
+    def _lines(self, stream: IO[str]) -> Iterator[str]:
+        """Return the lines of values; those of a decimal comma with a point."""
+        lines: Iterator[str] = iter(stream)
+        next(islice(lines, self.dialect.header_lines, self.dialect.header_lines), None)
+        if self.dialect.decimal_comma:
+            return (line.replace(",", ".") for line in lines)
+        return lines
+
     def _numbers(self, positions: list[int]) -> Floats:
+        fast = self._fast_numbers(positions)
+        if fast is not None:
+            return fast
+        delimiter = None if self.dialect.delimiter == " " else self.dialect.delimiter
         with (
             Path(self.file).open(encoding=self.encoding, errors="replace") as stream,
             warnings.catch_warnings(),
         ):
             warnings.simplefilter("ignore", UserWarning)  # numpy warns of a table without rows
-            lines: Iterator[str] = iter(stream)
-            for _ in range(self.header_lines):
-                next(lines, None)
-            if self.decimal_comma:
-                lines = (line.replace(",", ".") for line in lines)
             try:
                 return np.loadtxt(
-                    lines, delimiter=self.delimiter, usecols=positions, ndmin=2, quotechar='"'
+                    self._lines(stream),
+                    delimiter=delimiter,
+                    usecols=positions,
+                    ndmin=2,
+                    quotechar='"',
                 )
             except ValueError as error:
                 problem = str(error)
             except MemoryError:
                 raise too_large(self.file) from None
         raise self._explain(problem)
+
+    def _fast_numbers(self, positions: list[int]) -> Floats | None:
+        """Read with pyarrow; None where it is not installed, or does not take the file."""
+        large = Path(self.file).stat().st_size > _FAST
+        if not large or self.dialect.delimiter == " " or not self.encoding.startswith("utf-8"):
+            return None
+        try:
+            import pyarrow as pa
+            import pyarrow.csv as reader
+        except ImportError:
+            return None
+        keys = [str(number) for number in range(self.dialect.fields)]
+        chosen = [keys[p] for p in positions]
+        try:
+            with Path(self.file).open("rb") as stream:
+                for _ in range(self.dialect.header_lines):
+                    stream.readline()
+                table = reader.read_csv(
+                    pa.PythonFile(stream, "r"),
+                    read_options=reader.ReadOptions(column_names=keys, block_size=1 << 22),
+                    parse_options=reader.ParseOptions(delimiter=self.dialect.delimiter),
+                    convert_options=reader.ConvertOptions(
+                        include_columns=chosen,
+                        column_types=dict.fromkeys(chosen, pa.float64()),
+                        decimal_point="," if self.dialect.decimal_comma else ".",
+                        null_values=[],
+                    ),
+                )
+        except (pa.ArrowException, OSError):
+            return None  # numpy says what is wrong, or takes it
+        return np.column_stack([table.column(key).to_numpy() for key in chosen])
+
+    def _clock(self, position: int) -> Floats:
+        """Return a column of times of day in s from its first."""
+        texts = []
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            for number, line in enumerate(stream, start=1):
+                if number <= self.dialect.header_lines or _says_nothing(line):
+                    continue
+                fields = split(line, self.dialect.delimiter)
+                if len(fields) <= position or not CLOCK.fullmatch(fields[position]):
+                    found = fields[position] if len(fields) > position else "too few columns"
+                    raise ReadError(
+                        repr(found[:40]),
+                        "a time such as 12:30:01.250",
+                        "correct or remove the row",
+                        file=self.file,
+                        place=f"line {number}, column {self.names[position]}",
+                    )
+                texts.append(fields[position])
+        return seconds_of_day(texts)
 
     def _explain(self, problem: str) -> ReadError:
         """Turn numpy's message into the line and the column of this file."""
@@ -108,73 +176,102 @@ class DelimitedTable:
         line = self._line(int(row.group(1)) - few) if row else 0
         if place is None or few:
             return ReadError(
-                "too few columns" if row else problem,
+                "too few columns" if row else problem[:160],
                 f"{len(self.names)} columns in each row",
                 "complete or remove the row",
                 file=self.file,
                 place=f"line {line}" if row else "",
             )
-        name = self.names[int(place.group(2)) - 1]
-        value = problem.partition("string ")[2].partition(" to ")[0] or problem
+        column = int(place.group(2)) - 1
+        name = self.names[min(column, len(self.names) - 1)]
+        value = repr(self._field(line, column))
         return ReadError(
-            "an empty field" if value == "''" else value,
+            "an empty field" if value == "''" else value[:80],
             "a number",
             "cut the record there, or leave the column out",
             file=self.file,
             place=f"line {line}, column {name}",
         )
 
+    def _field(self, line: int, column: int) -> str:
+        """Return a field as it stands in the file."""
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            row = next(islice(stream, line - 1, None), "")
+        fields = split(row.partition("#")[0], self.dialect.delimiter)
+        return fields[column] if column < len(fields) else ""
+
     def _line(self, row: int) -> int:
         """Return the line of numpy's data row: it skips blank lines and comments."""
         with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
             for number, line in enumerate(stream, start=1):
-                if number > self.header_lines and line.partition("#")[0].strip():
+                if number > self.dialect.header_lines and not _says_nothing(line):
                     row -= 1
                 if row < 0:
                     return number
         return 0
 
 
-def open_delimited(path: Path) -> DelimitedTable:
-    """Open a text table: find its delimiter, its names and its units."""
+def _says_nothing(line: str) -> bool:
+    return not line.partition("#")[0].strip() or line.lstrip().startswith(COMMENTS)
+
+
+def seconds_of_day(texts: list[str]) -> Floats:
+    """Return times of day, with their date or without, in s from the first."""
+    if re.match(r"\d{4}-", texts[0]):
+        stamps: Any = np.array(
+            [t.rstrip("Z").replace(",", ".").replace(" ", "T") for t in texts],
+            dtype="datetime64[ns]",
+        )
+        return np.asarray((stamps - stamps[0]).astype(np.int64) * 1e-9, dtype=float)
+    parts = [t.rstrip("Z").replace(",", ".").split(" ")[-1].split("T")[-1] for t in texts]
+    seconds = np.zeros(len(parts))
+    for i, part in enumerate(parts):
+        total = 0.0
+        for piece in part.split(":"):
+            total = 60 * total + float(piece)
+        seconds[i] = total
+    # A clock without date starts again at midnight.
+    days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)])
+    return np.asarray(seconds - seconds[0] + _DAY * days, dtype=float)
+
+
+def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTable:
+    """Open a text table: find its delimiter, its names and its units.
+
+    Parameters
+    ----------
+    path : Path
+    header_row : int, optional
+        The line of the names, from 1; 0 where there are none. Without it, the line of text above
+        the first row of values.
+    """
     start = head(path)
     encoding = _encoding(start)
     if encoding != "utf-16" and content(start) != "text":
         raise not_what_it_says(path, start, "a text table")
-    numbered = _first_lines(path, encoding)
-    if not numbered:
-        raise ReadError("comments only", "a row of names", "write one", file=str(path))
-    (last, header), *rest = numbered
-    delimiter = next((mark for mark in "\t;," if mark in header), ",")
-    fields = _split(header, delimiter)
-    while len(fields) > 1 and not fields[-1]:  # rows that end in a delimiter
-        fields.pop()
-    if all(_is_number(field) for field in fields):
+    with path.open(encoding=encoding, errors="replace") as stream:
+        read = iter(lambda: stream.readline(_LONGEST), "")
+        lines = list(islice(read, _HEAD_LINES + (header_row or 0)))
+    if header_row and (
+        header_row > len(lines) or _says_nothing(lines[header_row - 1].lstrip("#%"))
+    ):
         raise ReadError(
-            f"numbers ({header.strip()[:40]})",
-            "a row of column names first",
-            "write one, such as t,x1,y1",
+            f"nothing in line {header_row}",
+            "a row of names there",
+            "correct header_row",
             file=str(path),
-            place=f"line {last}",
+            place="header_row",
         )
-    pairs = [_name_and_unit(field) for field in fields]
-    if rest and _is_unit_row(_split(rest[0][1], delimiter)):
-        last, row = rest.pop(0)
-        row_units = [field.strip("[]() ") for field in _split(row, delimiter)]
-        row_units += [""] * (len(pairs) - len(row_units))
-        pairs = [
-            (name, unit or other.strip("-") or None)
-            for (name, unit), other in zip(pairs, row_units, strict=False)
-        ]
-    return DelimitedTable(
-        file=str(path),
-        names=tuple(name for name, _ in pairs),
-        units=tuple(unit for _, unit in pairs),
-        delimiter=delimiter,
-        encoding=encoding,
-        header_lines=last,
-        decimal_comma=delimiter != "," and bool(rest) and "," in rest[0][1],
-    )
+    dialect = find_dialect(lines, header_row)
+    if dialect is None:
+        texts = [line for line in lines if not _says_nothing(line)]
+        raise ReadError(
+            "no samples" if texts else "comments only",
+            "rows of numbers below a row of names",
+            "check the file; header_row says in which line the names are",
+            file=str(path),
+        )
+    return DelimitedTable(str(path), dialect, encoding)
 
 
 def _encoding(start: bytes) -> str:
@@ -185,54 +282,3 @@ def _encoding(start: bytes) -> str:
     except UnicodeDecodeError:
         return "latin-1"
     return "utf-8-sig"
-
-
-def _first_lines(path: Path, encoding: str) -> list[tuple[int, str]]:
-    """Return the first three lines that say something, and their numbers."""
-    found: list[tuple[int, str]] = []
-    with path.open(encoding=encoding, errors="replace") as stream:
-        for number, line in enumerate(iter(lambda: stream.readline(1 << 20), ""), start=1):
-            if line.strip() and not line.lstrip().startswith(_COMMENT):
-                found.append((number, line))
-            if len(found) == 3:
-                break
-    return found
-
-
-def _split(line: str, delimiter: str) -> list[str]:
-    try:
-        return [field.strip() for field in next(csv.reader([line.strip()], delimiter=delimiter))]
-    except csv.Error:
-        return [line.strip()]
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _is_unit_row(fields: list[str]) -> bool:
-    """Tell whether a row holds units: nothing else stands in it, and not numbers alone."""
-    texts = [field.strip("[]() ") for field in fields]
-    return all(not t or t == "-" or _is_unit(t) for t in texts) and not all(
-        _is_number(t) or not t for t in texts
-    )
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        check_unit(text)
-    except InputError:
-        return False
-    return True
-
-
-def _name_and_unit(field: str) -> tuple[str, str | None]:
-    match = _HEADER_UNIT.fullmatch(field)
-    unit = (match["square"] or match["round"] or "").strip() if match else ""
-    if match and (unit in ("", "-") or _is_unit(unit)):
-        return match["name"], unit.strip("-") or None
-    return field, None

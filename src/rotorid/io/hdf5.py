@@ -11,18 +11,22 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rotorid.errors import ReadError
 from rotorid.io.table import (
     Column,
     NamedArrays,
+    Place,
+    Rate,
     as_column,
+    check_size,
     content,
     head,
     is_numeric,
     not_what_it_says,
-    resolve,
-    too_large,
+    reading,
 )
+
+_RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
+_INTERVAL = ("sample_interval", "wf_increment", "dt")
 
 
 @dataclass(frozen=True)
@@ -31,20 +35,21 @@ class Hdf5Table(NamedArrays):
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
-        wanted = {name: resolve(name, self.shapes, self.file) for name in names}
-        paths = [path for path, _ in wanted.values()]
+        wanted = {name: self.place(name) for name in names}
+        paths = [place.path for place in wanted.values()]
         whole: dict[str, Any] = {}
         columns = {}
         with _opened(self.file) as data:
-            for name, (path, index) in wanted.items():
-                dataset = data[path]
-                if index is None or paths.count(path) > 1:
-                    if path not in whole:
-                        whole[path] = dataset[()]
-                    values = as_column(whole[path], index)
-                else:
-                    values = as_column(dataset[:, index], None)
-                columns[name] = Column(values, _unit(dataset, index))
+            for name, place in wanted.items():
+                path = place.path
+                if path not in whole and (place.index is None or paths.count(path) > 1):
+                    whole[path] = _dataset(data, path, self.file)[()]
+                values = (
+                    as_column(whole[path], place)
+                    if path in whole
+                    else _part(_dataset(data, path, self.file), place)
+                )
+                columns[name] = Column(values, *_stated(data, path, place))
         return columns
 
     def scalar(self, name: str) -> float:
@@ -55,14 +60,19 @@ class Hdf5Table(NamedArrays):
 
 
 def open_hdf5(path: Path) -> Hdf5Table:
-    """Open an HDF5 file."""
+    """Open an HDF5 file, or a MATLAB file of version 7.3."""
     start = head(path)
-    if content(start) != "HDF5 data":
+    if content(start) not in ("HDF5 data", "a MAT v7.3 file"):
         raise not_what_it_says(path, start, "HDF5 data")
     shapes: dict[str, tuple[int, ...]] = {}
 
     def note(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset) and node.shape is not None and is_numeric(node.dtype):
+        if name.startswith("#") or not isinstance(node, h5py.Dataset) or node.shape is None:
+            return  # "#refs#" holds the cells of MATLAB
+        if node.dtype.names:  # a table of records
+            fields = [f for f in node.dtype.names if is_numeric(node.dtype[f])]
+            shapes.update({f"{name}/{field}": tuple(node.shape) for field in fields})
+        elif is_numeric(node.dtype) and not _is_matlab_text(node):
             shapes[name] = tuple(node.shape)
 
     with _opened(str(path)) as data:
@@ -72,23 +82,59 @@ def open_hdf5(path: Path) -> Hdf5Table:
 
 @contextmanager
 def _opened(file: str) -> Iterator[h5py.File]:
-    try:
-        with h5py.File(file, "r") as data:
-            yield data
-    except MemoryError:
-        raise too_large(file) from None
-    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:  # for damage
-        raise ReadError(
-            f"damaged HDF5 data ({error})", "a whole HDF5 file", "write it again", file=file
-        ) from error
+    with reading(file, "HDF5 data"), h5py.File(file, "r") as data:
+        yield data
 
 
-def _unit(dataset: h5py.Dataset, index: int | None) -> str | None:
+def _is_matlab_text(dataset: h5py.Dataset) -> bool:
+    """Tell whether MATLAB wrote no numbers here: text as codes, or an empty array as its size."""
+    kind = dataset.attrs.get("MATLAB_class", b"")
+    return bytes(kind) in (b"char", b"cell") or "MATLAB_empty" in dataset.attrs
+
+
+def _dataset(data: h5py.File, path: str, file: str) -> Any:
+    """Return a dataset, or the field of a table of records."""
+    parent, _, leaf = path.rpartition("/")
+    table = data.get(parent) if parent else None
+    if isinstance(table, h5py.Dataset):
+        check_size(table.size, file, table.dtype.itemsize)
+        return table.fields(leaf)
+    dataset = data[path]
+    check_size(dataset.size, file, dataset.dtype.itemsize)
+    return dataset
+
+
+def _part(dataset: Any, place: Place) -> Any:
+    """Read one column of a two-dimensional dataset."""
+    part = dataset[:, place.index] if place.axis == 1 else dataset[place.index, :]
+    return as_column(part, Place(place.path))
+
+
+def _stated(data: h5py.File, path: str, place: Place) -> tuple[str | None, Rate | None]:
+    """Return the unit and the sample rate in the attributes of a dataset or its groups."""
+    nodes = [path, *(path[:i] for i in range(len(path) - 1, 0, -1) if path[i] == "/"), "/"]
+    found = [data[node].attrs for node in nodes if node in data]
+    units = (_unit(a, place.index) for a in found[:1])
+    rates = (rate for attributes in found if (rate := _rate(attributes)))
+    return next(units, None), next(rates, None)
+
+
+def _unit(attributes: Any, index: int | None) -> str | None:
     """Return the attribute ``units`` (or ``unit``): one text, or one per column."""
     for key in ("units", "unit"):
-        if key in dataset.attrs:
-            texts = np.ravel(dataset.attrs[key])
+        if key in attributes:
+            texts = np.ravel(attributes[key])
             text = texts[0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)]
             text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
             return text.strip() or None
+    return None
+
+
+def _rate(attributes: Any) -> Rate | None:
+    """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
+    for key in (*_RATE, *_INTERVAL):
+        if key in attributes and np.size(attributes[key]) == 1:
+            number = np.ravel(attributes[key])[0]
+            if is_numeric(np.asarray(number).dtype) and np.isfinite(number) and number > 0:
+                return Rate(float(number) if key in _RATE else 1 / float(number))
     return None

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
-from rotorid.io.delimited import open_delimited
-from rotorid.io.hdf5 import open_hdf5
-from rotorid.io.mat import open_mat
-from rotorid.io.table import Column, Table, content, head
-from rotorid.record import Channel, Floats, Record
+from rotorid.io.opening import open_tables
+from rotorid.io.table import Column, Table
+from rotorid.io.timing import on_grid, weigh_clock
+from rotorid.record import Booleans, Channel, Floats, Record
 from rotorid.units import check_unit, si_factor, to_si
 
-READERS: Mapping[str, Callable[[Path], Table]] = {
-    ".csv": open_delimited,
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
-    ".mat": open_mat,
-}
-_TIME = "time"
+_TIME, _MASK = "time", "mask"
 
 
 @dataclass(frozen=True)
@@ -46,6 +39,8 @@ class Source:
         In s.
     gain_std : float
         Relative.
+    overrule : bool
+        The unit given here holds where the file states another.
     """
 
     column: str
@@ -57,58 +52,67 @@ class Source:
     delay: float = 0.0
     delay_std: float = 0.0
     gain_std: float = 0.0
+    overrule: bool = False
 
     def channel(self, name: str, unit: str) -> Channel:
         """Return the channel of that name, its samples in `unit`."""
         return Channel(name, unit, self.reads, self.hold, self.delay, self.delay_std, self.gain_std)
 
 
-def open_table(path: str | Path) -> Table:
-    """Open a file of columns with the reader of its ending."""
-    path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        found = content(head(path)) + (f", ending {path.suffix}" if path.suffix else ", no ending")
-        raise ReadError(
-            found,
-            f"a file that ends in {', '.join(READERS)}",
-            "export the record to one of these",
-            file=str(path),
-        )
-    return reader(path)
-
-
 def read_record(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     *,
     columns: Mapping[str, str | Source] | Sequence[str] | None = None,
     sample_rate: float | str | None = None,
     time: str | Source | None = None,
     speed: float | str = 0.0,
     phase: float | str = 0.0,
+    until: float | str | None = None,
+    mask: str | None = None,
+    fundamental: float | str | None = None,
+    highest: float | str | None = None,
+    header_row: int | None = None,
+    overrule: bool = False,
 ) -> Record:
     """Read a record of samples.
 
     Parameters
     ----------
-    path : str or Path
-        Text (.csv), HDF5 (.h5, .hdf5) or MATLAB up to version 7 (.mat).
+    path : str or Path, or a sequence of them
+        Text (.csv, .txt, .dat, .lvm), HDF5 (.h5, .hdf5), MATLAB (.mat), Parquet, TDMS, universal
+        files (.uff, .unv) or MDF (.mf4, .mdf); or several files of one clock.
     columns : mapping or sequence of str, optional
         Channel names to columns; or the columns, each under its own name. Without it, all
         one-dimensional columns of the length of the longest.
     sample_rate : float or str
         In Hz, or with a unit: ``"5 kHz"``.
     time : str or Source, optional
-        In its place, the column of sample times; in s where the file says nothing else.
+        The column of sample times; in s where the file says nothing else. With `sample_rate`, the
+        two are held against each other; with neither, the file must state its rate.
     speed : float or str
         Speed of rotation in rad/s, or with a unit; in Hz it counts revolutions.
     phase : float or str
         Rotor angle at the file's first sample in rad, or with a unit.
+    until : float or str, optional
+        Time in s from the file's first sample; what follows is dropped.
+    mask : str, optional
+        A column that is 0 where a sample is to be left out.
+    fundamental : float or str, optional
+        Hz. A rate that the file tells with a few digits only is taken to be a whole multiple of
+        it, where the digits allow it.
+    highest : float or str, optional
+        Highest frequency in Hz that will be used: it decides whether samples at jittered times
+        can be put on a uniform grid.
+    header_row : int, optional
+        Line of the column names in a text file, counted from 1; 0 where there are none.
+    overrule : bool
+        Take `sample_rate` and units as given here, even where the file states others.
 
     Returns
     -------
     Record
-        In SI; a column without any unit is taken to be in SI already.
+        In SI; a column without any unit is taken to be in SI already. What was done to the
+        samples is in its `warnings`.
 
     Raises
     ------
@@ -117,84 +121,66 @@ def read_record(
     InputError
         For units that do not convert, or samples that are not finite.
     """
-    table = open_table(path)
-    if (sample_rate is None) == (time is None):
-        raise InputError(
-            "no sample rate and no time column" if time is None else "both",
-            "one of sample_rate and time",
-            "give one",
-            file=table.file,
-        )
+    table = open_tables(path, header_row=header_row)
     try:
         timing = _as_source(time) if time is not None else None
-        sources = _sources(columns, table, timing)
-        read = _read(table, sources if timing is None else {**sources, _TIME: timing})
-        if timing is None:
-            rate = _quantity(sample_rate, "Hz", "sample_rate")
-        else:
-            rate = _rate(read.pop(_TIME), timing, table)
-        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase, "rad", "phase")
+        sources = _sources(columns, table, timing, overrule)
+        extra = {} if mask is None else {_MASK: Source(mask)}
+        read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
+        stamps = None if timing is None else _stamps(read.pop(_TIME), timing, table)
         if columns is None:
             longest = max((len(column.values) for column in read.values()), default=0)
             read = {name: c for name, c in read.items() if len(c.values) == longest}
+        kept = read.pop(_MASK, None)
+        given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
+        clock = weigh_clock(
+            given, stamps, read.values(), overrule, _optional(fundamental, "Hz", "fundamental")
+        )
         channels, samples = _channels({name: sources[name] for name in read}, read, table)
+        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase, "rad", "phase")
+        end = clock.end(len(samples), _optional(until, "s", "until"))
+        samples, valid = samples[:end], _valid(kept, len(samples), end)
+        if clock.stamps is not None:
+            samples, valid, told = on_grid(
+                clock, samples, valid, end, _optional(highest, "Hz", "highest")
+            )
+            clock = replace(clock, warnings=(*clock.warnings, told))
     except InputError as error:
         raise error.at(file=table.file) from None
-    turned = angle + omega / rate * np.arange(len(samples), dtype=float)
+    turned = angle + omega / clock.rate * np.arange(len(samples), dtype=float)
     return Record(
         channels=channels,
         samples=samples,
-        sample_rate=rate,
+        sample_rate=clock.rate,
         speed=omega,
         angle=None if angle == 0.0 else turned,
         source=table.file,
+        valid=valid,
+        warnings=clock.warnings,
     )
-
-
-def rate_of(time: Floats) -> float:
-    """Return the sample rate of equidistant times."""
-    if len(time) < 2 or not np.all(np.isfinite(time)):
-        raise ReadError(
-            "sample times that are not finite" if len(time) > 1 else "a single sample",
-            "equidistant sample times",
-            "give sample_rate in place of the time column",
-            place="time",
-        )
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    wrong = np.flatnonzero(~(np.abs(steps - step) < 0.5 * abs(step)))
-    if wrong.size or step <= 0:
-        first = int(wrong[0]) if wrong.size else 0
-        raise ReadError(
-            f"a step of {steps[first]:.6g} s after sample {first} (t = {time[first]:.9g} s)"
-            + (f", {wrong.size} such in all" if wrong.size > 1 else ""),
-            f"steps of {step:.6g} s: no dropped samples",
-            "cut the record there, or give sample_rate if only the time stamps are wrong",
-            place="time",
-        )
-    return float((len(time) - 1) / (time[-1] - time[0]))
 
 
 def _quantity(value: float | str | None, unit: str, place: str) -> float:
     return to_si(value, unit, place=place) if isinstance(value, str) else float(value or 0.0)
 
 
+def _optional(value: float | str | None, unit: str, place: str) -> float | None:
+    return None if value is None else _quantity(value, unit, place)
+
+
 def _as_source(column: str | Source) -> Source:
     return column if isinstance(column, Source) else Source(column)
-
-
-def _rate(column: Column, source: Source, table: Table) -> float:
-    seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
-    return rate_of(_si(column, seconds, table, _TIME)[0])
 
 
 def _sources(
     columns: Mapping[str, str | Source] | Sequence[str] | None,
     table: Table,
     timing: Source | None,
+    overrule: bool,
 ) -> dict[str, Source]:
     if isinstance(columns, Mapping):
-        return {name: _as_source(column) for name, column in columns.items()}
+        found = {name: _as_source(column) for name, column in columns.items()}
+        return {n: replace(s, overrule=s.overrule or overrule) for n, s in found.items()}
     if columns is not None:
         return {name: Source(name) for name in columns}
     axis = None if timing is None else _find(table, timing, _TIME)
@@ -226,7 +212,7 @@ def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats
             raise error.at(place=_place(name, "scale")) from None
     if scale == 0:
         raise InputError("0", "a scale other than 0", "correct it", place=_place(name, "scale"))
-    if source.unit and column.unit and source.scale is None:
+    if source.unit and column.unit and source.scale is None and not source.overrule:
         _check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:
         raise InputError(
@@ -241,7 +227,7 @@ def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats
 
 
 def _place(name: str, key: str) -> str:
-    return name if name == _TIME else f"channels.{name}.{key}"
+    return name if name in (_TIME, _MASK) else f"channels.{name}.{key}"
 
 
 def _check_stated(declared: str, stated: str, place: str) -> None:
@@ -258,9 +244,28 @@ def _check_stated(declared: str, stated: str, place: str) -> None:
         raise InputError(
             f"unit {declared!r}, where the file says {stated!r}",
             "one unit",
-            "leave unit out, or give scale = 1 if the file is wrong",
+            "leave unit out, or give overrule = true if the file is wrong",
             place=place,
         )
+
+
+def _stamps(column: Column, source: Source, table: Table) -> Floats:
+    seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
+    return _si(column, seconds, table, _TIME)[0]
+
+
+def _valid(column: Column | None, count: int, end: int) -> Booleans | None:
+    if column is None:
+        return None
+    if len(column.values) != count:
+        raise ReadError(
+            f"{len(column.values)} samples where the channels have {count}",
+            "a mask of their length",
+            "cut it alike",
+            place=_MASK,
+        )
+    values = column.values[:end]
+    return np.asarray((values != 0) & np.isfinite(values))
 
 
 def _channels(

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from rotorid.errors import ReadError
+from rotorid.errors import InputError, ReadError
 from rotorid.record import Floats
 
-_INDEXED = re.compile(r"(?P<name>.+)\[(?P<index>\d{1,6})\]")
+_INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
+MAX_COMPRESSION = 1100
+"""Bytes that one byte of a file can stand for: deflate packs 1032 into one at most."""
+_SMALL = 64_000_000  # bytes that any file may ask for
 _SIGNATURES = {
     b"\x89HDF\r\n\x1a\n": "HDF5 data",
     b"MATLAB 7.3 MAT-file": "a MAT v7.3 file",
@@ -22,16 +26,35 @@ _SIGNATURES = {
     b"PK\x03\x04": "a zip archive or a spreadsheet",
     b"PAR1": "Parquet data",
     b"TDSm": "TDMS data",
+    b"MDF ": "MDF data",
+    b"UnFinMF ": "an MDF file that was not finished",
     b"\x1f\x8b": "gzip data",
+    b"    -1": "universal file data",
 }
 
 
 @dataclass(frozen=True)
+class Rate:
+    """A sample rate that a file states.
+
+    Parameters
+    ----------
+    hertz : float
+    rounding : float
+        How far, relative, it may be off for the digits in which it is written.
+    """
+
+    hertz: float
+    rounding: float = 1e-12
+
+
+@dataclass(frozen=True)
 class Column:
-    """Samples of one column as they stand in the file, and the unit that the file states."""
+    """Samples of one column as they stand in the file, and what the file states of them."""
 
     values: Floats
     unit: str | None = None
+    rate: Rate | None = None
 
 
 class Table(Protocol):
@@ -95,6 +118,46 @@ def not_what_it_says(path: Path, start: bytes, expected: str) -> ReadError:
     )
 
 
+@contextmanager
+def reading(file: str, kind: str) -> Iterator[None]:
+    """Turn whatever a format's package raises on damaged data into one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MemoryError:
+        raise too_large(file) from None
+    except ImportError:
+        raise
+    except Exception as error:  # packages raise whatever the damage leads to
+        text = str(error).partition("\n")[0][:160] or type(error).__name__
+        raise ReadError(
+            f"damaged {kind} ({text})", f"whole {kind}", "write it again", file=file
+        ) from error
+
+
+def missing_package(package: str, file: str) -> ReadError:
+    """Return the error for a format whose package is not installed."""
+    return ReadError(
+        f"no package {package}, which reads {Path(file).suffix} files",
+        "it to be installed",
+        "pip install 'rotorid[files]'",
+        file=file,
+    )
+
+
+def check_size(values: int, file: str, itemsize: int = 8) -> None:
+    """Refuse a file that declares more numbers than its bytes can hold."""
+    held = Path(file).stat().st_size
+    if values * itemsize > max(MAX_COMPRESSION * held, _SMALL):
+        raise ReadError(
+            f"{values} numbers declared in {held} bytes",
+            "numbers that the file holds",
+            "write it again",
+            file=file,
+        )
+
+
 def too_large(file: str) -> ReadError:
     """Return the error for a record that does not fit into memory."""
     return ReadError(
@@ -116,8 +179,22 @@ def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") 
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a column lies: the path of an array, and of a 2-D one the index and its axis."""
+
+    path: str
+    index: int | None = None
+    axis: int = 1
+
+    def __str__(self) -> str:
+        if self.index is None:
+            return self.path
+        return f"{self.path}[{self.index}]"
+
+
+@dataclass(frozen=True)
 class NamedArrays:
-    """A file of arrays found by path, or by leaf name where that is unique.
+    """A file of arrays found by path, or by the end of it where that is unique.
 
     Parameters
     ----------
@@ -142,8 +219,32 @@ class NamedArrays:
 
     def find(self, name: str) -> str:
         """Return the path of a column, with its index where it is one of a 2-D array."""
-        path, index = resolve(name, self.shapes, self.file)
-        return path if index is None else f"{path}[{index}]"
+        place = self.place(name)
+        return name if place.index is not None and name.startswith(place.path) else str(place)
+
+    def place(self, name: str) -> Place:
+        """Find an array by path or by the unique end of it, or a column of one by ``name[3]``.
+
+        The samples of a two-dimensional array lie along its longer axis, unless ``name[:,3]`` or
+        ``name[3,:]`` says along which.
+        """
+        path = _path(name, self.shapes, self.file)
+        if path is not None:
+            if _is_column(self.shapes[path]):
+                return Place(path)
+            raise _not_a_column(name, self.shapes[path], self.file)
+        indexed = _INDEXED.fullmatch(name)
+        base = None if indexed is None else _path(indexed["name"], self.shapes, self.file)
+        if indexed is None or base is None:
+            flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
+            raise no_column(name, [*self.names, *flat], self.file)
+        shape, index = self.shapes[base], int(indexed["index"])
+        axis = 1 if len(shape) == 2 and shape[0] >= shape[1] else 0
+        if indexed["rows"] or indexed["columns"]:
+            axis = 1 if indexed["rows"] else 0
+        if len(shape) != 2 or index >= shape[axis]:
+            raise _not_a_column(name, shape, self.file)
+        return Place(base, index, axis)
 
     def find_scalar(self, name: str) -> str:
         """Return the path of an array of one number."""
@@ -154,29 +255,37 @@ class NamedArrays:
         return fitting[0]
 
 
-def resolve(name: str, shapes: Mapping[str, tuple[int, ...]], file: str) -> tuple[str, int | None]:
-    """Find a variable by path or by unique leaf name, or a column of one by ``name[3]``."""
-    indexed = _INDEXED.fullmatch(name)
-    path = _path(name, shapes, file)
-    if path is not None:
-        if _is_column(shapes[path]):
-            return path, None
-        raise _not_a_column(name, shapes[path], file)
-    base = None if indexed is None else _path(indexed["name"], shapes, file)
-    if indexed is None or base is None:
-        raise no_column(name, shapes, file)
-    shape, index = shapes[base], int(indexed["index"])
-    if len(shape) != 2 or index >= shape[1]:
-        raise _not_a_column(name, shape, file)
-    return base, index
+@dataclass(frozen=True)
+class LoadedArrays(NamedArrays):
+    """Arrays that are in memory already."""
+
+    arrays: Mapping[str, Column]
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+        columns = {}
+        for name in names:
+            place = self.place(name)
+            found = self.arrays[place.path]
+            columns[name] = Column(as_column(found.values, place), found.unit, found.rate)
+        return columns
+
+    def scalar(self, name: str) -> float:
+        """Return a variable of one number."""
+        return float(np.ravel(self.arrays[self.find_scalar(name)].values)[0])
+
+
+def loaded(file: str, arrays: Mapping[str, Column]) -> LoadedArrays:
+    """Return a table of arrays that are in memory."""
+    return LoadedArrays(file, {name: np.shape(a.values) for name, a in arrays.items()}, arrays)
 
 
 def _path(name: str, paths: Iterable[str], file: str) -> str | None:
     paths = list(paths)
     wanted = name.strip("/")
-    if wanted in paths:
-        return wanted
-    fitting = [path for path in paths if path.rsplit("/", 1)[-1] == wanted]
+    if name in paths or wanted in paths:
+        return name if name in paths else wanted
+    fitting = [path for path in paths if path.endswith(f"/{wanted}")]
     if len(fitting) > 1:
         raise ReadError(
             f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
@@ -194,13 +303,13 @@ def _is_column(shape: tuple[int, ...]) -> bool:
 def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
     size = " x ".join(map(str, shape)) or "a scalar"
     cure = "write name[0] for the first of its columns" if len(shape) == 2 else "name a column"
-    return ReadError(f"{name!r} of size {size}", "a column, samples along axis 0", cure, file=file)
+    return ReadError(f"{name!r} of size {size}", "a column of samples", cure, file=file)
 
 
-def as_column(values: Any, index: int | None) -> Floats:
+def as_column(values: Any, place: Place) -> Floats:
     """Return a column of numbers of a variable as floats, shape (sample,)."""
     array = np.asarray(values)
-    picked = array if index is None else array[:, index]
+    picked = array if place.index is None else array.take(place.index, axis=place.axis)
     return np.asarray(picked, dtype=np.float64).reshape(-1)
 
 

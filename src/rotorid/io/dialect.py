@@ -1,0 +1,265 @@
+"""How a text table is written: preamble, names, units, delimiter, decimal mark, sample rate."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rotorid.errors import InputError
+from rotorid.io.table import Rate
+from rotorid.units import check_unit, si_factor
+
+COMMENTS = ("#", "%")
+_HEADER_UNIT = re.compile(r"(?P<name>.*?\S)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))")
+_NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf)", re.I)
+CLOCK = re.compile(
+    r"(?:\d{4}[-/]\d\d?[-/]\d\d?[T ]|\d\d?[./]\d\d?[./]\d{2,4} )?"
+    r"(?:\d{1,3}:)?\d{1,2}:\d{2}(?:[.,]\d*)?Z?"
+)
+"""A time of day, ``12:30:01.250``, perhaps with its date."""
+_DELIMITERS = ("\t", ";", ",", " ")
+_BODY = 12  # rows from which the delimiter is judged
+_RATE = re.compile(
+    r"(?:sampl(?:e|ing)[ _-]?(?:rate|freq(?:uency)?)|scan[ _-]?rate)\b"
+    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)\s*"
+    r"(?P<after>k?hz)?",
+    re.I,
+)
+_STEP = re.compile(
+    r"(?:delta_x|sampl(?:e|ing)[ _-]?(?:interval|time|period)|time[ _-]?step)\b"
+    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)\s*"
+    r"(?P<after>[mun]?s\b)?",
+    re.I,
+)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text table is written.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the columns without their units; their numbers from 0 where there are none.
+    units : tuple of str or None
+        From the names (``x1 [um]``), or from a row of units beside them.
+    delimiter : str
+        A blank stands for any white space.
+    fields : int
+        Fields of a row of numbers.
+    header_lines : int
+        Lines before the numbers.
+    decimal_comma : bool
+    clocks : tuple of bool
+        The columns that hold times of day.
+    rate : Rate or None
+        What the lines before the numbers say.
+    named : bool
+        The names stand in the file.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str | None, ...]
+    delimiter: str
+    fields: int
+    header_lines: int
+    decimal_comma: bool
+    clocks: tuple[bool, ...]
+    rate: Rate | None
+    named: bool
+
+
+def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect | None:
+    """Find how a table is written from its first lines; None where there are no rows of values.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    header_row : int, optional
+        The line of the names, from 1; 0 where there are none.
+    """
+    told = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in COMMENTS]
+    if header_row:
+        told = [i for i in told if i >= header_row]
+    body = [lines[i] for i in told[-_BODY:]]
+    delimiter = max(_DELIMITERS, key=lambda mark: _score(body, mark))
+    if header_row and len(told) < 1:
+        return None
+    rows = {i: split(lines[i], delimiter) for i in told}
+    start = _first_row(rows, told, named=header_row is None)
+    if start is None:
+        return None
+    row = rows[start]
+    fields = len(row)
+    header, unit_row = None, None
+    if header_row:
+        header = header_row - 1
+        unit_row = next((i for i in told if header < i < start), None)
+    elif header_row is None:
+        header, unit_row = _header(lines, rows, told, start, delimiter)
+    pairs = _names(lines, header, unit_row, fields, delimiter)
+    body_fields = [field for i in told if i >= start for field in rows[i]]
+    return Dialect(
+        names=tuple(name for name, _ in pairs),
+        units=tuple(unit for _, unit in pairs),
+        delimiter=delimiter,
+        fields=fields,
+        header_lines=start,
+        decimal_comma=delimiter != "," and any("," in field for field in body_fields),
+        clocks=tuple(bool(CLOCK.fullmatch(field)) for field in row[: len(pairs)]),
+        rate=_rate(lines[:start]),
+        named=header is not None,
+    )
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """Split a row into its fields, without blanks around them."""
+    line = line.strip("\r\n\ufeff") if delimiter == "\t" else line.strip()
+    if delimiter == " ":
+        return line.split()
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=delimiter))]
+    except (csv.Error, StopIteration):
+        return [line.strip()]
+
+
+def is_value(field: str) -> bool:
+    """Tell whether a field is a number or a time of day."""
+    return bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
+
+
+def _score(body: Sequence[str], delimiter: str) -> int:
+    """Return how many values a delimiter makes of the rows, each in a column of its own."""
+    rows = [split(line, delimiter) for line in body]
+    counts = Counter(len(row) for row in rows)
+    if not counts:
+        return 0
+    usual = max(counts, key=lambda n: (counts[n], n))
+    return sum(is_value(field) for row in rows if len(row) == usual > 1 for field in row)
+
+
+def _first_row(rows: dict[int, list[str]], told: list[int], *, named: bool) -> int | None:
+    """Return the line of the first row of values."""
+    last = [rows[i] for i in told[-_BODY:]]
+    valued = [row for row in last if any(is_value(field) for field in row)]
+    if not valued:
+        return None
+    fields = Counter(len(row) for row in valued).most_common(1)[0][0]
+    full = [row for row in valued if len(row) == fields]
+    columns = [
+        c for c in range(fields) if 2 * sum(is_value(row[c]) for row in full) > len(full)
+    ] or [0]
+
+    def fits(row: list[str], least: int) -> bool:
+        return len(row) == fields and sum(is_value(row[c]) for c in columns) >= least
+
+    found = next((n for n, i in enumerate(told) if fits(rows[i], len(columns))), None)
+    if found is None:
+        found = next((n for n, i in enumerate(told) if fits(rows[i], 1)), None)
+    if found is None:
+        return None
+    # A row that is damaged is no name: only text is.
+    while (
+        named
+        and found > 0
+        and fits(rows[told[found - 1]], 1)
+        and is_value(rows[told[found - 1]][0])
+    ):
+        found -= 1
+    return told[found]
+
+
+def _header(
+    lines: Sequence[str],
+    rows: dict[int, list[str]],
+    told: list[int],
+    start: int,
+    delimiter: str,
+) -> tuple[int | None, int | None]:
+    """Return the lines of the names and of the units above the first row of values."""
+    fields = len(rows[start])
+    while fields > 1 and not rows[start][fields - 1]:
+        fields -= 1  # a row that ends in a delimiter
+    above = [i for i in told if i < start]
+    texts = []
+    for i in reversed(above[-3:]):
+        if len(rows[i]) < fields or any(is_value(field) for field in rows[i]):
+            break
+        texts.append(i)
+    if not texts:  # the names may stand in a comment, as numpy writes them
+        for i in reversed(range(start)):
+            row = split(lines[i].lstrip().lstrip("#%"), delimiter)
+            if lines[i].strip() and len(row) == fields > 1 and not any(map(is_value, row)):
+                return i, None
+            if lines[i].strip():
+                break
+        return None, None
+    if len(texts) > 1 and _is_unit_row(rows[texts[0]]):
+        return texts[1], texts[0]
+    if len(texts) > 1 and _is_unit_row(rows[texts[1]]):
+        return texts[0], texts[1]
+    return texts[0], None
+
+
+def _names(
+    lines: Sequence[str], header: int | None, unit_row: int | None, fields: int, delimiter: str
+) -> list[tuple[str, str | None]]:
+    if header is None:
+        return [(str(number), None) for number in range(fields)]
+    names = split(lines[header].lstrip().lstrip("#%"), delimiter)
+    while len(names) > 1 and not names[-1]:  # rows that end in a delimiter
+        names.pop()
+    pairs = [_name_and_unit(name) for name in names[:fields]]
+    pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
+    if unit_row is not None:
+        units = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
+        units += [""] * (len(pairs) - len(units))
+        pairs = [
+            (name, unit or other.strip("-") or None)
+            for (name, unit), other in zip(pairs, units, strict=False)
+        ]
+    return pairs
+
+
+def _is_unit_row(fields: list[str]) -> bool:
+    """Tell whether a row holds units: nothing else stands in it."""
+    texts = [field.strip("[]() ") for field in fields]
+    return any(texts) and all(not t or t == "-" or _is_unit(t) for t in texts)
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        check_unit(text)
+    except InputError:
+        return False
+    return True
+
+
+def _name_and_unit(field: str) -> tuple[str, str | None]:
+    match = _HEADER_UNIT.fullmatch(field)
+    unit = (match["square"] or match["round"] or "").strip() if match else ""
+    if match and (unit in ("", "-") or _is_unit(unit)):
+        return match["name"], unit.strip("-") or None
+    return field, None
+
+
+def _rate(preamble: Sequence[str]) -> Rate | None:
+    """Return the sample rate that the lines before the numbers state."""
+    for line in preamble:
+        for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
+            match = pattern.search(line[:1000])
+            if match is None:
+                continue
+            text = match["value"].strip(".,").replace(",", ".")
+            try:
+                value = float(text) * si_factor(match["after"] or match["unit"] or unit, unit)
+            except (InputError, ValueError):
+                continue
+            if 0 < value < 1e12:
+                digits = len(re.sub(r"[eE].*|\D", "", text).lstrip("0")) or 1
+                rounding = max(0.5 * 10.0 ** (1 - digits) if "." in text else 0.0, 1e-12)
+                return Rate(value if unit == "Hz" else 1 / value, rounding)
+    return None

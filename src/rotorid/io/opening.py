@@ -1,0 +1,138 @@
+"""Files of columns, each opened by the reader of its ending; several as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rotorid.errors import InputError, ReadError
+from rotorid.io.delimited import open_delimited
+from rotorid.io.hdf5 import open_hdf5
+from rotorid.io.mat import open_mat
+from rotorid.io.mdf import open_mdf
+from rotorid.io.parquet import open_parquet
+from rotorid.io.table import Column, Table, content, head, no_column
+from rotorid.io.tdms import open_tdms
+from rotorid.io.universal import open_universal
+
+READERS: Mapping[str, Callable[[Path], Table]] = {
+    ".csv": open_delimited,
+    ".txt": open_delimited,
+    ".dat": open_delimited,
+    ".lvm": open_delimited,
+    ".asc": open_delimited,
+    ".tsv": open_delimited,
+    ".h5": open_hdf5,
+    ".hdf5": open_hdf5,
+    ".mat": open_mat,
+    ".parquet": open_parquet,
+    ".tdms": open_tdms,
+    ".uff": open_universal,
+    ".unv": open_universal,
+    ".mf4": open_mdf,
+    ".mdf": open_mdf,
+}
+
+
+@dataclass(frozen=True)
+class JoinedTables:
+    """Several files of one clock: their columns beside one another.
+
+    A column is named by its name where that is unique, else by ``file.csv:name``.
+    """
+
+    tables: Mapping[str, Table]
+
+    @property
+    def file(self) -> str:
+        """The paths, for messages."""
+        return ", ".join(table.file for table in self.tables.values())
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, with their file where they are not unique."""
+        every = [name for table in self.tables.values() for name in table.names]
+        return [
+            name if every.count(name) == 1 else f"{file}:{name}"
+            for file, table in self.tables.items()
+            for name in table.names
+        ]
+
+    def find(self, name: str) -> str:
+        """Return the column's name with its file."""
+        for file, table in self.tables.items():
+            if name.startswith(f"{file}:"):
+                return f"{file}:{table.find(name.removeprefix(f'{file}:'))}"
+        found = {}
+        for file, table in self.tables.items():
+            try:
+                found[file] = table.find(name)
+            except InputError:
+                continue
+        if len(found) > 1:
+            raise ReadError(
+                f"column {name!r} in {' and '.join(found)}",
+                "a name that is unique in the files",
+                f"write the file before it, such as {next(iter(found))}:{name}",
+                file=self.file,
+            )
+        for file, column in found.items():
+            return f"{file}:{column}"
+        raise no_column(name, self.names, self.file)
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+        wanted = list(names)
+        columns: dict[str, Column] = {}
+        for file, table in self.tables.items():
+            mine = [n.removeprefix(f"{file}:") for n in wanted if n.startswith(f"{file}:")]
+            columns |= {f"{file}:{name}": c for name, c in table.read(mine).items()} if mine else {}
+        return columns
+
+    def scalar(self, name: str) -> float:
+        """Return a scalar variable of the first file that has it."""
+        for table in self.tables.values():
+            try:
+                return table.scalar(name)
+            except InputError as error:
+                last = error
+        raise last
+
+
+def open_table(path: str | Path, *, header_row: int | None = None) -> Table:
+    """Open a file of columns with the reader of its ending."""
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        found = content(head(path)) + (f", ending {path.suffix}" if path.suffix else ", no ending")
+        raise ReadError(
+            found,
+            f"a file that ends in {', '.join(READERS)}",
+            "export the record to one of these",
+            file=str(path),
+        )
+    if reader is open_delimited:
+        return open_delimited(path, header_row=header_row)
+    if header_row is not None:
+        raise ReadError(
+            "header_row of a file that is no text", "a text table", "remove it", file=str(path)
+        )
+    return reader(path)
+
+
+def open_tables(path: str | Path | Sequence[str | Path], *, header_row: int | None = None) -> Table:
+    """Open a file, or several as one."""
+    if isinstance(path, str | Path):
+        return open_table(path, header_row=header_row)
+    paths = [Path(one) for one in path]
+    if not paths:
+        raise ReadError("no files", "one or more", "name them", place="files")
+    if len(paths) == 1:
+        return open_table(paths[0], header_row=header_row)
+    short = [p.name for p in paths]
+    keys = short if len(set(short)) == len(short) else [str(p) for p in paths]
+    if len(set(keys)) < len(keys):
+        raise ReadError("a file twice", "each file once", "remove one", place="files")
+    opened = [open_table(p, header_row=header_row) for p in paths]
+    return JoinedTables(dict(zip(keys, opened, strict=True)))

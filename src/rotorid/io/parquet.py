@@ -1,0 +1,94 @@
+"""Reader of Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.io.table import (
+    Column,
+    NamedArrays,
+    check_size,
+    content,
+    head,
+    missing_package,
+    not_what_it_says,
+    reading,
+)
+from rotorid.record import Floats
+
+
+@dataclass(frozen=True)
+class ParquetTable(NamedArrays):
+    """A Parquet file; its numbers are read when they are asked for."""
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+        wanted = {name: self.place(name).path for name in names}
+        with reading(self.file, "Parquet data"), _opened(self.file) as data:
+            table = data.read(columns=list(dict.fromkeys(wanted.values())))
+            return {
+                name: Column(_numbers(table.column(path)), _unit(table.schema.field(path)))
+                for name, path in wanted.items()
+            }
+
+    def scalar(self, name: str) -> float:
+        """Return the value of a file of one row."""
+        path = self.find_scalar(name)
+        return float(self.read([path])[path].values[0])
+
+
+def open_parquet(path: Path) -> ParquetTable:
+    """Open a Parquet file."""
+    start = head(path)
+    if content(start) != "Parquet data":
+        raise not_what_it_says(path, start, "Parquet data")
+    with reading(str(path), "Parquet data"), _opened(str(path)) as data:
+        import pyarrow.types as kinds
+
+        schema, rows = data.schema_arrow, data.metadata.num_rows
+        repeated = {name for name in schema.names if schema.names.count(name) > 1}
+        names = [
+            field.name
+            for field in schema
+            if field.name not in repeated
+            and (
+                kinds.is_integer(field.type)
+                or kinds.is_floating(field.type)
+                or kinds.is_boolean(field.type)
+                or kinds.is_decimal(field.type)
+                or kinds.is_timestamp(field.type)
+            )
+        ]
+        check_size(rows, str(path), itemsize=1)
+    return ParquetTable(str(path), dict.fromkeys(names, (rows,)))
+
+
+def _opened(file: str) -> Any:
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise missing_package("pyarrow", file) from None
+    return pyarrow.parquet.ParquetFile(file, memory_map=False)
+
+
+def _numbers(column: Any) -> Floats:
+    """Return the numbers of a column, those that are missing as NaN; times in s."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type):
+        nanoseconds = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+        return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
+    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+
+def _unit(field: Any) -> str | None:
+    """Return the unit in the metadata of a column."""
+    for key in (b"units", b"unit"):
+        if field.metadata and key in field.metadata:
+            return field.metadata[key].decode("utf-8", "replace").strip() or None
+    return "s" if str(field.type).startswith("timestamp") else None

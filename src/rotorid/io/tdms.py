@@ -1,0 +1,95 @@
+"""Reader of TDMS files, as LabVIEW writes them: a column is a channel of a group."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.io.table import (
+    Column,
+    NamedArrays,
+    Rate,
+    check_size,
+    content,
+    head,
+    is_numeric,
+    missing_package,
+    not_what_it_says,
+    reading,
+)
+from rotorid.record import Floats
+
+
+@dataclass(frozen=True)
+class TdmsTable(NamedArrays):
+    """A TDMS file; its numbers are read when they are asked for."""
+
+    channels: Mapping[str, tuple[str, str]]
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+        with _opened(self.file) as data:
+            found = {name: self._channel(data, name) for name in names}
+            return {name: Column(_floats(c[:]), *_stated(c)) for name, c in found.items()}
+
+    def scalar(self, name: str) -> float:
+        """Return a channel of one number."""
+        with _opened(self.file) as data:
+            return float(self._channel(data, self.find_scalar(name))[0])
+
+    def _channel(self, data: Any, name: str) -> Any:
+        group, channel = self.channels[self.place(name).path]
+        return data[group][channel]
+
+
+def open_tdms(path: Path) -> TdmsTable:
+    """Open a TDMS file."""
+    start = head(path)
+    if content(start) != "TDMS data":
+        raise not_what_it_says(path, start, "TDMS data")
+    channels, shapes = {}, {}
+    with _opened(str(path)) as data:
+        for group in data.groups():
+            for channel in group.channels():
+                if channel.dtype is not None and _is_number(channel.dtype):
+                    name = f"{group.name}/{channel.name}"
+                    check_size(len(channel), str(path))
+                    channels[name], shapes[name] = (group.name, channel.name), (len(channel),)
+    return TdmsTable(str(path), shapes, channels)
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[Any]:
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise missing_package("nptdms", file) from None
+    with reading(file, "TDMS data"), TdmsFile.open(file) as data:
+        yield data
+
+
+def _is_number(dtype: Any) -> bool:
+    return is_numeric(dtype) or np.dtype(dtype).kind == "M"
+
+
+def _floats(values: Any) -> Floats:
+    """Return numbers as floats; time stamps in s from the first."""
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        array = (array - array[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9
+    return np.asarray(array, dtype=np.float64)
+
+
+def _stated(channel: Any) -> tuple[str | None, Rate | None]:
+    """Return the unit and the sample rate in the properties of a channel."""
+    unit = str(channel.properties.get("unit_string", "")).strip() or None
+    step = channel.properties.get("wf_increment")
+    usable = isinstance(step, int | float) and np.isfinite(step) and step > 0
+    if np.dtype(channel.dtype).kind == "M":
+        unit = "s"
+    return unit, Rate(1 / float(step)) if usable and step != 1.0 else None

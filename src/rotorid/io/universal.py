@@ -1,0 +1,86 @@
+"""Reader of universal files (UFF): a column is a data set 58 over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.errors import ReadError
+from rotorid.io.table import (
+    Column,
+    LoadedArrays,
+    Rate,
+    head,
+    loaded,
+    missing_package,
+    not_what_it_says,
+    reading,
+)
+
+_FUNCTION = 58  # the data set of a function at nodal degrees of freedom
+_TIME_RESPONSE, _TIME_AXIS = 1, 17
+_EVEN = 1
+_DIGITS = 5e-6  # the abscissa's step is written with six digits
+_DIRECTION = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
+
+
+def open_universal(path: Path) -> LoadedArrays:
+    """Open a universal file, text or binary.
+
+    A column has the name in the first line of its data set, or its node and direction, ``12+X``,
+    where that line does not tell the sets apart.
+    """
+    start = head(path)
+    if not start.lstrip(b"\r\n").startswith(b"    -1"):
+        raise not_what_it_says(path, start, "a universal file")
+    try:
+        import pyuff
+    except ImportError:
+        raise missing_package("pyuff", str(path)) from None
+    with reading(str(path), "universal file data"), np.errstate(all="ignore"):
+        file = pyuff.UFF(str(path))
+        types = [int(kind) for kind in np.atleast_1d(file.get_set_types())]
+        read = [file.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION]
+        sets = [found for found in read if _is_over_time(found)]
+        columns = {name: _column(s) for name, s in zip(_names(sets), sets, strict=True)}
+    if not columns:
+        raise ReadError(
+            f"data sets {sorted(set(types))}, none of a signal over time" if types else "no sets",
+            "data sets 58 of time responses",
+            "export the time histories",
+            file=str(path),
+        )
+    return loaded(str(path), columns)
+
+
+def _is_over_time(found: Mapping[str, Any]) -> bool:
+    time = found.get("abscissa_spec_data_type") == _TIME_AXIS
+    return (time or found.get("func_type") == _TIME_RESPONSE) and not np.iscomplexobj(found["data"])
+
+
+def _names(sets: list[Mapping[str, Any]]) -> list[str]:
+    first = [_text(s.get("id1")) for s in sets]
+    if all(first) and len(set(first)) == len(first):
+        return first
+    nodes = [f"{s.get('rsp_node', '')}{_DIRECTION.get(int(s.get('rsp_dir', 0)), '')}" for s in sets]
+    return [
+        name if nodes.count(name) == 1 else f"{name}#{number}" for number, name in enumerate(nodes)
+    ]
+
+
+def _text(value: Any) -> str:
+    text = str(value or "").strip()
+    return "" if text == "NONE" else text
+
+
+def _column(found: Mapping[str, Any]) -> Column:
+    values = np.asarray(found["data"], dtype=np.float64)
+    if len(values) != int(found.get("num_pts", len(values))):
+        raise ValueError(f"{len(values)} values where {found['num_pts']} are announced")
+    step = float(found.get("abscissa_inc") or 0.0)
+    even = found.get("abscissa_spacing") == _EVEN and np.isfinite(step) and step > 0
+    unit = _text(found.get("ordinate_axis_units_lab")) or None
+    return Column(values, unit, Rate(1 / step, _DIGITS) if even else None)

@@ -1,0 +1,165 @@
+"""Files of samples, each written by the library of its format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+import scipy.io
+
+RATE = 1000.0
+Columns = Mapping[str, tuple[np.ndarray, str]]
+
+
+def write_csv(path: Path, columns: Columns) -> None:
+    rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
+    text = [",".join(f"{name} [{unit}]" for name, (_, unit) in columns.items())]
+    path.write_text("\n".join([*text, *(",".join(map(repr, row)) for row in rows)]) + "\n")
+
+
+def write_lvm(path: Path, columns: Columns) -> None:
+    """Write a LabVIEW measurement file without a column of times."""
+    count = len(next(iter(columns.values()))[0])
+    names = list(columns)
+    every = "\t".join(["{}"] * len(names))
+    header = [
+        "LabVIEW Measurement\t",
+        "Writer_Version\t2",
+        "Reader_Version\t2",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "Multi_Headings\tNo",
+        "X_Columns\tNo",
+        "Time_Pref\tAbsolute",
+        "Operator\tsomebody",
+        "Date\t2026/03/11",
+        "Time\t14:02:11.5",
+        "***End_of_Header***\t",
+        "\t",
+        f"Channels\t{len(names)}\t" + "\t" * len(names),
+        "Samples\t" + every.format(*[count] * len(names)) + "\t",
+        "Date\t" + every.format(*["2026/03/11"] * len(names)) + "\t",
+        "Time\t" + every.format(*["14:02:11.5"] * len(names)) + "\t",
+        "Y_Unit_Label\t" + every.format(*[unit for _, unit in columns.values()]) + "\t",
+        "X_Dimension\t" + every.format(*["Time"] * len(names)) + "\t",
+        "X0\t" + every.format(*["0.0000000000000000E+0"] * len(names)) + "\t",
+        "Delta_X\t" + every.format(*[f"{1 / RATE:.6f}"] * len(names)) + "\t",
+        "***End_of_Header***\t" + "\t" * len(names),
+        "X_Value\t" + every.format(*names) + "\tComment",
+    ]
+    rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
+    body = ["\t" + "\t".join(map(repr, row)) for row in rows]
+    path.write_text("\r\n".join([*header, *body]) + "\r\n")
+
+
+def write_hdf5(path: Path, columns: Columns) -> None:
+    with h5py.File(path, "w") as data:
+        for name, (values, unit) in columns.items():
+            data[name] = values
+            data[name].attrs["units"] = unit
+        data.attrs["sample_rate"] = RATE
+
+
+def write_mat5(path: Path, columns: Columns) -> None:
+    scipy.io.savemat(path, {name: values[:, None] for name, (values, _) in columns.items()})
+
+
+def write_mat73(path: Path, columns: Columns) -> None:
+    """Write what `save -v7.3` of MATLAB does: HDF5 behind 512 bytes, every matrix transposed."""
+    with h5py.File(path, "w", userblock_size=512) as data:
+        for name, (values, _) in columns.items():
+            data[name] = values[None, :]
+            data[name].attrs["MATLAB_class"] = np.bytes_("double")
+        data["log/all"] = np.stack([values for values, _ in columns.values()])
+        data["label"] = np.frombuffer("run 7".encode("utf-16-le"), dtype=np.uint16)[None, :]
+        data["label"].attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def write_parquet(path: Path, columns: Columns) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = [pa.field(n, pa.float64(), metadata={"unit": u}) for n, (_, u) in columns.items()]
+    arrays = [pa.array(values) for values, _ in columns.values()]
+    pq.write_table(pa.table(arrays, schema=pa.schema(fields)), path, row_group_size=1000)
+
+
+def write_tdms(path: Path, columns: Columns) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        for part in range(2):  # two segments, as a logger appends them
+            writer.write_segment(
+                [
+                    ChannelObject(
+                        "run",
+                        name,
+                        np.array_split(values, 2)[part],
+                        properties={"unit_string": unit, "wf_increment": 1 / RATE},
+                    )
+                    for name, (values, unit) in columns.items()
+                ]
+            )
+
+
+def uff_set(name: str, values: np.ndarray, unit: str, *, node: int, binary: int) -> dict:
+    """Return a data set 58 of a time response."""
+    blank = {"spec_data_type": 0, "len_unit_exp": 0, "force_unit_exp": 0, "temp_unit_exp": 0}
+    axes = {"axis_lab": "NONE", "axis_units_lab": "NONE"}
+    found: dict = {"type": 58, "binary": binary, "func_type": 1, "id1": name}
+    found |= {f"id{i}": "NONE" for i in range(2, 6)}
+    found |= {"rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "ver_num": 0}
+    found |= {"rsp_ent_name": "NONE", "ref_ent_name": "NONE", "load_case_id": 0}
+    for axis in ("abscissa", "ordinate", "orddenom", "z_axis"):
+        found |= {f"{axis}_{key}": value for key, value in (blank | axes).items()}
+    return found | {
+        "abscissa_spec_data_type": 17,
+        "abscissa_spacing": 1,
+        "abscissa_inc": 1 / RATE,
+        "abscissa_min": 0.0,
+        "z_axis_value": 0.0,
+        "ord_data_type": 4,
+        "ordinate_axis_units_lab": unit,
+        "x": np.arange(len(values)) / RATE,
+        "data": values,
+        "num_pts": len(values),
+    }
+
+
+def write_uff(path: Path, columns: Columns, binary: int = 0) -> None:
+    import pyuff
+
+    path.unlink(missing_ok=True)
+    sets = [
+        uff_set(name, values, unit, node=node, binary=binary)
+        for node, (name, (values, unit)) in enumerate(columns.items(), start=1)
+    ]
+    pyuff.UFF(str(path)).write_sets(sets, "add")
+
+
+def write_mdf(path: Path, columns: Columns) -> None:
+    from asammdf import MDF, Signal
+
+    time = np.arange(len(next(iter(columns.values()))[0])) / RATE
+    with MDF(version="4.10") as data:
+        data.append([Signal(v, time, name=n, unit=u) for n, (v, u) in columns.items()])
+        data.save(path, overwrite=True)
+
+
+WRITERS: Mapping[str, Callable[[Path, Columns], None]] = {
+    "run.csv": write_csv,
+    "run.lvm": write_lvm,
+    "run.h5": write_hdf5,
+    "run-v5.mat": write_mat5,
+    "run-v73.mat": write_mat73,
+    "run.parquet": write_parquet,
+    "run.tdms": write_tdms,
+    "run.uff": write_uff,
+    "run-binary.uff": lambda path, columns: write_uff(path, columns, binary=1),
+    "run.mf4": write_mdf,
+}
+PACKAGES = {".parquet": "pyarrow", ".tdms": "nptdms", ".uff": "pyuff", ".mf4": "asammdf"}
