@@ -169,8 +169,15 @@ class Record:
             )
         if not np.isfinite(self.speed):
             raise self._error(f"speed {self.speed}", "a finite number of rad/s", "correct it")
+        if self.valid is not None and np.shape(self.valid) != (len(self.samples),):
+            raise self._error(
+                f"a mask of shape {np.shape(self.valid)}",
+                f"({len(self.samples)},)",
+                "give one truth value per sample",
+            )
         for name, column in zip(names, self.samples.T, strict=True):
-            bad = np.flatnonzero(~np.isfinite(column))
+            wrong = ~np.isfinite(column)
+            bad = np.flatnonzero(wrong if self.valid is None else wrong & self.valid)
             if bad.size:
                 raise self._error(
                     f"{column[bad[0]]} in sample {bad[0]} of channel {name!r}, {bad.size} in all",

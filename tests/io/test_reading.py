@@ -1,5 +1,6 @@
 """From files to records in SI units."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -185,3 +186,48 @@ def test_files_without_samples(tmp_path: Path, name: str, content: bytes, messag
 def test_endings_in_capitals(tmp_path: Path) -> None:
     (tmp_path / "RUN.CSV").write_text("x\n1\n2\n")
     assert rid.read_record(tmp_path / "RUN.CSV", sample_rate=1.0).column("x").tolist() == [1, 2]
+
+
+def test_a_mask_leaves_out_periods(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    wave = np.cos(2 * np.pi * np.arange(50) / 10)
+    mask = np.ones(50)
+    wave[23], mask[23] = np.nan, 0.0
+    rows = "".join(f"{x},{m}\n" for x, m in zip(wave, mask, strict=True))
+    path.write_text("x,ok\n" + rows)
+    record = rid.read_record(path, columns=["x"], sample_rate=100.0, mask="ok")
+    periods = rid.average(record, 10.0, harmonics=[1])
+    assert periods.periods == 4
+    assert periods.warnings == ("1 of 5 periods hold samples that are masked: left out",)
+    np.testing.assert_allclose(periods.mean_spectrum, 0.5, rtol=1e-12)
+    np.testing.assert_allclose(periods.time[2], 0.3 + np.arange(10) / 100)
+    with pytest.raises(InputError, match="found nan in sample 23"):
+        rid.read_record(path, columns=["x"], sample_rate=100.0)
+    with pytest.raises(InputError, match="0 of 5 periods without a sample that the mask"):
+        rid.average(replace(record, valid=np.zeros(50, dtype=bool)), 10.0, harmonics=[1])
+
+
+def test_until(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,x\n0,1\n0.1,2\n0.2,3\n0.3,nan\n")
+    for time in ({"time": "t"}, {"sample_rate": 10.0}):
+        record = rid.read_record(path, columns=["x"], until="0.3 s", **time)
+        assert record.column("x").tolist() == [1, 2, 3]
+
+
+def test_several_files_of_one_clock(tmp_path: Path) -> None:
+    (tmp_path / "f.csv").write_text(
+        "t,fx,z\n" + "".join(f"{t},{x},0\n" for t, x in zip(T, X, strict=True))
+    )
+    (tmp_path / "p.csv").write_text("px;z\n" + "".join(f"{2 * x};1\n" for x in X))
+    files = [tmp_path / "f.csv", tmp_path / "p.csv"]
+    record = rid.read_record(files, columns={"F": "fx", "x": "px", "z": "p.csv:z"}, time="t")
+    np.testing.assert_array_equal(record.samples, np.column_stack([X, 2 * X, np.ones(8)]))
+    assert record.sample_rate == pytest.approx(1000.0)
+    with pytest.raises(ReadError, match=r"'z' in f.csv and p.csv.*such as f.csv:z"):
+        rid.read_record(files, columns=["z"], time="t")
+    with pytest.raises(ReadError, match="no column 'fy'"):
+        rid.read_record(files, columns=["fy"], time="t")
+    (tmp_path / "p.csv").write_text("px\n1\n2\n")
+    with pytest.raises(ReadError, match=r"2 samples where others have 8; .* cut them alike"):
+        rid.read_record(files, columns=["fx", "px"], time="t")

@@ -113,7 +113,9 @@ def on_grid(
 ) -> tuple[Floats, Booleans | None, str]:
     """Put samples at uneven times onto a uniform grid; refuse where the lines cannot bear it."""
     stamps = clock.stamps[:end] if clock.stamps is not None else np.zeros(0)
-    used = samples if valid is None else np.column_stack([samples, valid])
+    used = samples
+    if valid is not None:  # what is left out may be no number, and must not spoil its neighbours
+        used = np.column_stack([np.where(valid[:, None], samples, 0.0), valid])
     found, error, frequency = onto_grid(stamps, used, clock.rate, highest)
     if error > BEARABLE:
         worst = int(np.argmax(np.abs(np.diff(stamps) * clock.rate - 1)))

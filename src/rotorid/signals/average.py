@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.record import Integers, PeriodicRecord, Record
+from rotorid.record import Booleans, Integers, PeriodicRecord, Record
 from rotorid.signals.spectrum import line_spectra, transfer_of_recording
 
 
@@ -67,7 +67,8 @@ def average(
             "record longer, skip less, or correct the fundamental",
         )
     used = slice(first, first + periods * size)
-    samples = record.samples[used].reshape(periods, size, len(record.channels))
+    kept, warnings = _kept_periods(record, used, size)
+    samples = record.samples[used].reshape(periods, size, len(record.channels))[kept]
     transfer = transfer_of_recording(
         record.channels, lines * record.sample_rate / size, record.sample_rate
     )
@@ -80,11 +81,31 @@ def average(
         variance=samples.var(axis=0, ddof=1),
         mean=samples.mean(axis=0),
         speed=record.speed,
-        time=(np.arange(used.start, used.stop) / record.sample_rate).reshape(periods, size),
-        angle=record.rotor_angle()[used].reshape(periods, size),
+        time=(np.arange(used.start, used.stop) / record.sample_rate).reshape(periods, size)[kept],
+        angle=record.rotor_angle()[used].reshape(periods, size)[kept],
         phase_known=record.phase_known,
         source=record.source,
+        warnings=warnings,
     )
+
+
+def _kept_periods(
+    record: Record, used: slice, size: int
+) -> tuple[slice | Booleans, tuple[str, ...]]:
+    """Return the periods without a masked sample, and what is said of the others."""
+    if record.valid is None or record.valid[used].all():
+        return slice(None), ()
+    kept: Booleans = np.all(record.valid[used].reshape(-1, size), axis=1)
+    left = int(kept.sum())
+    if left < 2:
+        raise _error(
+            record,
+            f"{left} of {len(kept)} periods without a sample that the mask leaves out",
+            "at least two",
+            "record longer, or leave out less",
+        )
+    told = f"{len(kept) - left} of {len(kept)} periods hold samples that are masked: left out"
+    return kept, (told,)
 
 
 def _error(record: Record, found: str, expected: str, cure: str) -> InputError:
