@@ -20,15 +20,15 @@ from rotorid.demo.run import demo_plan
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import STAGES
-from rotorid.estimators.likelihood.unknowns import Nuisances
 from rotorid.identify import identify
 from rotorid.models import Model, load_model, parse_model
+from rotorid.observation import bind
 from rotorid.record import PeriodicRecord
 from rotorid.rig.lines import add_noise, line_record
-from rotorid.signals.covariance import white_covariance
 
 UNBALANCE = {"xi", "zeta", "mu", "eta"}
 BEARINGS = ("x1", "y1", "x3", "y3")
@@ -74,10 +74,10 @@ def median_time(work: Callable[[int], object], repeats: int) -> float:
 
 def by_scipy(model: Model, record: PeriodicRecord, knowledge: Knowledge) -> tuple[float, int]:
     """Return cost and evaluations of scipy on the same residual, stage after stage."""
-    prepared = prepare(model, [record], knowledge, Nuisances(), False, {})
+    prepared = prepare(model, knowledge, (), False, {})
     problem = Problem(
         prepared.layout,
-        (assemble(prepared.layout, record, white_covariance(record.spectra)),),
+        (assemble(prepared.layout, bind(model, record)),),
         prepared.exact,
         prepared.known,
         prepared.bounds,
@@ -112,7 +112,9 @@ def compare(name: str, sensors: tuple[str, ...] | None, fixed: dict[str, float])
     known = [Knowledge(fixed=fixed, start=start) for start in starts]
 
     def ours(seed: int) -> float:
-        found = fit(model, [records[seed]], known[seed], Nuisances(), covariance="white")
+        found = fit(
+            model, [bind(model, records[seed])], known[seed], Nuisances(), covariance="white"
+        )
         return found.solution.point.cost
 
     def whole(seed: int) -> object:
@@ -206,7 +208,7 @@ def large() -> None:
     def work(seed: int) -> None:
         start = start_of(model, seed, 0.1)
         known = Knowledge(start=start)
-        found = fit(model, [records[seed]], known, Nuisances(), covariance="white")
+        found = fit(model, [bind(model, records[seed])], known, Nuisances(), covariance="white")
         p_value = found.inference.expectation.p_value(found.solution.point.cost)
         statuses.append((found.solution.converged, p_value, found.solution.iterations))
 

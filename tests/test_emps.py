@@ -10,7 +10,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.validation import predict
+from rotorid.predict import predict
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "emps"

@@ -19,13 +19,14 @@ from rotorid import __version__
 from rotorid.demo import DemoResult, run_demo
 from rotorid.errors import InputError, NotConvergedError, NotIdentifiableError
 from rotorid.estimate import Estimate, load_estimate
+from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
 from rotorid.identify import identify as identify_model
 from rotorid.io.output import check_apart, check_target, write_files
 from rotorid.models import Model, load_model, shipped_models
+from rotorid.predict import predict
 from rotorid.record import PeriodicRecord
 from rotorid.report import text
-from rotorid.validation import information_of, predict
 
 OK, NO_ANSWER, WRONG_INPUT, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 141, 130
 _FILE = click.Path(path_type=Path)

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import Estimator
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
+from rotorid.observation import Data
 
 
-def identify(
-    model: Model, periods: PeriodicRecord | Sequence[PeriodicRecord], estimator: Estimator
-) -> Estimate:
+def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator) -> Estimate:
     r"""Estimate the parameters of a model from one record or several.
 
     Parameters
     ----------
     model : Model
-    periods : PeriodicRecord or sequence of them
+    periods : PeriodicRecord or Lines, or sequence of them
         Records of one machine; several are identified together.
     estimator : Estimator
         `LeastSquares`, `Batch`, `Sequential`, `MaximumLikelihood`, or one of your own.
@@ -50,7 +47,4 @@ def identify(
     >>> round(estimate.value("m"), 9)
     4.0
     """
-    records = [periods] if isinstance(periods, PeriodicRecord) else list(periods)
-    if not records:
-        raise InputError("no record", "at least one", "give a PeriodicRecord")
-    return estimator.estimate(model, records)
+    return estimator.estimate(model, periods if isinstance(periods, Sequence) else [periods])

@@ -10,6 +10,7 @@ from rotorid.errors import InputError, ModelError
 from rotorid.estimators import Batch, Constraint, LeastSquares, Sequential
 from rotorid.estimators.family import pose
 from rotorid.estimators.knowledge import constraint_polynomial, eliminate
+from rotorid.observation import bind_all
 
 FAMILY = (LeastSquares, Batch, Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
@@ -70,7 +71,7 @@ def test_the_constrained_minimum_by_lagrange():
     model = TRAIN.model
     constraint = Constraint("a + b + c", 4.4)
     found = LeastSquares(constraints=(constraint,)).estimate(model, [record])
-    problem = pose(model, [record], {}, ())
+    problem = pose(bind_all(model, [record]), {}, ())
     (regression,) = problem.regressions
     scale = np.array(list(TRAIN.true_base.values()))
     design = regression.design * scale
@@ -106,7 +107,7 @@ def test_constraints_that_leave_nothing_free(method):
 def test_names_of_the_free_unknowns():
     """The unknown that is kept gives the name, also where another answers to it more."""
     constraint = Constraint("a - b", 0.0), Constraint("k - 5*h + 2000*c", 0.0)
-    problem = pose(TRAIN.model, TRAIN.records, {}, constraint)
+    problem = pose(bind_all(TRAIN.model, TRAIN.records), {}, constraint)
     elimination = problem.elimination
     assert len(problem.names) == 4
     for position, index in enumerate(elimination.kept):

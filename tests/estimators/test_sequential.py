@@ -11,12 +11,13 @@ from rotorid.estimators.family import pose
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.sequential import _solve_stages, plan_stages
 from rotorid.models import parse_model
+from rotorid.observation import bind_all
 from rotorid.record import Channel, Record
 from rotorid.signals.average import average
 
 
 def stages_of(problem, constraints=(), **fixed):
-    posed = pose(problem.model, problem.records, {**problem.known, **fixed}, constraints)
+    posed = pose(bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints)
     names = posed.names
     return [(list(s.rows), [names[u] for u in s.unknowns]) for s in plan_stages(posed)]
 
@@ -180,7 +181,7 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
     def solve(one):
         if kind == "batch":
             return Batch(fixed=problem.known).solve(problem.model, [one])
-        posed = pose(problem.model, [one], problem.known, ())
+        posed = pose(bind_all(problem.model, [one]), problem.known, ())
         return posed, _solve_stages(posed, plan_stages(posed))
 
     posed, before = solve(record)

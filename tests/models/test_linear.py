@@ -20,8 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError, ModelError
-from rotorid.estimators.regression import Regression, load_spectra
+from rotorid.estimators.regression import Regression
 from rotorid.models import load_model, parse_model
+from rotorid.observation import bind
+from rotorid.signals.spectrum import line_spectra
 
 SPEEDS = (0.0, 1.0, 2 * np.pi * 140, -300.0)
 LINEAR = [p for p in BANK if p.linear]
@@ -147,13 +149,15 @@ def test_regressor_form_is_the_dynamic_stiffness_on_random_lines(problem):
     record = replace(record, spectra=noise)
     model = problem.model.substitute(problem.known)
     values = rng.uniform(0.5, 2.0, len(model.parameters))
-    regression = Regression(model, record)
+    regression = Regression(bind(model, record))
     left = regression.residual(model.base_values(values))
     linear, mu = model.require_linear(), model.monomial_values(values)
     q = regression.coordinates.mean(axis=0)
     u = record.mean_spectrum[:, [record.index(name) for name in model.inputs]]
     z = linear.dynamic_stiffness(record.omega, values, record.speed)
-    g = load_spectra(model, record) @ mu
+    loads = linear.load_columns(record.time, record.angle, record.speed).mean(axis=0)
+    columns = line_spectra(loads.reshape(record.samples, -1), record.harmonics)
+    g = columns.reshape(len(record.harmonics), linear.rows, linear.monomials) @ mu
     right = np.einsum("krj,kj->kr", z, q) - g - u @ linear.input_matrix(mu).T
     np.testing.assert_allclose(left, right, rtol=1e-10, atol=1e-9 * np.abs(right).max())
 

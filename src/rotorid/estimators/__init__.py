@@ -11,7 +11,7 @@ from rotorid.estimators.likelihood.bound import Plan, predict_accuracy
 from rotorid.estimators.maximum_likelihood import MaximumLikelihood
 from rotorid.estimators.sequential import Sequential
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
+from rotorid.observation import Data
 
 __all__ = [
     "Batch",
@@ -28,6 +28,6 @@ __all__ = [
 class Estimator(Protocol):
     """What `rotorid.identify` needs: one method."""
 
-    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return what the records say of the model's parameters."""
         ...

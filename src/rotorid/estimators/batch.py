@@ -13,7 +13,8 @@ from rotorid.estimators.family import LinearEstimator, Problem, force_variance, 
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block, Solution, solve
 from rotorid.models import Model
-from rotorid.record import Floats, PeriodicRecord
+from rotorid.observation import Data, bind_all
+from rotorid.record import Floats
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Batch(LinearEstimator):
                 f"free_weight {self.free_weight}", "a positive number", "take 100, as the seed does"
             )
 
-    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate of the base parameters.
 
         Raises
@@ -61,7 +62,7 @@ class Batch(LinearEstimator):
         problem, solution = self.solve(model, records)
         return problem.summarize("batch", solution)
 
-    def solve(self, model: Model, records: Sequence[PeriodicRecord]) -> tuple[Problem, Solution]:
+    def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:
         """Return the regression and its solution, without statistics.
 
         Raises
@@ -69,7 +70,7 @@ class Batch(LinearEstimator):
         InputError
             As `estimate`.
         """
-        problem = pose(model, records, self.fixed, self.constraints)
+        problem = pose(bind_all(model, records), self.fixed, self.constraints)
         blocks = [
             Block(r.record, *problem.free_equations(r), self._variance(r))
             for r in problem.regressions

@@ -21,7 +21,8 @@ from rotorid.estimators.weighted import (
 )
 from rotorid.models import Model
 from rotorid.models.expression import symbol
-from rotorid.record import Complexes, Floats, PeriodicRecord
+from rotorid.observation import Observation
+from rotorid.record import Complexes, Floats
 
 
 @dataclass(frozen=True)
@@ -119,27 +120,28 @@ class Problem:
 
 
 def pose(
-    model: Model,
-    records: Sequence[PeriodicRecord],
+    records: Sequence[Observation],
     fixed: Mapping[str, float],
     constraints: Sequence[Constraint],
 ) -> Problem:
     """Substitute what is fixed, eliminate what is constrained, and write the regressions."""
-    if not records:
-        raise InputError("no record", "at least one", "give a PeriodicRecord")
+    model = records[0].model
     reduced = model.substitute(fixed)
     if not reduced.base.names:
         raise InputError("every parameter fixed", "something to estimate", "free one")
     turning = any(symbol("phi") in signal.free_symbols for signal in reduced.signals)
     for record in records:
-        if turning and not record.phase_known:
+        if turning and not record.lines.phase_known:
             raise InputError(
-                "a rotor angle of unknown phase", "a known phase", "use ml", file=record.source
+                "a rotor angle of unknown phase",
+                "a known phase",
+                "use ml",
+                file=record.lines.source,
             )
     elimination = eliminate(reduced, constraints, fixed)
     if not elimination.kept:
         raise InputError("every parameter constrained", "something to estimate", "free one")
-    regressions = tuple(Regression(reduced, record) for record in records)
+    regressions = tuple(Regression(record.rebound(reduced)) for record in records)
     return Problem(model, dict(fixed), regressions, elimination)
 
 
@@ -149,7 +151,7 @@ def force_variance(regression: Regression) -> Floats:
     The inputs count as uncorrelated, as in the seed's (9).
     """
     record, model = regression.record, regression.model
-    channels = [record.index(name) for name in model.inputs]
+    channels = list(regression.observation.input_columns)
     power = (record.mean[:, channels] ** 2).mean(axis=0)
     variance = pooled(record.variance[:, channels], power, record.periods)
     return np.asarray(variance @ (model.input_matrix.T**2))

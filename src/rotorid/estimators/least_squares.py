@@ -11,7 +11,7 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.family import LinearEstimator, pose
 from rotorid.estimators.weighted import Block, solve
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
+from rotorid.observation import Data, bind_all
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class LeastSquares(LinearEstimator):
     {'L1': 0.3}
     """
 
-    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate of the base parameters.
 
         Raises
@@ -47,7 +47,7 @@ class LeastSquares(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
-        problem = pose(model, records, self.fixed, self.constraints)
+        problem = pose(bind_all(model, records), self.fixed, self.constraints)
         blocks = [
             Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
             for r in problem.regressions

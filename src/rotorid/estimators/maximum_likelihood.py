@@ -10,11 +10,12 @@ from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
-from rotorid.estimators.likelihood.unknowns import Nuisances, linear_form
+from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
+from rotorid.observation import Data, bind_all
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class MaximumLikelihood:
         """Which constants of the measurement are unknown."""
         return Nuisances(self.runout, self.gains, self.delays)
 
-    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
 
         Raises
@@ -108,10 +109,11 @@ class MaximumLikelihood:
             Where the model is not linear in its coordinates.
         """
         linear_form(model)
+        bound = bind_all(model, records)
         try:
             found = fit(
                 model,
-                records,
+                bound,
                 self.knowledge,
                 self.nuisances,
                 base=self.base,
@@ -119,5 +121,5 @@ class MaximumLikelihood:
                 neighbours=self.neighbours,
             )
         except NotConvergedError as error:
-            return nothing_found(model, records, self.fixed, str(error))
-        return summarize(model, records, found)
+            return nothing_found(model, bound, self.fixed, str(error))
+        return summarize(model, found)

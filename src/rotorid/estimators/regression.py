@@ -9,87 +9,23 @@ motion read, on line k and in row r,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Prediction
+from rotorid.lines import PeriodicClock
 from rotorid.models import Model, Motion
 from rotorid.models.evaluation import is_usable
 from rotorid.models.expression import symbol
 from rotorid.models.linear import speed_factor
+from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, choose_covariance
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
 ROUNDING = 1e-12
-
-
-def sensors(model: Model, record: PeriodicRecord) -> tuple[list[int], Floats]:
-    """Return the channels that read coordinates, and C with y = C q."""
-    names = model.coordinates
-    channels = [
-        i for i, c in enumerate(record.channels) if c.combination and {*c.combination} <= {*names}
-    ]
-    reads = [[record.channels[i].combination.get(q, 0.0) for q in names] for i in channels]
-    return channels, np.array(reads, dtype=float).reshape(len(channels), len(names))
-
-
-def hidden_coordinates(model: Model, record: PeriodicRecord) -> list[str]:
-    """Return the coordinates that the sensors of a record do not determine."""
-    _, reads = sensors(model, record)
-    if not reads.size:
-        return list(model.coordinates)
-    units = np.eye(len(model.coordinates))
-    seen = np.linalg.matrix_rank(reads)
-    return [
-        q
-        for q, unit in zip(model.coordinates, units, strict=True)
-        if np.linalg.matrix_rank(np.vstack([reads, unit])) > seen
-    ]
-
-
-def coordinate_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of every coordinate, period by period.
-
-    Sensors of several coordinates are solved for them.
-    """
-    channels, reads = sensors(model, record)
-    if hidden := hidden_coordinates(model, record):
-        raise InputError(
-            f"no sensor of {', '.join(hidden)}",
-            "every coordinate measured",
-            "measure it, or use ml, which needs no such sensor",
-            file=record.source,
-        )
-    return np.asarray(record.spectra[..., channels] @ np.linalg.pinv(reads).T)
-
-
-def input_channels(model: Model, record: PeriodicRecord) -> list[int]:
-    """Return the channel of each input of the model, in order."""
-    missing = [name for name in model.inputs if name not in record.names]
-    if missing:
-        raise InputError(
-            f"no channel of the input {', '.join(missing)}",
-            "every input measured",
-            "name its column in [channels]",
-            file=record.source,
-        )
-    return [record.index(name) for name in model.inputs]
-
-
-def input_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of every input, shape (period, line, input)."""
-    channels = input_channels(model, record)
-    currents = [record.names[i] for i in channels if record.channels[i].drive is not None]
-    if currents:
-        raise InputError(
-            f"a current in the channel of {currents[0]}", "a force", "use ml", file=record.source
-        )
-    return record.spectra[..., channels]
 
 
 def signal_spectra(
@@ -144,37 +80,84 @@ class Regression:
 
     Parameters
     ----------
-    model : Model
-    record : PeriodicRecord
+    observation : Observation
     """
 
-    model: Model
-    record: PeriodicRecord
+    observation: Observation
+
+    @property
+    def model(self) -> Model:
+        """The model that the record is bound to."""
+        return self.observation.model
+
+    @cached_property
+    def record(self) -> PeriodicRecord:
+        """The periods; an `InputError` where the record has none."""
+        if self.observation.periodic is None:
+            raise InputError(
+                "a record without periods",
+                "whole periods for this method",
+                "give its fundamental, or use ml",
+                file=self.observation.lines.source,
+            )
+        return self.observation.periodic
 
     @cached_property
     def coordinates(self) -> Complexes:
-        """Lines of the coordinates, shape (period, line, coordinate)."""
-        return coordinate_spectra(self.model, self.record)
+        """Lines of the coordinates, shape (period, line, coordinate).
+
+        Sensors of several coordinates are solved for them.
+        """
+        seen = self.observation
+        if seen.hidden or seen.indirect:
+            derived = [s.channel.name for s in seen.indirect]
+            raise InputError(
+                f"no sensor of {', '.join(seen.hidden)}"
+                if seen.hidden
+                else f"{derived[0]}, which reads a derivative or holds parameters",
+                "every coordinate measured, by sensors of positions",
+                "measure it, or use ml, which needs no such sensor",
+                file=self.record.source,
+            )
+        columns = [sensor.column for sensor in seen.direct]
+        return np.asarray(self.record.spectra[..., columns] @ np.linalg.pinv(seen.reads).T)
+
+    @cached_property
+    def inputs(self) -> Complexes:
+        """Lines of every input, shape (period, line, input)."""
+        for channel in self.observation.inputs:
+            if channel.drive is not None:
+                raise InputError(
+                    f"a current in the channel of {channel.name}",
+                    "a force",
+                    "use ml",
+                    file=self.record.source,
+                )
+        return self.record.spectra[..., list(self.observation.input_columns)]
+
+    @cached_property
+    def clock(self) -> tuple[Floats, Floats]:
+        """T and phi at which the signals are evaluated."""
+        timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
+        record = self.record
+        clock = PeriodicClock(record.time, record.angle, record.speed, record.harmonics)
+        return clock.grid(timed=timed)
 
     @cached_property
     def signals(self) -> Complexes:
         """Lines of the signals on the mean motion, shape (line, signal)."""
         mean = self.coordinates.mean(axis=0)
-        return signal_spectra(
-            self.model, self.record, mean, *time_and_angle(self.model, self.record)
-        )
+        return signal_spectra(self.model, self.record, mean, *self.clock)
 
     @cached_property
     def period_signals(self) -> Complexes:
         """Lines of the signals on the motion of each period, shape (period, line, signal)."""
-        return signal_spectra(
-            self.model, self.record, self.coordinates, *time_and_angle(self.model, self.record)
-        )
+        return signal_spectra(self.model, self.record, self.coordinates, *self.clock)
 
     @cached_property
     def period_forces(self) -> Complexes:
         """Lines of B u in each period, shape (period, line, row)."""
-        return np.asarray(input_spectra(self.model, self.record) @ self.model.input_matrix.T)
+        return np.asarray(self.inputs @ self.model.input_matrix.T)
 
     @cached_property
     def design(self) -> Complexes:
@@ -211,39 +194,3 @@ class Regression:
         """Rows with a measured input or a term without parameters."""
         forced = self.model.input_matrix.any(axis=1) | self.model.coefficients[1].any(axis=0)
         return [int(row) for row in np.flatnonzero(forced)]
-
-
-def predict_inputs(regressions: Sequence[Regression], base: Floats) -> dict[str, Prediction | None]:
-    """Return how well each input is predicted: |lines(u - u_hat)| / |lines(u)|, the seed's (12).
-
-    The residual of the equations is laid to the inputs by the pseudoinverse of B.
-    """
-    model = regressions[0].model
-    wrong, size = np.zeros(len(model.inputs)), np.zeros(len(model.inputs))
-    for regression in regressions:
-        weight = regression.record.multiplicity
-        force = input_spectra(model, regression.record).mean(axis=0)
-        error = regression.residual(base) @ np.linalg.pinv(model.input_matrix).T
-        wrong += weight @ np.abs(error) ** 2
-        size += weight @ np.abs(force) ** 2
-    return {
-        name: Prediction(float(np.sqrt(wrong[i] / size[i]))) if size[i] > 0 else None
-        for i, name in enumerate(model.inputs)
-    }
-
-
-def load_spectra(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of the columns of g, averaged over periods; g = columns @ mu."""
-    linear = model.require_linear()
-    columns = linear.load_columns(*time_and_angle(model, record), record.speed).mean(axis=0)
-    lines = line_spectra(columns.reshape(record.samples, -1), record.harmonics)
-    return lines.reshape(len(record.harmonics), linear.rows, linear.monomials)
-
-
-def time_and_angle(model: Model, record: PeriodicRecord) -> tuple[Floats, Floats]:
-    """Return t and phi of all periods, or of the first where the others repeat it."""
-    turns = (record.angle - record.angle[0]) / (2 * np.pi)
-    timed = any(symbol("t") in signal.free_symbols for signal in model.signals)
-    if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:
-        return record.time[:1], record.angle[:1]
-    return record.time, record.angle

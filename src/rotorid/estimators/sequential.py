@@ -12,7 +12,8 @@ from rotorid.estimators.family import LinearEstimator, Problem, force_variance, 
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block, Solution, pooled, solve
 from rotorid.models import Model
-from rotorid.record import Booleans, Complexes, Floats, Integers, PeriodicRecord
+from rotorid.observation import Data, bind_all
+from rotorid.record import Booleans, Complexes, Floats, Integers
 from rotorid.signals.spectrum import synthesize
 
 
@@ -55,7 +56,7 @@ class Sequential(LinearEstimator):
     {}
     """
 
-    def estimate(self, model: Model, records: Sequence[PeriodicRecord]) -> Estimate:
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate of the base parameters.
 
         Raises
@@ -63,7 +64,7 @@ class Sequential(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
-        problem = pose(model, records, self.fixed, self.constraints)
+        problem = pose(bind_all(model, records), self.fixed, self.constraints)
         return problem.summarize("sequential", _solve_stages(problem, plan_stages(problem)))
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from rotorid.estimate import Estimate, Value
 from rotorid.estimators.derived import physical_from_base
-from rotorid.estimators.regression import Regression, predict_inputs
+from rotorid.estimators.prediction import by_regression, relative_errors
+from rotorid.estimators.regression import Regression
 from rotorid.models import Model
 from rotorid.record import Complexes, Floats
 
@@ -36,6 +37,7 @@ def summarize(
     units = {p.name: p.unit for p in full.parameters}
     held = [Value(name, units[name], value, 0.0, 0.0, True) for name, value in fixed.items()]
     records = [r.record for r in regressions]
+    known = np.where(determined, base, 0.0)
     return Estimate(
         model=full.name,
         method=method,
@@ -43,7 +45,7 @@ def summarize(
         parameters=(*parameters, *held),
         derived=physical_from_base(model, base, covariance),
         covariance=covariance,
-        prediction=predict_inputs(regressions, np.where(determined, base, 0.0)),
+        prediction=relative_errors([by_regression(r, known) for r in regressions]),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
         periods=min(r.periods for r in records),
         warnings=(*(w for r in records for w in r.warnings), *warnings),

@@ -88,9 +88,10 @@ def _record_pictures(
     if waves is not None:
         yield _picture(
             plots.draw_forces(waves),
-            f"Forces measured and predicted{where}",
-            "One period on the kept lines. The prediction lays what the equations of motion leave "
-            "over to the inputs.",
+            f"Measured and predicted{where}",
+            "One period on the kept lines. Where every coordinate is measured, the prediction lays "
+            "what the equations of motion leave over to the inputs; else it is what the sensors "
+            "should read of the measured inputs.",
         )
     yield _picture(
         plots.draw_spectra(record),

@@ -11,14 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from rotorid.errors import InputError
 from rotorid.estimate import Estimate
-from rotorid.estimators.regression import Regression, hidden_coordinates, input_spectra
 from rotorid.models import Model
-from rotorid.record import Complexes, Floats, PeriodicRecord, Record
+from rotorid.predict import missing_values, predict_lines
+from rotorid.record import Floats, PeriodicRecord, Record
 from rotorid.report.style import BLUE, GREY, INK, RED, decades, label, new_figure, panels, styled
 from rotorid.signals.spectrum import synthesize
-from rotorid.validation.prediction import base_of
 
 MOST_POINTS = 2000  # of a curve
 MOST_DOTS = 400
@@ -47,33 +45,25 @@ class ForceWaves:
 
 
 def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> ForceWaves | None:
-    """Return the measured forces and those that an estimate predicts, the seed's (12)."""
-    try:
-        reduced, base = base_of(model, estimate)
-        if hidden_coordinates(model, record) or not np.isfinite(base).all():
-            return None
-        measured = input_spectra(model, record).mean(axis=0)
-        residual = Regression(reduced, record).residual(base)
-    except InputError:
+    """Return a record's channels as measured and as an estimate predicts them.
+
+    ``None`` where the estimate leaves a parameter open or is of another model, and where the
+    phase of the rotor is not known.
+    """
+    known = all(np.isfinite(v.value) for v in estimate.parameters) and record.phase_known
+    if not known or missing_values(model, estimate):
         return None
-    wrong = residual @ np.linalg.pinv(reduced.input_matrix).T
-    size = _length(record, measured)
+    (found,) = predict_lines(model, estimate, [record])
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.where(size > 0, _length(record, wrong) / size, np.nan)
-    time = np.arange(record.samples) / record.sample_rate
-    units = tuple(model.units[name] for name in model.inputs)
+        error = np.where(found.size > 0, np.sqrt(found.wrong / found.size), np.nan)
     return ForceWaves(
-        model.inputs,
-        units,
-        time,
-        synthesize(measured, record.harmonics, record.samples),
-        synthesize(measured + wrong, record.harmonics, record.samples),
+        found.names,
+        found.units,
+        np.arange(record.samples) / record.sample_rate,
+        synthesize(found.measured, record.harmonics, record.samples),
+        synthesize(found.predicted, record.harmonics, record.samples),
         error,
     )
-
-
-def _length(record: PeriodicRecord, lines: Complexes) -> Floats:
-    return np.asarray(np.sqrt(record.multiplicity @ np.abs(lines) ** 2))
 
 
 @styled

@@ -11,10 +11,10 @@ from rich.text import Text
 from rotorid.demo import DemoResult, findings
 from rotorid.demo.paper import TABLE, printed_error
 from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.information import Information
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.models.model import Parameter
-from rotorid.validation.information import Information
 
 _MATRICES = (("M", "''"), ("D", "'"), ("G", "'"), ("K", ""))
 _COLOURS = {

@@ -15,11 +15,13 @@ from rotorid.estimators import Constraint, MaximumLikelihood
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import solve
-from rotorid.estimators.likelihood.unknowns import Nuisances
 from rotorid.identify import identify
+from rotorid.lines import Lines
+from rotorid.observation import bind
 from rotorid.rig.file import parse_rig
 from rotorid.rig.rig import Rig
 from rotorid.signals.average import average
@@ -139,16 +141,16 @@ def test_statistics_of_the_three_covariances(demo):
     for seed in range(400):
         record = run(seed)
         for choice in ("auto", "white"):
-            fitted = fit(model, [record], knowledge, Nuisances(), covariance=choice)
+            fitted = fit(model, [bind(model, record)], knowledge, Nuisances(), covariance=choice)
             name = "correlated" if choice == "auto" else choice
-            assert fitted.covariances[0].kind == name
+            assert fitted.records[0].lines.covariance.kind == name
             found[name].add(fitted.solution, fitted.inference, demo.values)
         whole = correlated_covariance(record.spectra)
         alone = LineCovariance(whole.matrices * np.eye(12), whole.dof, whole.kind)
         prepared = fitted.prepared
         problem = Problem(
             prepared.layout,
-            (assemble(prepared.layout, record, alone),),
+            (assemble(prepared.layout, bind(model, Lines.of_periods(record, alone))),),
             prepared.exact,
             prepared.known,
             prepared.bounds,

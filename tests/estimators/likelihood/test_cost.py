@@ -8,16 +8,15 @@ import pytest
 
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.cost import Likelihood
-from rotorid.estimators.likelihood.unknowns import (
-    Layout,
-    Nuisances,
-    Unknown,
-    nuisance_unknowns,
-    physical_factors,
-)
+from rotorid.estimators.likelihood.nuisances import Nuisances, Unknown, asked_nuisances
+from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
+from rotorid.lines import Lines
 from rotorid.models import load_model
+from rotorid.observation import bind
 from rotorid.record import Channel, Drive, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
+
+MODEL = load_model("three-mass")
 
 
 def extrapolated(function: Callable[[float], float], step: float, levels: int = 6) -> float:
@@ -31,14 +30,15 @@ def extrapolated(function: Callable[[float], float], step: float, levels: int = 
 
 
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
-    model = load_model("three-mass")
+    model = MODEL
     parameters = [Unknown(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
-    extra = nuisance_unknowns(model, [record], nuisances or Nuisances())
-    return Layout(model, (*parameters, *extra), physical_factors(model), False)
+    extra = asked_nuisances([bind(model, record)], nuisances or Nuisances())
+    unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.unknowns))
+    return Layout(model, unknowns, physical_factors(model), False, extra)
 
 
 def likelihood(record: PeriodicRecord) -> Likelihood:
-    return assemble(layout_of(record), record, white_covariance(record.spectra))
+    return assemble(layout_of(record), bind(MODEL, record))
 
 
 def everything_unknown(record: PeriodicRecord) -> PeriodicRecord:
@@ -86,7 +86,7 @@ def test_gradient_by_every_nuisance_agrees_with_differences(demo, bearings):
     rng = np.random.default_rng(4)
     record = everything_unknown(demo.noisy(demo.record(bearings, periods=40), rng))
     layout = layout_of(record, Nuisances(True, ("ki", "ks*"), ("force", "position")))
-    kernel = assemble(layout, record, white_covariance(record.spectra))
+    kernel = assemble(layout, bind(MODEL, record))
     scale = np.where(layout.start != 0, np.abs(layout.start), 1e-6)  # runout in m, delay in s
     scale[layout.index["phase[0]"]] = 1.0
     x = layout.start + 0.1 * scale * rng.uniform(-1, 1, len(scale))
@@ -145,7 +145,11 @@ def test_cost_does_not_see_the_units_of_channels(demo, bearings):
     record = demo.noisy(demo.record(bearings, periods=40), np.random.default_rng(7))
     covariance = correlated_covariance(record.spectra)
     layout = layout_of(record)
-    before = assemble(layout, record, covariance).evaluate(demo.values).cost
+    before = (
+        assemble(layout, bind(MODEL, Lines.of_periods(record, covariance)))
+        .evaluate(demo.values)
+        .cost
+    )
     # The same readings through sensors that read a thousandth.
     factor = np.array([1.0] * 4 + [1e-3] * 4)
     channels = tuple(
@@ -154,7 +158,12 @@ def test_cost_does_not_see_the_units_of_channels(demo, bearings):
     )
     scaled = replace(record, channels=channels, spectra=record.spectra * factor)
     matrices = covariance.matrices * np.outer(factor, factor)
-    after = assemble(layout, scaled, LineCovariance(matrices, covariance.dof, "correlated"))
+    after = assemble(
+        layout,
+        bind(
+            MODEL, Lines.of_periods(scaled, LineCovariance(matrices, covariance.dof, "correlated"))
+        ),
+    )
     np.testing.assert_allclose(after.evaluate(demo.values).cost, before, rtol=1e-9)
 
 

@@ -1,4 +1,9 @@
-"""From a model and a record to a `Likelihood`: entries, loads, sensing, calibration."""
+"""From a bound record to its `Likelihood`: entries, loads, sensing, calibration.
+
+Sensors of positions with known coefficients are solved for coordinates. A sensor of a derivative,
+or with parameters among its coefficients, is a row more beside the equations of motion,
+``y - C(omega, theta) q = 0``, and its channel stands among the inputs.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimators.likelihood.calibration import Calibration
+from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
 from rotorid.estimators.likelihood.noise import noise_factor
+from rotorid.estimators.likelihood.nuisances import Factor, Reading, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
-from rotorid.estimators.likelihood.unknowns import (
-    Layout,
-    input_channels,
-    linear_form,
-    sensor_channels,
-)
-from rotorid.estimators.regression import time_and_angle
-from rotorid.models import Model
+from rotorid.estimators.likelihood.unknowns import Layout, linear_form
+from rotorid.lines import Lines, Signal
 from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import Expression
-from rotorid.models.linear import LinearForm
-from rotorid.record import Channel, Complexes, Floats, Integers, PeriodicRecord
-from rotorid.signals.covariance import LineCovariance
-from rotorid.signals.spectrum import line_spectra
+from rotorid.models.expression import Expression, symbol
+from rotorid.models.linear import speed_factor
+from rotorid.observation import Observation
+from rotorid.record import Channel, Complexes, Floats
 
 Factors = tuple[int, ...]
 PHASE_STEPS = 16
@@ -34,67 +33,94 @@ PHASE_STEPS = 16
 
 @dataclass(frozen=True)
 class Term:
-    """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B]."""
+    """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
+
+    The coefficient is that of each line: it may depend on the speed there.
+    """
 
     row: int
     column: int
     order: int
     factors: Factors
-    coefficient: float
+    coefficient: Floats | float
 
 
-def speed_factors(linear: LinearForm, speed: float) -> dict[Expression, float]:
-    """Return the value of each distinct factor of the speed among the entries of Z."""
-    distinct = dict.fromkeys(term.factor for term in linear.stiffness)
-    return {factor: float(evaluate(factor, {"Omega": speed})) for factor in distinct}
-
-
-def equation_terms(layout: Layout, inputs: Sequence[Channel], speed: float) -> list[Term]:
-    """Return the entries of ``[P, B]``, P = -Z, at one speed; columns of B after those of P.
+def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the entries of ``[P, B]``, P = -Z; columns of B after those of P.
 
     An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
     ks x, with the true displacement, is a stiffness of the machine.
     """
-    model = layout.model
+    model, speed = layout.model, observation.lines.speed
     linear = linear_form(model)
-    factor = speed_factors(linear, speed)
     terms = []
+    factor = {t.factor: _at_speeds(t.factor, speed) for t in linear.stiffness}
     for t in linear.stiffness:
         factors = layout.monomial_factors[t.monomial]
-        if factors is not None and factor[t.factor] != 0:
+        if factors is not None and np.any(factor[t.factor]):
             value = -t.coefficient * factor[t.factor]
             terms.append(Term(t.row, t.column, t.order, factors, value))
     for b in linear.input_terms:
         factors = layout.monomial_factors[b.monomial]
         assert factors is not None
-        channel = inputs[b.input]
-        ki, gain = _constant(
-            layout, f"ki[{channel.name}]", None if channel.drive is None else channel.drive.ki
-        )
+        channel = observation.inputs[b.input]
+        known = 1.0 if channel.drive is None else channel.drive.ki
+        ki, gain = _constant(layout.constant(channel.name, "ki"), known)
         column = linear.coordinates + b.input
         terms.append(Term(b.row, column, 0, factors + gain, b.coefficient * ki))
         if channel.drive is None:
             continue
-        unknown = "ks" if "ks" in layout.index else f"ks[{channel.name}]"
-        ks, slope = _constant(layout, unknown, channel.drive.ks)
-        for name, share in channel.drive.position.items():
-            if name not in model.coordinates:
-                raise InputError(
-                    f"a force law at {name!r}",
-                    f"one of {', '.join(model.coordinates)}",
-                    "name the displacement in that bearing",
-                    place=channel.name,
-                )
-            where = model.coordinates.index(name)
+        ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
+        for where, share in _displacement(layout, channel):
             terms.append(Term(b.row, where, 0, factors + slope, b.coefficient * ks * share))
-    return terms
+    return [*terms, *_sensor_rows(layout, observation)]
 
 
-def _constant(layout: Layout, name: str, known: float | None) -> tuple[float, Factors]:
+def _at_speeds(factor: Expression, speed: Floats) -> Floats | float:
+    """Return an expression in Omega at the speed of each line; one number where all are alike."""
+    distinct = np.unique(speed)
+    values = np.array([speed_factor(factor, value) for value in distinct])
+    return float(values[0]) if len(values) == 1 else values[np.searchsorted(distinct, speed)]
+
+
+def _constant(unknown: int | None, known: float) -> tuple[float, Factors]:
     """Return a constant as (number, unknowns): one of the two is trivial."""
-    if name in layout.index:
-        return 1.0, (layout.index[name],)
-    return (1.0 if known is None else known), ()
+    return (known, ()) if unknown is None else (1.0, (unknown,))
+
+
+def _displacement(layout: Layout, channel: Channel) -> list[tuple[int, float]]:
+    """Return the displacement in the bearing of an input as (coordinate, coefficient)."""
+    coordinates = layout.model.coordinates
+    assert channel.drive is not None
+    for name in channel.drive.position:
+        if name not in coordinates:
+            raise InputError(
+                f"a force law at {name!r}",
+                f"one of {', '.join(coordinates)}",
+                "name the displacement in that bearing",
+                place=channel.name,
+            )
+    return [(coordinates.index(name), share) for name, share in channel.drive.position.items()]
+
+
+def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the rows of indirect sensors: the reading, less what it reads."""
+    model, terms = layout.model, []
+    first_row = len(model.texts)
+    first_column = len(model.coordinates) + len(model.inputs)
+    for k, sensor in enumerate(observation.indirect):
+        terms.append(Term(first_row + k, first_column + k, 0, (), 1.0))
+        for t in sensor.terms:
+            if layout.base and any(t.powers):
+                raise InputError(
+                    "a sensor with parameters among its coefficients",
+                    "known coefficients, where base parameters are asked for",
+                    "put their values in, or estimate the physical parameters",
+                    place=sensor.channel.name,
+                )
+            factors = tuple(np.repeat(np.arange(len(t.powers)), t.powers).tolist())
+            terms.append(Term(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
+    return terms
 
 
 def monomial_table(
@@ -111,118 +137,101 @@ def monomial_table(
 
 
 def load_lines(
-    layout: Layout, record: PeriodicRecord, where: Mapping[Factors, int], phase_unknown: bool
+    layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g by order of the rotor angle, and the orders."""
     linear = linear_form(layout.model)
     signals = list(dict.fromkeys(term.signal for term in linear.load_terms))
+    timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = PHASE_STEPS if phase_unknown else 1
-    shifts = 2 * np.pi * np.arange(steps) / steps
-    time, angle = time_and_angle(layout.model, record)
-    lines = np.zeros((steps, len(record.harmonics), len(signals)), dtype=np.complex128)
-    for step, shift in enumerate(shifts):
-        known = {"t": time, "phi": angle + shift, "Omega": record.speed}
-        values = [
-            np.broadcast_to(evaluate(signal, known), angle.shape).mean(axis=0) for signal in signals
-        ]
-        if values:
-            lines[step] = _lines(np.stack(values, axis=1), record.harmonics)
+    found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
+    for step, shift in enumerate(2 * np.pi * np.arange(steps) / steps):
+        if signals:
+            found[step] = lines.clock.lines(_signal(signals, shift), timed=timed)
+    orders: Floats = np.zeros(1)
     if phase_unknown:
-        lines = np.fft.fft(lines, axis=0) / steps
-        size = np.abs(lines).max(axis=(1, 2), initial=0.0)
+        found = np.fft.fft(found, axis=0) / steps
+        size = np.abs(found).max(axis=(1, 2), initial=0.0)
         used = np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
-        orders = np.fft.fftfreq(steps, 1 / steps)[used]
-        lines = lines[used]
-    else:
-        orders = np.zeros(1)
-    columns = np.zeros(
-        (len(lines), len(record.harmonics), linear.rows, len(where)), dtype=np.complex128
-    )
+        orders = np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
+        found = found[used]
+    columns = np.zeros((len(found), len(lines.omega), linear.rows, len(where)), np.complex128)
     for term in linear.load_terms:
         factors = layout.monomial_factors[term.monomial]
         if factors is not None:
             target = where[tuple(sorted(factors))]
-            signal = lines[:, :, signals.index(term.signal)]
+            signal = found[:, :, signals.index(term.signal)]
             columns[:, :, term.row, target] += term.coefficient * signal
-    return columns, np.asarray(orders, dtype=np.float64)
+    return columns, orders
 
 
-def _lines(samples: Floats, harmonics: Integers) -> Complexes:
-    """Return lines with what is rounding set to zero: a load that misses a line misses it."""
-    lines = line_spectra(samples, harmonics)
-    size = np.sqrt((samples**2).mean(axis=0))
-    return np.where(np.abs(lines) > 1e-11 * size, lines, 0.0)
+def _signal(signals: Sequence[Expression], shift: float) -> Signal:
+    """Return expressions in t, phi and Omega as a function, the angle moved by `shift`."""
+
+    def values(time: Floats, angle: Floats, speed: Floats) -> Floats:
+        known = {"t": time, "phi": angle + shift, "Omega": speed}
+        shape = np.broadcast_shapes(np.shape(time), np.shape(angle), np.shape(speed))
+        return np.stack([np.broadcast_to(evaluate(s, known), shape) for s in signals], axis=-1)
+
+    return values
 
 
-def sensing_of(reads: Floats) -> Sensing:
+def sensing_of(reads: Floats, rank: int) -> Sensing:
     """Split coordinates into what sensors read and what they do not."""
     sensors, coordinates = reads.shape
     used = (reads != 0).sum(axis=0)
-    if ((reads != 0).sum(axis=1) == 1).all() and used.max() <= 1:
+    if ((reads != 0).sum(axis=1) == 1).all() and used.max(initial=0) <= 1:
         where = np.abs(reads).argmax(axis=1)
         right = np.zeros((coordinates, sensors))
         right[where, np.arange(sensors)] = 1 / reads[np.arange(sensors), where]
         hidden = np.eye(coordinates)[:, used == 0]
         return Sensing(right, hidden, np.zeros((0, sensors)), reads)
     left, size, basis = np.linalg.svd(reads)
-    rank = int((size > 1e-10 * size[0]).sum())
     right = basis[:rank].T / size[:rank] @ left[:, :rank].T
     return Sensing(right, basis[rank:].T, left[:, rank:].T, reads)
 
 
-def sensor_matrix(model: Model, sensors: Sequence[Channel]) -> Floats:
-    """Return C, shape (sensor, coordinate)."""
-    return np.array([[s.combination.get(q, 0.0) for q in model.coordinates] for s in sensors])
-
-
-def channel_order(model: Model, record: PeriodicRecord) -> list[int]:
-    """Return the channels of a record in the order of the kernel: inputs, then sensors."""
-    channels = (*input_channels(model, record), *sensor_channels(model, record))
-    return [record.index(channel.name) for channel in channels]
-
-
-def assemble(
-    layout: Layout, record: PeriodicRecord, covariance: LineCovariance, number: int = 0
-) -> Likelihood:
-    """Build the likelihood of one record."""
-    model = layout.model
-    inputs, sensors = input_channels(model, record), sensor_channels(model, record)
-    order = channel_order(model, record)
-    data = record.mean_spectrum[:, order]
-    ordered = replace(covariance, matrices=covariance.matrices[:, order][:, :, order])
-    terms = equation_terms(layout, inputs, record.speed)
+def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likelihood:
+    """Build the likelihood of one record, the `number`-th of its machine."""
+    lines, reads = observation.lines, observation.reads
+    order = list(observation.order)
+    data = lines.mean[:, order]
+    ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
+    terms = equation_terms(layout, observation)
     monomials, where = monomial_table(layout, terms)
-    phase = layout.index.get(f"phase[{number}]")
-    load, orders = load_lines(layout, record, where, phase is not None)
-    entries = _entries(terms, where, record.omega)
-    reads = sensor_matrix(model, sensors)
-    scales = _scales(layout, entries, monomials, reads, data)
-    rows = len(model.texts)
-    columns = np.append(scales.coordinates, np.ones(len(inputs)))
+    phase = _turn(layout, number)
+    load, orders = load_lines(layout, lines, where, phase is not None)
+    entries = _entries(terms, where, lines.omega)
+    rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
+    scales = _scales(layout, entries, monomials, rows, reads, data)
+    loads = np.zeros((*load.shape[:2], rows, load.shape[3]), dtype=np.complex128)
+    loads[:, :, : load.shape[2]] = load
+    columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
         entries, weight=entries.weight * columns[entries.column] / scales.rows[entries.row]
     )
-    sensing = sensing_of(reads * scales.coordinates)
+    sensing = sensing_of(reads * scales.coordinates, observation.rank)
     equations = rows + len(sensing.redundancy) - sensing.hidden.shape[1]
-    noise = noise_factor(ordered, data, len(inputs), equations)
-    calibration = _calibration(layout, record, inputs, sensors, phase, orders)
+    noise = noise_factor(ordered, data, len(observation.inputs), equations)
     return Likelihood(
         scaled,
         monomials,
-        load / scales.rows[:, None],
+        np.asarray(loads / scales.rows[:, None], dtype=np.complex128),
         rows,
         sensing,
-        calibration,
+        _calibration(layout, observation, phase, orders),
         data,
         noise,
         scales,
-        record.multiplicity,
+        lines.multiplicity,
+        len(observation.indirect),
     )
 
 
 def _entries(terms: Sequence[Term], where: Mapping[Factors, int], omega: Floats) -> Entries:
     order = np.array([term.order for term in terms])
-    coefficient = np.array([term.coefficient for term in terms])
+    whole = [np.broadcast_to(term.coefficient, len(omega)) for term in terms]
+    coefficient = np.stack(whole, axis=1)
     return Entries(
         np.array([term.row for term in terms], dtype=np.int64),
         np.array([term.column for term in terms], dtype=np.int64),
@@ -232,11 +241,15 @@ def _entries(terms: Sequence[Term], where: Mapping[Factors, int], omega: Floats)
 
 
 def _scales(
-    layout: Layout, entries: Entries, monomials: Monomials, reads: Floats, data: Complexes
+    layout: Layout,
+    entries: Entries,
+    monomials: Monomials,
+    rows: int,
+    reads: Floats,
+    data: Complexes,
 ) -> Scales:
     """Scales of rows and coordinates at the start, tied to the sizes of forces and readings."""
-    n, rows = len(layout.model.coordinates), len(layout.model.texts)
-    inputs = data.shape[1] - len(reads)
+    n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
     matrix = np.zeros((len(data), rows, n + inputs), dtype=np.complex128)
     values = entries.weight * monomials.values(layout.start)[entries.monomial]
     flat = entries.row * (n + inputs) + entries.column
@@ -250,67 +263,57 @@ def _scales(
     return scales
 
 
+def _turn(layout: Layout, number: int) -> int | None:
+    """Return the unknown that adds to the rotor angle of a record, if there is one."""
+    for nuisance, where in layout.places():
+        if isinstance(nuisance, Turn) and nuisance.record == number:
+            return int(where[0])
+    return None
+
+
 def _calibration(
-    layout: Layout,
-    record: PeriodicRecord,
-    inputs: Sequence[Channel],
-    sensors: Sequence[Channel],
-    phase: int | None,
-    orders: Floats,
+    layout: Layout, observation: Observation, phase: int | None, orders: Floats
 ) -> Calibration:
-    channels = (*inputs, *sensors)
-    gain_channel, gain_unknown = _unknowns(layout, "gain[{}]", channels)
-    acting, unknown, known = _delays(layout, inputs, sensors)
-    sensor, cos = _unknowns(layout, "runout[{}].cos", sensors)
+    names = [channel.name for channel in observation.channels]
+    factors = []
+    for nuisance, where in layout.places():
+        if isinstance(nuisance, Factor):
+            acting = np.flatnonzero([name in nuisance.channels for name in names])
+            if len(acting):
+                factors.append(BoundFactor(nuisance, where, acting))
     return Calibration(
-        record.omega,
-        len(channels),
-        len(sensors),
-        gain_channel,
-        gain_unknown,
-        acting if len(unknown) else None,
-        unknown,
-        known,
-        _rotation(layout.model, record) if len(sensor) else None,
-        sensor,
-        cos,
-        _unknowns(layout, "runout[{}].sin", sensors)[1],
+        observation.lines.omega,
+        len(names),
+        tuple(factors),
+        _readings(layout, observation.lines, names),
         phase,
         orders,
     )
 
 
-def _unknowns(
-    layout: Layout, pattern: str, channels: Sequence[Channel]
-) -> tuple[Integers, Integers]:
-    """Return which channels have an unknown of this name, and which it is."""
-    names = [pattern.format(channel.name) for channel in channels]
-    found = [(k, layout.index[name]) for k, name in enumerate(names) if name in layout.index]
-    pairs = np.array(found, dtype=np.int64).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
+def _readings(layout: Layout, lines: Lines, names: Sequence[str]) -> Readings | None:
+    found = [
+        (names.index(nuisance.channel), where, nuisance.order)
+        for nuisance, where in layout.places()
+        if isinstance(nuisance, Reading) and nuisance.channel in names
+    ]
+    if not found:
+        return None
+    channel, where, order = zip(*found, strict=True)
+    unknowns = np.array(where, dtype=np.int64)
+    turning = {n: rotation_lines(lines, n) for n in set(order)}
+    return Readings(
+        np.array(channel, dtype=np.int64),
+        unknowns[:, 0],
+        unknowns[:, 1],
+        np.array(order, dtype=float),
+        np.stack([turning[n] for n in order], axis=1),
+    )
 
 
-def _delays(
-    layout: Layout, inputs: Sequence[Channel], sensors: Sequence[Channel]
-) -> tuple[Floats, Integers, Floats]:
-    """Return where each unknown delay acts, (channel, delay), which it is, what was corrected."""
-    channels = (*inputs, *sensors)
-    single, unknown = _unknowns(layout, "delay[{}]", channels)
-    acting = [np.eye(len(channels))[k] for k in single]
-    unknowns, known = unknown.tolist(), [channels[k].delay for k in single]
-    is_input = np.arange(len(channels)) < len(inputs)
-    for kind, which in (("force", is_input), ("position", ~is_input)):
-        if f"delay[{kind}]" in layout.index:
-            acting.append(which.astype(float))
-            unknowns.append(layout.index[f"delay[{kind}]"])
-            known.append(0.0)
-    columns = np.array(acting).reshape(len(acting), len(channels)).T
-    return columns, np.array(unknowns, dtype=np.int64), np.array(known, dtype=float)
-
-
-def _rotation(model: Model, record: PeriodicRecord) -> Complexes:
-    """Return the lines of exp(i phi) and exp(-i phi), shape (line, 2)."""
-    _, angle = time_and_angle(model, record)
-    turning = np.exp(1j * angle).mean(axis=0)
-    parts = _lines(np.stack([turning.real, turning.imag], axis=1), record.harmonics)
+def rotation_lines(lines: Lines, order: int = 1) -> Complexes:
+    """Return the lines of exp(i n phi) and exp(-i n phi), shape (line, 2)."""
+    parts = lines.clock.lines(
+        lambda t, phi, speed: np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
+    )
     return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)

@@ -13,12 +13,15 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.nuisances import asked_nuisances
 from rotorid.estimators.likelihood.preparation import prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.response import simulated
 from rotorid.estimators.likelihood.result import summarize
 from rotorid.estimators.likelihood.solver import Solution
+from rotorid.lines import Lines
 from rotorid.models import Model
+from rotorid.observation import bind
 from rotorid.record import Channel, Drive, Floats, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance
 
@@ -121,6 +124,17 @@ class Plan:
         matrices = np.repeat(variance[None], len(record.harmonics), axis=0)
         return LineCovariance(matrices, KNOWN, "white")
 
+    def lines(self, model: Model) -> Lines:
+        """Return the lines of the run, with a covariance that is known exactly.
+
+        Raises
+        ------
+        InputError
+            As `record`.
+        """
+        record = self.record(model)
+        return Lines.of_periods(record, self.covariance(record))
+
 
 KNOWN = 10**12
 """Degrees of freedom of a covariance that is known."""
@@ -176,21 +190,21 @@ def predict_accuracy(
 
     chosen = MaximumLikelihood() if estimator is None else estimator
     runs = [plans] if isinstance(plans, Plan) else list(plans)
-    records = [plan.record(model) for plan in runs]
-    covariances = [plan.covariance(r) for plan, r in zip(runs, records, strict=True)]
+    records = tuple(bind(model, plan.lines(model)) for plan in runs)
     truth = {**model.nominal, **(values or {}), **chosen.fixed}
     guess = _guess(model, truth, chosen)
     told = replace(chosen.knowledge, start={**chosen.knowledge.start, **guess})
-    prepared = prepare(model, records, told, chosen.nuisances, chosen.base, guess)
+    nuisances = asked_nuisances(records, chosen.nuisances)
+    prepared = prepare(model, told, nuisances, chosen.base, guess)
     unknowns = prepared.layout.start
     likelihoods = tuple(
-        simulated(prepared.layout, record, covariance, unknowns, number)
-        for number, (record, covariance) in enumerate(zip(records, covariances, strict=True))
+        simulated(prepared.layout, record, unknowns, number)
+        for number, record in enumerate(records)
     )
     problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
     solution = Solution(problem.at(unknowns), True, 0)
-    fit = Fit(prepared, solution, infer(solution.point, problem.exact), tuple(covariances))
-    estimate = summarize(model, records, fit)
+    fit = Fit(prepared, solution, infer(solution.point, problem.exact), records)
+    estimate = summarize(model, fit)
     return estimate.with_(
         method="bound",
         misfit=None,

@@ -1,4 +1,4 @@
-"""Calibration of a record's channels as functions of the unknowns: gain, delay, runout, phase."""
+"""Calibration of a record's channels as functions of the unknowns: what its nuisances do to it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorid.estimators.likelihood.nuisances import Factor
 from rotorid.record import Complexes, Floats, Integers
 
 if TYPE_CHECKING:
@@ -25,41 +26,64 @@ class CalibrationState:
     ----------
     factors : complex array, shape (line, channel)
         E: true line = E times measured line.
-    runout : complex array, shape (line, sensor)
-        Runout on each line, in the unit of the sensor.
+    readings : complex array, shape (line, channel)
+        What adds to the readings on each line, in the unit of the channel.
     phase : complex array, shape (order,)
         exp(i order delta) for each order of the rotor angle.
     """
 
     factors: Complexes
-    runout: Complexes
+    readings: Complexes
     phase: Complexes
+
+
+@dataclass(frozen=True)
+class BoundFactor:
+    """A factor, where its unknowns stand, and on which channels it acts."""
+
+    nuisance: Factor
+    unknowns: Integers
+    channels: Integers
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What adds to readings, ``cos * cos(n phi) + sin * sin(n phi)`` each.
+
+    Parameters
+    ----------
+    channel, cos, sin : int array, shape (reading,)
+        The channel and the two unknowns.
+    order : array, shape (reading,)
+        n.
+    rotation : complex array, shape (line, reading, 2)
+        Lines of exp(i n phi) and exp(-i n phi).
+    """
+
+    channel: Integers
+    cos: Integers
+    sin: Integers
+    order: Floats
+    rotation: Complexes
+
+    def cosine_sine(self, phase: float) -> tuple[Complexes, Complexes]:
+        """Return the lines of cos(n phi) and sin(n phi), each of shape (line, reading)."""
+        turn = np.exp(1j * self.order * phase)
+        forward, backward = self.rotation[:, :, 0] * turn, self.rotation[:, :, 1] / turn
+        return (forward + backward) / 2, (forward - backward) / 2j
 
 
 @dataclass(frozen=True)
 class Calibration:
     """How the channels of one record depend on nuisance unknowns.
 
-    A channel reads ``gain * quantity`` late by ``delay``; a position sensor moreover reads the
-    runout, ``y = C q + cos * cos(phi) + sin * sin(phi)``.
-
     Parameters
     ----------
     omega : array, shape (line,)
         rad/s.
-    channels, sensors : int
-        Sizes; the sensors are the last channels.
-    gain_channel, gain_unknown : int array, shape (gain,)
-        Channel and unknown of each gain.
-    delay_channels : array, shape (channel, delay)
-        Ones where a delay acts.
-    delay_unknown : int array, shape (delay,)
-    delay_known : array, shape (delay,)
-        s; what the lines are corrected for already.
-    rotation : complex array, shape (line, 2)
-        Lines of exp(i phi) and exp(-i phi).
-    runout_sensor, runout_cos, runout_sin : int array, shape (runout,)
-        Sensor and unknowns of each runout.
+    channels : int
+    factors : sequence of BoundFactor
+    readings : Readings or None
     phase_unknown : int or None
         The unknown that adds to phi.
     phase_orders : array, shape (order,)
@@ -68,83 +92,76 @@ class Calibration:
 
     omega: Floats
     channels: int
-    sensors: int
-    gain_channel: Integers = field(default_factory=_none)
-    gain_unknown: Integers = field(default_factory=_none)
-    delay_channels: Floats | None = None
-    delay_unknown: Integers = field(default_factory=_none)
-    delay_known: Floats = field(default_factory=lambda: np.zeros(0))
-    rotation: Complexes | None = None
-    runout_sensor: Integers = field(default_factory=_none)
-    runout_cos: Integers = field(default_factory=_none)
-    runout_sin: Integers = field(default_factory=_none)
+    factors: tuple[BoundFactor, ...] = ()
+    readings: Readings | None = None
     phase_unknown: int | None = None
     phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
+
+    @property
+    def affine(self) -> Integers:
+        """Unknowns on which the equation error depends linearly, whitening not at all."""
+        if self.readings is None:
+            return _none()
+        return np.concatenate([self.readings.cos, self.readings.sin])
 
     def at(self, unknowns: Floats) -> CalibrationState:
         """Evaluate at the unknowns."""
         shape = (len(self.omega), self.channels)
         factors = np.ones(shape, dtype=np.complex128)
-        if self.delay_channels is not None:
-            late = self.delay_channels @ (unknowns[self.delay_unknown] - self.delay_known)
-            factors *= np.exp(1j * self.omega[:, None] * late)
-        if len(self.gain_channel):
-            factors[:, self.gain_channel] /= unknowns[self.gain_unknown]
-        runout = np.zeros((len(self.omega), self.sensors), dtype=np.complex128)
-        if len(self.runout_sensor):
-            cos, sin = self.cosine_sine(unknowns)
-            runout[:, self.runout_sensor] = np.multiply.outer(cos, unknowns[self.runout_cos])
-            runout[:, self.runout_sensor] += np.multiply.outer(sin, unknowns[self.runout_sin])
+        for bound in self.factors:
+            factor = bound.nuisance.factor(unknowns[bound.unknowns], self.omega)
+            factors[:, bound.channels] *= factor[:, None]
+        added = np.zeros(shape, dtype=np.complex128)
+        if self.readings is not None:
+            cos, sin = self.readings.cosine_sine(self.phase(unknowns))
+            parts = cos * unknowns[self.readings.cos] + sin * unknowns[self.readings.sin]
+            for j, channel in enumerate(self.readings.channel):  # several may act on one
+                added[:, channel] += parts[:, j]
         return CalibrationState(
-            factors, runout, np.exp(1j * self.phase_orders * self.phase(unknowns))
+            factors, added, np.exp(1j * self.phase_orders * self.phase(unknowns))
         )
 
     def phase(self, unknowns: Floats) -> float:
         """Return what adds to phi."""
         return 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
 
-    def cosine_sine(self, unknowns: Floats) -> tuple[Complexes, Complexes]:
-        """Return the lines of cos(phi) and sin(phi), each of shape (line,)."""
-        assert self.rotation is not None
-        turn = np.exp(1j * self.phase(unknowns))
-        forward, backward = self.rotation[:, 0] * turn, self.rotation[:, 1] / turn
-        return (forward + backward) / 2, (forward - backward) / 2j
-
     def add_directions(self, jacobian: Complexes, at: Evaluation, data: Complexes) -> None:
         """Add the columns of the nuisance unknowns to `jacobian`, (line, row, unknown)."""
-        unknowns, columns = at.unknowns, at.columns
-        if len(self.gain_channel):
-            gain = unknowns[self.gain_unknown]
-            scaled = (
-                columns[:, :, self.gain_channel] * (data[:, self.gain_channel] / -gain)[:, None]
+        unknowns = at.unknowns
+        for bound in self.factors:
+            jacobian[:, :, bound.unknowns] += factor_columns(
+                bound.nuisance, unknowns[bound.unknowns], bound.channels, at, data
             )
-            for j, unknown in enumerate(self.gain_unknown):  # one unknown may serve two channels
-                jacobian[:, :, unknown] += scaled[:, :, j]
-        if self.delay_channels is not None:
-            scaled = (columns * data[:, None, :]) @ self.delay_channels
-            jacobian[:, :, self.delay_unknown] += 1j * self.omega[:, None, None] * scaled
-        self.add_runout(jacobian, at, np.arange(len(unknowns)))
+        self.add_readings(jacobian, at, np.arange(len(unknowns)))
         if self.phase_unknown is not None:
-            self._add_phase(jacobian, at)
+            self._add_phase(jacobian, at, self.phase_unknown)
 
-    def add_runout(self, jacobian: Complexes, at: Evaluation, among: Integers) -> None:
-        """Add the columns of the runout to those of some unknowns."""
-        if not len(self.runout_sensor):
+    def add_readings(self, jacobian: Complexes, at: Evaluation, among: Integers) -> None:
+        """Add the columns of what adds to readings to those of some unknowns."""
+        if self.readings is None:
             return
-        cos, sin = self.cosine_sine(at.unknowns)
-        acted = at.sensors[:, :, self.runout_sensor]
-        for unknown, line in ((self.runout_cos, cos), (self.runout_sin, sin)):
+        cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
+        acted = at.plain[:, :, self.readings.channel]
+        for unknown, line in ((self.readings.cos, cos), (self.readings.sin, sin)):
             there, where = np.nonzero(unknown[:, None] == among)
-            jacobian[:, :, where] -= acted[:, :, there] * line[:, None, None]
+            jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
 
-    def _add_phase(self, jacobian: Complexes, at: Evaluation) -> None:
-        assert self.phase_unknown is not None
+    def _add_phase(self, jacobian: Complexes, at: Evaluation, unknown: int) -> None:
         turned = np.tensordot(1j * self.phase_orders * at.state.phase, at.problem.load, 1)
         rows = at.problem.rows
-        jacobian[:, :rows, self.phase_unknown] += turned @ at.mu
-        if len(self.runout_sensor):
-            cos, sin = self.cosine_sine(at.unknowns)
-            moved = np.multiply.outer(cos, at.unknowns[self.runout_sin])
-            moved -= np.multiply.outer(sin, at.unknowns[self.runout_cos])
-            acted = at.sensors[:, :, self.runout_sensor] @ moved[:, :, None]
-            jacobian[:, :, self.phase_unknown] -= acted[:, :, 0]
+        jacobian[:, :rows, unknown] += turned @ at.mu
+        if self.readings is not None:
+            cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
+            moved = cos * at.unknowns[self.readings.sin] - sin * at.unknowns[self.readings.cos]
+            moved = moved * self.readings.order
+            acted = at.plain[:, :, self.readings.channel] @ moved[:, :, None]
+            jacobian[:, :, unknown] -= acted[:, :, 0]
+
+
+def factor_columns(
+    nuisance: Factor, values: Floats, channels: Integers, at: Evaluation, data: Complexes
+) -> Complexes:
+    """Return the columns of a factor, (line, row, unknown), acting on corrected lines `data`."""
+    acted = (at.columns[:, :, channels] @ data[:, channels, None])[:, :, 0]
+    slopes = nuisance.slopes(values, at.problem.calibration.omega)
+    return np.asarray(acted[:, :, None] * slopes[:, None, :])

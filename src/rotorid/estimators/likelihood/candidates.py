@@ -7,27 +7,37 @@ which coordinates are a pair: the same displacement in x and in y.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from rotorid.estimators.likelihood.assembly import speed_factors
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
+from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
-
-Orders = tuple[Floats, Floats, Floats]
-"""Additions to K, D and M, each of shape (row, coordinate)."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term that may be missing: its name, and what it adds to K, D and M at a speed."""
+    """A term that may be missing: its name, and what it adds, matrices (row, coordinate).
+
+    Parameters
+    ----------
+    name : str
+    k, k_speed, d, m : array
+        Additions to K, to K per rad/s of speed, to D and to M.
+    rotating : bool
+        It acts in the rotating frame and is the same as a standing one at standstill.
+    """
 
     name: str
-    matrices: Callable[[float], Orders]
+    k: Floats
+    k_speed: Floats
+    d: Floats
+    m: Floats
+    rotating: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,9 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     n = linear.coordinates
     if linear.rows != n:
         return None
-    factor, slopes = speed_factors(linear, speed), model.monomial_jacobian(values)
+    distinct = dict.fromkeys(term.factor for term in linear.stiffness)
+    factor = {f: speed_factor(f, speed) for f in distinct}
+    slopes = model.monomial_jacobian(values)
     mu = model.monomial_values(values)
     inertia, parts = np.zeros((n, n)), np.zeros((len(values), 3, n, n))
     for t in linear.stiffness:
@@ -229,8 +241,8 @@ def _constant(
 ) -> Candidate:
     n = len(structure.coordinates)
     zero = np.zeros((n, n))
-    orders = tuple(structure.in_rows(zero if x is None else x) for x in (k, d, m))
-    return Candidate(name, lambda speed: (orders[0], orders[1], orders[2]))
+    stiff, damped, heavy = (structure.in_rows(zero if x is None else x) for x in (k, d, m))
+    return Candidate(name, stiff, zero, damped, heavy)
 
 
 def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
@@ -238,6 +250,4 @@ def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
     damping = structure.in_rows(matrix)
     circulation = structure.in_rows(matrix @ structure.turn())
     zero = np.zeros_like(matrix)
-    return Candidate(
-        f"rotating damping {name}", lambda speed: (-speed * circulation, damping, zero)
-    )
+    return Candidate(f"rotating damping {name}", zero, -circulation, damping, zero, rotating=True)

@@ -120,6 +120,8 @@ class Likelihood:
         What rows and coordinates were divided by.
     multiplicity : array, shape (line,)
         c: 2, or 1 for the real lines.
+    indirect : int
+        How many of the last rows are sensors, each with its channel behind those of the inputs.
     """
 
     def __init__(
@@ -134,12 +136,13 @@ class Likelihood:
         noise: Noise,
         scales: Scales,
         multiplicity: Floats,
+        indirect: int = 0,
     ) -> None:
         self.entries, self.monomials, self.load = entries, monomials, load
         self.sensing, self.calibration = sensing, calibration
         self.data, self.noise, self.multiplicity = data, noise, multiplicity
         self.factor, self.scales = noise.factor, scales
-        self.rows = rows
+        self.rows, self.indirect = rows, indirect
         self.coordinates = sensing.right.shape[0]
         self.inputs = data.shape[1] - sensing.right.shape[1]
         self.all_rows = rows + len(sensing.redundancy)
@@ -172,8 +175,8 @@ class Evaluation:
 
     Attributes
     ----------
-    stiffness, inputs, sensors, columns : complex array, shape (line, row, ...)
-        P, B, the columns of what the sensors read, and L.
+    stiffness, inputs, plain, columns : complex array, shape (line, row, ...)
+        P, B, the columns of the true channels, [B, P R], and L.
     null_h : complex array or None
         N^H; None where no coordinate is hidden.
     whitener : complex array, shape (line, equation, equation)
@@ -217,13 +220,13 @@ class Evaluation:
         matrix = np.zeros((p.lines, p.all_rows, n + p.inputs), dtype=np.complex128)
         p._matrix.into(matrix.reshape(p.lines, -1), p._matrix_weight * self.mu[p._matrix_monomial])
         self.stiffness, self.inputs = matrix[:, :, :n], matrix[:, :, n:]
-        self.sensors = self.stiffness @ p.sensing.right
-        self.sensors[:, p.rows :] = p.sensing.redundancy
-        self.columns = np.concatenate([self.inputs, self.sensors], axis=2)
-        self.columns *= self.state.factors[:, None, :]
+        sensors = self.stiffness @ p.sensing.right
+        sensors[:, p.rows :] = p.sensing.redundancy
+        self.plain = np.concatenate([self.inputs, sensors], axis=2)
+        self.columns = self.plain * self.state.factors[:, None, :]
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.load @ self.mu
-        error -= (self.sensors @ self.state.runout[:, :, None])[:, :, 0]
+        error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
         self._error = error
 
     def _set_projection(self) -> None:
@@ -257,7 +260,7 @@ class Evaluation:
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
         if len(affine):
             columns[:, : p.rows] = self.load @ p.monomials.jacobian(self.unknowns)[:, affine]
-            p.calibration.add_runout(columns, self, affine)
+            p.calibration.add_readings(columns, self, affine)
         return columns
 
     @property
@@ -279,6 +282,16 @@ class Evaluation:
         size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
         self.line_costs = self.problem.multiplicity * size
         self.cost = float(self.line_costs.sum())
+
+    @property
+    def equations(self) -> int:
+        """Number of equations of motion; rows of sensors stand behind them."""
+        return int(self.problem.rows - self.problem.indirect)
+
+    @property
+    def forces(self) -> int:
+        """Number of inputs of the machine; they are the first channels."""
+        return int(self.problem.inputs - self.problem.indirect)
 
     @property
     def residual(self) -> Floats:
@@ -319,8 +332,8 @@ class Evaluation:
         correction = p.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
         data = p.data - correction[:, :, 0]
         true = self.state.factors * data
-        reading = true[:, p.inputs :] - self.state.runout
-        motion = reading @ sensing.right.T
+        reading = true - self.state.readings
+        motion = reading[:, p.inputs :] @ sensing.right.T
         if self._seen is not None:
             adjoint, triangle = self._seen
             left = self._error - (self.columns @ correction)[:, :, 0]
@@ -335,7 +348,7 @@ class Evaluation:
         """Return d(rows of s) / d unknowns, shape (line, row, unknown), before the projection."""
         p = self.problem
         data, motion = self.corrected()
-        forces = self.state.factors[:, : p.inputs] * data[:, : p.inputs]
+        forces = (self.state.factors * data)[:, : p.inputs]
         sources = np.concatenate([motion, forces], axis=1)
         monomial_columns = np.zeros((p.lines, p.all_rows, p.load.shape[3]), dtype=np.complex128)
         monomial_columns[:, : p.rows] = self.load

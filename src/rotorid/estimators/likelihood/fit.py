@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,20 +11,17 @@ import numpy as np
 from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimators.batch import Batch
 from rotorid.estimators.derived import physical_start
-from rotorid.estimators.likelihood.assembly import assemble, channel_order
+from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.inference import Inference, infer
+from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import STAGES, Solution, solve
-from rotorid.estimators.likelihood.unknowns import Layout, Nuisances, physical_factors
+from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
 from rotorid.models import Model
-from rotorid.record import Floats, PeriodicRecord
-from rotorid.signals.covariance import (
-    LineCovariance,
-    correlated_covariance,
-    is_correlated,
-    white_covariance,
-)
+from rotorid.observation import Observation
+from rotorid.record import Floats
+from rotorid.signals.covariance import correlated_covariance, is_correlated
 
 CovarianceChoice = Literal["auto", "white", "correlated"]
 FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
@@ -41,14 +38,14 @@ class Fit:
     prepared : Prepared
     solution : Solution
     inference : Inference
-    covariances : sequence of LineCovariance
-        Of each record.
+    records : sequence of Observation
+        With the covariance that was chosen.
     """
 
     prepared: Prepared
     solution: Solution
     inference: Inference
-    covariances: tuple[LineCovariance, ...]
+    records: tuple[Observation, ...]
 
     @property
     def problem(self) -> Problem:
@@ -58,7 +55,7 @@ class Fit:
 
 def fit(
     model: Model,
-    records: Sequence[PeriodicRecord],
+    records: Sequence[Observation],
     knowledge: Knowledge,
     nuisances: Nuisances,
     *,
@@ -68,29 +65,24 @@ def fit(
 ) -> Fit:
     """Minimize the likelihood of one record or several."""
     guess = starting_values(model, records, knowledge, base)
-    prepared = prepare(model, records, knowledge, nuisances, base, guess)
+    prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
     if covariance == "correlated":
-        covariances = [correlated_covariance(r.spectra, neighbours) for r in records]
-    else:
-        covariances = [white_covariance(r.spectra) for r in records]
-    solution, inference = _globally(prepared, records, covariances)
+        records = [_correlated(record, neighbours) for record in records]
+    solution, inference = _globally(prepared, records)
     if covariance == "auto":
-        chosen = _chosen(solution, records, covariances, neighbours)
-        if any(new is not old for new, old in zip(chosen, covariances, strict=True)):
-            covariances = chosen
-            start = solution.point.unknowns
-            solution, inference = _solve(prepared, records, covariances, start, (0.0,))
-    return Fit(prepared, solution, inference, tuple(covariances))
+        chosen = _chosen(solution, records, neighbours)
+        if any(new is not old for new, old in zip(chosen, records, strict=True)):
+            records = chosen
+            solution, inference = _solve(prepared, records, solution.point.unknowns, (0.0,))
+    return Fit(prepared, solution, inference, tuple(records))
 
 
-def _globally(
-    prepared: Prepared, records: Sequence[PeriodicRecord], covariances: Sequence[LineCovariance]
-) -> tuple[Solution, Inference]:
+def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solution, Inference]:
     """Solve from the start; where the result looks like a local minimum, try again more finely."""
     best: tuple[Solution, Inference] | None = None
     for stages in (STAGES, FINE_STAGES):
         try:
-            found = _solve(prepared, records, covariances, prepared.layout.start, stages)
+            found = _solve(prepared, records, prepared.layout.start, stages)
         except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
             continue
         if best is None or found[0].point.cost < best[0].point.cost:
@@ -104,40 +96,45 @@ def _globally(
 
 def _solve(
     prepared: Prepared,
-    records: Sequence[PeriodicRecord],
-    covariances: Sequence[LineCovariance],
+    records: Sequence[Observation],
     start: Floats,
     stages: Sequence[float],
 ) -> tuple[Solution, Inference]:
     likelihoods = tuple(
-        assemble(prepared.layout, record, covariance, number)
-        for number, (record, covariance) in enumerate(zip(records, covariances, strict=True))
+        assemble(prepared.layout, record, number) for number, record in enumerate(records)
     )
     problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
     solution = solve(problem, start, stages)
     return solution, infer(solution.point, problem.exact)
 
 
+def _correlated(record: Observation, neighbours: int | None) -> Observation:
+    """Take the covariance from neighbouring lines of the whole record, where there are periods."""
+    scatter = record.lines.scatter
+    if scatter is None:
+        return record
+    covariance = correlated_covariance(scatter, neighbours)
+    return record.with_lines(replace(record.lines, covariance=covariance))
+
+
 def _chosen(
-    solution: Solution,
-    records: Sequence[PeriodicRecord],
-    covariances: Sequence[LineCovariance],
-    neighbours: int | None,
-) -> list[LineCovariance]:
+    solution: Solution, records: Sequence[Observation], neighbours: int | None
+) -> list[Observation]:
     """Take the correlated covariance where the residual of one period resembles the next."""
-    layout, chosen = solution.point.problem.layout, []
-    for record, at, white in zip(records, solution.point.records, covariances, strict=True):
-        residual = at.period_residual(record.spectra[:, :, channel_order(layout.model, record)])
-        # Whitened rows are independent of one another: each counts as a line of its own.
-        if is_correlated(residual.reshape(len(residual), -1, 1)):
-            chosen.append(correlated_covariance(record.spectra, neighbours))
-        else:
-            chosen.append(white)
+    chosen = []
+    for record, at in zip(records, solution.point.records, strict=True):
+        scatter = record.lines.scatter
+        correlated = False
+        if scatter is not None:
+            residual = at.period_residual(scatter[:, :, list(record.order)])
+            # Whitened rows are independent of one another: each counts as a line of its own.
+            correlated = is_correlated(residual.reshape(len(residual), -1, 1))
+        chosen.append(_correlated(record, neighbours) if correlated else record)
     return chosen
 
 
 def starting_values(
-    model: Model, records: Sequence[PeriodicRecord], knowledge: Knowledge, base: bool
+    model: Model, records: Sequence[Observation], knowledge: Knowledge, base: bool
 ) -> dict[str, float]:
     """Return starting values by name: from batch where it applies, else the nominal ones.
 
@@ -164,7 +161,7 @@ def starting_values(
 
 def _base_guess(
     model: Model,
-    records: Sequence[PeriodicRecord],
+    records: Sequence[Observation],
     knowledge: Knowledge,
     physical: Mapping[str, float],
 ) -> dict[str, float]:
@@ -178,7 +175,7 @@ def _base_guess(
     return dict(zip(model.base.names, model.base_values(values).tolist(), strict=True))
 
 
-def _batch(model: Model, records: Sequence[PeriodicRecord]) -> tuple[Model, Floats] | None:
+def _batch(model: Model, records: Sequence[Observation]) -> tuple[Model, Floats] | None:
     """Return the base parameters by batch, or None where it does not apply."""
     if any(channel.drive is not None for record in records for channel in record.channels):
         return None

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from rotorid.estimate import Value
 from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.response import at_speed, simulated, with_sensor
-from rotorid.estimators.likelihood.unknowns import Layout, linear_form, sensor_channels
+from rotorid.estimators.likelihood.response import simulated
+from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.models import Model
-from rotorid.record import Channel, Floats, PeriodicRecord
-from rotorid.signals.covariance import LineCovariance
+from rotorid.observation import Observation
+from rotorid.record import Channel, Floats
 from rotorid.units import multiply_units
 
 MEMBER = 1e-5
@@ -73,7 +73,7 @@ def open_combinations(layout: Layout, point: Point, inference: Inference) -> lis
         return []
     free = layout.free
     values = point.unknowns[free]
-    additive = np.array([_is_additive(layout.unknowns[i].name) for i in free])
+    additive = np.array([layout.unknowns[i].additive for i in free])
     nuisance = np.array([layout.unknowns[i].nuisance for i in free])
     reduced, pivots = _reduced(null.T, nuisance)
     found = []
@@ -96,10 +96,6 @@ def open_combinations(layout: Layout, point: Point, inference: Inference) -> lis
             )
         )
     return found
-
-
-def _is_additive(name: str) -> bool:
-    return name.startswith(("runout[", "delay[", "phase["))
 
 
 def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[int]]:
@@ -213,22 +209,20 @@ class Trial:
     Parameters
     ----------
     layout : Layout
-    records : sequence of PeriodicRecord
-    covariances : sequence of LineCovariance
+    records : sequence of Observation
     point : Point
     inference : Inference
     """
 
     layout: Layout
-    records: Sequence[PeriodicRecord]
-    covariances: Sequence[LineCovariance]
+    records: Sequence[Observation]
     point: Point
     inference: Inference
 
-    def left_open(self, record: PeriodicRecord, covariance: LineCovariance, number: int) -> int:
+    def left_open(self, record: Observation, number: int) -> int:
         """Return how many directions would stay open with one more record like this."""
         null, scale, free = self.inference.null, self.inference.scale, self.layout.free
-        likelihood = simulated(self.layout, record, covariance, self.point.unknowns, number)
+        likelihood = simulated(self.layout, record, self.point.unknowns, number)
         jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
         size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
         if size == 0:
@@ -310,34 +304,28 @@ def _weighed(model: Model) -> set[str]:
 def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
     """Try each record at the speed of another of its lines."""
     tried = []
-    for number, (record, covariance) in enumerate(
-        zip(trial.records, trial.covariances, strict=True)
-    ):
-        hertz = record.speed / (2 * np.pi)
-        lines = record.frequency[record.frequency > 0]
+    for number, record in enumerate(trial.records):
+        speeds, frequency = np.unique(record.lines.speed), record.lines.frequency
+        if len(speeds) > 1:
+            continue
+        hertz = float(speeds[0]) / (2 * np.pi)
+        lines = frequency[frequency > 0]
         others = lines[np.abs(lines - hertz) > 0.01 * abs(hertz)]
         if not len(others):
             continue
         nearest = float(others[np.abs(others - hertz).argmin()])
-        moved = at_speed(record, 2 * np.pi * nearest)
-        tried.append((number, nearest, trial.left_open(moved, covariance, number)))
+        moved = record.with_lines(record.lines.at_speed(2 * np.pi * nearest))
+        tried.append((number, nearest, trial.left_open(moved, number)))
     return tried
 
 
 def _sensors(trial: Trial) -> list[tuple[str, int]]:
     """Try a sensor of each coordinate that the first record does not read by itself."""
-    record, covariance = trial.records[0], trial.covariances[0]
-    model = trial.layout.model
-    present = sensor_channels(model, record)
-    read = {next(iter(c.combination)) for c in present if len(c.combination) == 1}
-    beside = [record.index(c.name) for c in present]
-    tried = []
-    for name in model.coordinates:
-        if name in read:
-            continue
-        channel = Channel(name, model.units[name])
-        if name in record.names:
-            continue
-        longer, wider = with_sensor(record, covariance, channel, beside)
-        tried.append((name, trial.left_open(longer, wider, 0)))
-    return tried
+    record, model = trial.records[0], trial.layout.model
+    single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
+    read = {model.coordinates[term.coordinate] for term in single}
+    return [
+        (name, trial.left_open(record.with_sensor(Channel(name, model.units[name])), 0))
+        for name in model.coordinates
+        if name not in read and name not in record.lines.names
+    ]

@@ -9,17 +9,10 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial, eliminate
+from rotorid.estimators.likelihood.nuisances import Nuisance, Unknown
 from rotorid.estimators.likelihood.relations import Polynomial, Relations
-from rotorid.estimators.likelihood.unknowns import (
-    Layout,
-    Nuisances,
-    Unknown,
-    base_factors,
-    nuisance_unknowns,
-    physical_factors,
-)
+from rotorid.estimators.likelihood.unknowns import Layout, base_factors, physical_factors
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
 
 
 @dataclass(frozen=True)
@@ -60,14 +53,13 @@ class Prepared:
 
 def prepare(
     model: Model,
-    records: Sequence[PeriodicRecord],
     knowledge: Knowledge,
-    nuisances: Nuisances,
+    nuisances: Sequence[Nuisance],
     base: bool,
     guess: Mapping[str, float],
 ) -> Prepared:
     """Lay out the unknowns and write what is known as relations."""
-    extra = nuisance_unknowns(model, records, nuisances)
+    extra = [unknown for nuisance in nuisances for unknown in nuisance.unknowns]
     _check_names(model, extra, knowledge, base)
     held: dict[str, float] = {}
     if base:
@@ -83,7 +75,7 @@ def prepare(
         ]
         factors = physical_factors(model)
     unknowns = tuple(_informed(unknown, knowledge) for unknown in (*parameters, *extra))
-    layout = Layout(model, unknowns, tuple(factors), base)
+    layout = Layout(model, unknowns, tuple(factors), base, tuple(nuisances))
     layout = _started(layout)
     exact, known = _relations(layout, knowledge)
     bounds = _bounds(layout, knowledge)

@@ -77,8 +77,8 @@ class Problem:
         for relations in (self.exact, self.bounds):
             held -= {int(i) for i in relations.monomials.factors.ravel()}
         linear = [i for i in self.known.linear_in() if i in held]
-        runout = {i for name, i in layout.index.items() if name.startswith("runout[")}
-        return np.array([i for i in linear if i in loads or i in runout], dtype=np.int64)
+        added = {int(i) for at in self.likelihoods for i in at.calibration.affine}
+        return np.array([i for i in linear if i in loads or i in added], dtype=np.int64)
 
     @property
     def real_equations(self) -> int:

@@ -15,11 +15,11 @@ from rotorid.estimators.likelihood.identifiability import (
     find_cures,
     open_combinations,
 )
-from rotorid.estimators.likelihood.prediction import predict_channels
 from rotorid.estimators.likelihood.suspects import find_suspects
-from rotorid.estimators.likelihood.unknowns import sensor_channels
+from rotorid.estimators.prediction import by_likelihood, relative_errors
 from rotorid.models import Model
-from rotorid.record import Floats, PeriodicRecord
+from rotorid.observation import Observation
+from rotorid.record import Floats
 
 REJECTED = 1e-6
 """The p-value below which the data reject the model."""
@@ -27,9 +27,10 @@ DOUBTFUL = 1e-3
 """The p-value below which a warning says so."""
 
 
-def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Estimate:
+def summarize(model: Model, fit: Fit) -> Estimate:
     """Return the estimate of a fit."""
     layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
+    records = fit.records
     cost, expectation = point.cost, inference.expectation
     p_value = expectation.p_value(cost)
     inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
@@ -47,7 +48,6 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
     ]
     combinations = open_combinations(layout, point, inference)
     count = layout.parameters
-    sensors = [[s.name for s in sensor_channels(layout.model, r)] for r in records]
     held = [
         Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
         for name, value in fit.prepared.substituted.items()
@@ -65,27 +65,25 @@ def summarize(model: Model, records: Sequence[PeriodicRecord], fit: Fit) -> Esti
         covariance=inference.covariance,
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
         suspects=find_suspects(model, _physical(model, fit), records, point),
-        prediction=predict_channels(point.records, layout.model.inputs, sensors),
-        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
-        periods=min(r.periods for r in records),
+        prediction=relative_errors(by_likelihood(records, point.records)),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
+        periods=min(r.lines.periods for r in records),
         warnings=(
             *model.unit_faults,
-            *_warnings(records, fit, p_value),
+            *_warnings(fit, p_value),
             *(f"not identifiable: {combination}" for combination in combinations),
             *(
                 f"cure: {cure}"
-                for cure in find_cures(
-                    Trial(layout, records, fit.covariances, point, inference), combinations
-                )
+                for cure in find_cures(Trial(layout, records, point, inference), combinations)
             ),
         ),
         condition_number=inference.condition_number,
-        line_misfit=tuple(_line_misfits(records, fit)),
+        line_misfit=tuple(_line_misfits(fit)),
     )
 
 
 def nothing_found(
-    model: Model, records: Sequence[PeriodicRecord], fixed: Mapping[str, float], message: str
+    model: Model, records: Sequence[Observation], fixed: Mapping[str, float], message: str
 ) -> Estimate:
     """Return the result of an iteration that ended nowhere: no values, and why."""
     return Estimate(
@@ -98,9 +96,9 @@ def nothing_found(
             else Value(p.name, p.unit, np.nan, np.nan, np.nan)
             for p in model.parameters
         ),
-        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
-        periods=min(r.periods for r in records),
-        warnings=(*(w for r in records for w in r.warnings), message),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
+        periods=min(r.lines.periods for r in records),
+        warnings=(*(w for r in records for w in r.lines.warnings), message),
     )
 
 
@@ -133,12 +131,12 @@ def _physical(model: Model, fit: Fit) -> Floats:
     return np.array([known[name] for name in model.parameter_names])
 
 
-def _line_misfits(records: Sequence[PeriodicRecord], fit: Fit) -> list[LineMisfit]:
+def _line_misfits(fit: Fit) -> list[LineMisfit]:
     found = []
     for number, (record, at, expected) in enumerate(
-        zip(records, fit.solution.point.records, fit.inference.line_means, strict=True)
+        zip(fit.records, fit.solution.point.records, fit.inference.line_means, strict=True)
     ):
-        for hz, cost, mean in zip(record.frequency, at.line_costs, expected, strict=True):
+        for hz, cost, mean in zip(record.lines.frequency, at.line_costs, expected, strict=True):
             found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
     return found
 
@@ -166,13 +164,13 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
     )
 
 
-def _warnings(records: Sequence[PeriodicRecord], fit: Fit, p_value: float) -> list[str]:
+def _warnings(fit: Fit, p_value: float) -> list[str]:
     point, expected = fit.solution.point, fit.inference.expectation.mean
-    found = [warning for record in records for warning in record.warnings]
+    found = [warning for record in fit.records for warning in record.lines.warnings]
     for number, at in enumerate(point.records):
         noise = at.problem.noise
         if noise.shrunk > 0:
-            where = f"record {number + 1}: " if len(records) > 1 else ""
+            where = f"record {number + 1}: " if len(fit.records) > 1 else ""
             found.append(
                 f"{where}too few periods for the covariance of {at.problem.equations} equations "
                 f"per line ({noise.dof:g} degrees of freedom, {2 * at.problem.equations} needed): "

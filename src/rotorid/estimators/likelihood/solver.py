@@ -275,7 +275,7 @@ def _anchored(problem: Problem, start: Floats) -> Problem:
     rows = []
     for index in layout.free:
         unknown = layout.unknowns[index]
-        if unknown.nuisance and unknown.name.startswith(("ki", "ks", "gain")) and start[index]:
+        if unknown.anchored and start[index]:
             alone = tuple(int(i == index) for i in range(count))
             polynomial = {alone: 1.0, (0,) * count: -float(start[index])}
             rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.estimate import Suspect
+from rotorid.estimators.likelihood.calibration import factor_columns
 from rotorid.estimators.likelihood.candidates import (
     Candidate,
     find_candidates,
@@ -19,10 +20,11 @@ from rotorid.estimators.likelihood.candidates import (
 )
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import projected_jacobian
+from rotorid.estimators.likelihood.nuisances import Factor, every_nuisance
 from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.unknowns import input_channels, sensor_channels
 from rotorid.models import Model
-from rotorid.record import Complexes, Floats, PeriodicRecord
+from rotorid.observation import Observation
+from rotorid.record import Complexes, Floats
 
 KEPT = 12
 """Suspects that an estimate names."""
@@ -31,28 +33,37 @@ DISTINCT = 1e-10
 
 
 def find_suspects(
-    model: Model, values: Floats, records: Sequence[PeriodicRecord], point: Point
+    model: Model, values: Floats, records: Sequence[Observation], point: Point
 ) -> tuple[Suspect, ...]:
-    """Rank what may be missing from the model."""
-    names: list[str] = []
-    blocks: list[Floats] = []
+    """Rank what may be missing from the model, largest drop first, at most `KEPT`.
+
+    `values` are the physical parameters at the estimate, not finite where they are not known.
+    """
     terms: list[Candidate] = []
-    fastest = max((record.speed for record in records), key=abs)
+    fastest = max((float(v) for r in records for v in r.lines.speed), key=abs)
     if np.isfinite(values).all():
         structure = find_structure(model, values, fastest)
         if structure is not None:
             terms = find_candidates(structure)
             if fastest == 0:
-                terms = [t for t in terms if not t.name.startswith("rotating")]
-    channels = _channel_names(model, records, point)
-    names = [*(term.name for term in terms), *channels]
+                terms = [t for t in terms if not t.rotating]
+    factors = _free_factors(records, point)
+    blocks: list[Floats] = []
     for record, at in zip(records, point.records, strict=True):
         data, motion = at.corrected()
-        columns = [_term_columns(term, at, motion, record.speed) for term in terms]
-        columns += _channel_columns(channels, model, record, at, data)
+        columns = [_term_columns(term, at, motion, record.lines.speed) for term in terms]
+        columns += [_factor_column(factor, record, at, data) for factor in factors]
         blocks.append(at.whiten(np.stack(columns, axis=2)))
+    names = [*(term.name for term in terms), *(f.unknowns[0].name for f in factors)]
     blocks.append(np.zeros((len(point.problem.known), len(names))))
     return _ranked(names, np.concatenate(blocks), point)
+
+
+def _free_factors(records: Sequence[Observation], point: Point) -> list[Factor]:
+    """Return gains, delays and the like that are not unknowns already."""
+    known = point.problem.layout.index
+    every = [n for n in every_nuisance(records) if isinstance(n, Factor)]
+    return [n for n in every if not {u.name for u in n.unknowns} & known.keys()]
 
 
 def _ranked(names: Sequence[str], columns: Floats, point: Point) -> tuple[Suspect, ...]:
@@ -72,46 +83,23 @@ def _ranked(names: Sequence[str], columns: Floats, point: Point) -> tuple[Suspec
     return tuple(sorted(found, key=lambda suspect: -suspect.drop)[:KEPT])
 
 
-def _term_columns(term: Candidate, at: Evaluation, motion: Complexes, speed: float) -> Complexes:
+def _term_columns(term: Candidate, at: Evaluation, motion: Complexes, speed: Floats) -> Complexes:
     """Return ``-dZ q`` in scaled rows, shape (line, row)."""
-    scales, p = at.problem.scales, at.problem
+    scales, p, equations = at.problem.scales, at.problem, at.equations
     position = motion * scales.coordinates
     s = 1j * p.calibration.omega[:, None]
-    k, d, m = term.matrices(speed)
-    force = position @ k.T + s * (position @ d.T) + s**2 * (position @ m.T)
+    force = position @ term.k.T + speed[:, None] * (position @ term.k_speed.T)
+    force += s * (position @ term.d.T) + s**2 * (position @ term.m.T)
     rows = np.zeros((p.lines, p.all_rows), dtype=np.complex128)
-    rows[:, : p.rows] = -force / scales.rows
+    rows[:, :equations] = -force / scales.rows[:equations]
     return rows
 
 
-def _channel_names(model: Model, records: Sequence[PeriodicRecord], point: Point) -> list[str]:
-    """Return gain and delay of each channel, and common delays, that are not unknowns already."""
-    channels = dict.fromkeys(
-        c.name for r in records for c in (*input_channels(model, r), *sensor_channels(model, r))
-    )
-    named = [f"{kind}[{name}]" for name in channels for kind in ("gain", "delay")]
-    named += ["delay[force]", "delay[position]"]
-    return [name for name in named if name not in point.problem.layout.index]
-
-
-def _channel_columns(
-    names: Sequence[str],
-    model: Model,
-    record: PeriodicRecord,
-    at: Evaluation,
-    data: Complexes,
-) -> list[Complexes]:
-    inputs = [c.name for c in input_channels(model, record)]
-    sensors = [c.name for c in sensor_channels(model, record)]
-    order = [*inputs, *sensors]
-    acted = at.columns * data[:, None, :]  # (line, row, channel): L z by channel
-    rate = 1j * at.problem.calibration.omega[:, None]
-    zero = np.zeros(acted.shape[:2], dtype=np.complex128)
-    columns = []
-    for name in names:
-        kind, channel = name[:-1].split("[", 1)
-        which = {"force": inputs, "position": sensors}.get(channel, [channel])
-        members = [order.index(c) for c in which if c in order]
-        total = acted[:, :, members].sum(axis=2) if members else zero
-        columns.append(total * rate if kind == "delay" else -total)
-    return columns
+def _factor_column(
+    factor: Factor, record: Observation, at: Evaluation, data: Complexes
+) -> Complexes:
+    """Return the column of a factor that is not an unknown, shape (line, row)."""
+    names = [channel.name for channel in record.channels]
+    acting = np.flatnonzero([name in factor.channels for name in names])
+    start = np.array([unknown.start for unknown in factor.unknowns])
+    return factor_columns(factor, start, acting, at, data)[:, :, 0]

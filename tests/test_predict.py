@@ -5,8 +5,9 @@ import pytest
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.estimators.information import information
+from rotorid.predict import predict
 from rotorid.rig.lines import line_record
-from rotorid.validation import information, predict
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 SPEED = 2 * np.pi * 140
@@ -57,7 +58,13 @@ def test_the_figure_is_that_of_the_residual_of_the_rows_with_forces(model, metho
     )
     wanted = np.linalg.norm(predicted - lines["F_x1"]) / np.linalg.norm(lines["F_x1"])
     assert found["F_x1"].relative_error == pytest.approx(wanted, rel=1e-12)
-    assert found == estimate.prediction
+    check_same(found, estimate.prediction)
+
+
+def check_same(found, wanted):
+    assert found.keys() == wanted.keys()
+    for name, prediction in wanted.items():
+        assert found[name].relative_error == pytest.approx(prediction.relative_error, rel=1e-10)
 
 
 def test_another_record_is_predicted_within_its_noise(model, rng):
@@ -69,7 +76,7 @@ def test_another_record_is_predicted_within_its_noise(model, rng):
 def test_fixed_parameters_stay_in_the_prediction(model, rng):
     periods = record_of(model, rng)
     estimate = rid.identify(model, periods, rid.Batch(fixed={"L1": 0.3, "m2": 11.322}))
-    assert predict(model, estimate, periods) == estimate.prediction
+    check_same(predict(model, estimate, periods), estimate.prediction)
 
 
 @pytest.mark.parametrize("fixed", [{"L1": 0.3}, {"L1": 0.3, "m1": 0.83339}])
@@ -112,7 +119,7 @@ def test_nuisances_take_part_in_the_prediction(model, rng):
 
 def test_a_result_of_another_model_is_refused(model, rng):
     estimate = rid.identify(model, record_of(model, rng), rid.Batch())
-    with pytest.raises(InputError, match="without 'm'; expected the base parameters of 'jeffcott'"):
+    with pytest.raises(InputError, match="without 'm'; expected the parameters of 'jeffcott'"):
         predict(rid.load_model("jeffcott"), estimate, record_of(model, rng))
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimators.family import force_variance
-from rotorid.estimators.regression import Regression, hidden_coordinates
+from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block
 from rotorid.models import Model
-from rotorid.record import Floats, PeriodicRecord
+from rotorid.observation import Data, bind
+from rotorid.record import Floats
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Information:
     scaled_condition_number: float
 
 
-def information_of(model: Model, estimate: Estimate, record: PeriodicRecord) -> Information | None:
+def information_of(model: Model, estimate: Estimate, record: Data) -> Information | None:
     """Return the information of a record about what an estimate left free.
 
     ``None`` for an estimate by maximum likelihood, whose own covariance says all there is to say.
@@ -46,13 +47,14 @@ def information_of(model: Model, estimate: Estimate, record: PeriodicRecord) -> 
     InputError
         As `information`.
     """
-    if estimate.method == "ml" or hidden_coordinates(model, record):
+    seen = bind(model, record)
+    if estimate.method == "ml" or seen.hidden:
         return None
     held = {value.name: value.value for value in estimate.parameters if value.fixed}
-    return information(model.substitute(held), record)
+    return information(model.substitute(held), seen)
 
 
-def information(model: Model, record: PeriodicRecord) -> Information:
+def information(model: Model, data: Data) -> Information:
     """Return the information matrix and the condition numbers of a record.
 
     The seed's (13) calls ``F' Sigma^-1 F`` a covariance; it is an information matrix. Nor is its
@@ -60,7 +62,8 @@ def information(model: Model, record: PeriodicRecord) -> Information:
     have no variance, so that they are left out here. Use it to compare records; the deviations
     of an estimate are in its own covariance.
     """
-    regression = Regression(model, record)
+    regression = Regression(bind(model, data))
+    record = regression.record
     ones = np.ones((record.samples, regression.rows))
     plain, _ = Block(record, regression.design, regression.target, ones).whitened()
     driven = list(np.flatnonzero((model.input_matrix != 0).any(axis=1)))

@@ -1,0 +1,51 @@
+"""Unknowns of the measurement, one kind per file; `KINDS` is their order in results."""
+
+from collections.abc import Sequence
+
+from rotorid.estimators.likelihood.nuisances.base import (
+    Constant,
+    Factor,
+    Nuisance,
+    Nuisances,
+    Reading,
+    Turn,
+    Unknown,
+)
+from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
+from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
+from rotorid.estimators.likelihood.nuisances.gain import Gain
+from rotorid.estimators.likelihood.nuisances.phase import Phase
+from rotorid.estimators.likelihood.nuisances.runout import Runout
+from rotorid.observation import Observation
+
+__all__ = [
+    "Constant",
+    "Factor",
+    "Nuisance",
+    "Nuisances",
+    "Reading",
+    "Turn",
+    "Unknown",
+    "asked_nuisances",
+    "every_nuisance",
+]
+
+KINDS: tuple[type[Nuisance], ...] = (
+    CurrentGain,
+    DisplacementGain,
+    Runout,
+    Gain,
+    CommonDelay,
+    Delay,
+    Phase,
+)
+
+
+def asked_nuisances(records: Sequence[Observation], wanted: Nuisances) -> tuple[Nuisance, ...]:
+    """Return the nuisances that settings and channels ask for."""
+    return tuple(n for kind in KINDS for n in kind.asked(records, wanted))
+
+
+def every_nuisance(records: Sequence[Observation]) -> tuple[Nuisance, ...]:
+    """Return all nuisances that these records could have."""
+    return tuple(n for kind in KINDS for n in kind.every(records))

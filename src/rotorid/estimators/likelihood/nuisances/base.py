@@ -1,0 +1,188 @@
+"""What a nuisance is: unknowns of the measurement, and what they do to a record.
+
+A kind is one file: a frozen class with its unknowns, their units, starts and priors, and its
+effect. `Factor` multiplies the lines of some channels, `Reading` adds to readings, `Constant`
+multiplies entries of the equations, `Turn` turns the rotor angle. Names such as ``gain[x1]`` are
+for people; no code takes them apart.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from rotorid.errors import InputError
+from rotorid.observation import Observation
+from rotorid.record import Channel, Complexes, Floats
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One scalar that the likelihood depends on.
+
+    Parameters
+    ----------
+    name, unit : str
+    start : float
+        SI.
+    std : float or None
+        Deviation with which `prior` is known beforehand; ``None``: not known; 0: fixed.
+    prior : float
+    nuisance : bool
+    positive : bool
+    additive : bool
+        It shifts what it acts on, so that no power of a common scale belongs to it.
+    anchored : bool
+        It scales inputs or equations, and is held loosely while errors are granted to them.
+    """
+
+    name: str
+    unit: str
+    start: float
+    std: float | None = None
+    prior: float = 0.0
+    nuisance: bool = False
+    positive: bool = False
+    additive: bool = False
+    anchored: bool = False
+
+    @property
+    def fixed(self) -> bool:
+        """Known exactly."""
+        return self.std == 0.0
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """Which calibration constants are unknown; names as in the experiment file.
+
+    Parameters
+    ----------
+    runout : bool
+        One 1x vector per position sensor, common to all records.
+    gains : sequence of {"ki", "ks", "ks*"}
+        Force per current of each input, one force per displacement for all, or one per input.
+    delays : sequence of {"force", "position"}
+        One common delay for all channels of that kind.
+    """
+
+    runout: bool = False
+    gains: tuple[str, ...] = ()
+    delays: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for given, allowed, key in (
+            (self.gains, ("ki", "ks", "ks*"), "gains"),
+            (self.delays, ("force", "position"), "delays"),
+        ):
+            for name in given:
+                if name not in allowed:
+                    raise InputError(
+                        repr(name),
+                        f"one of {', '.join(allowed)}",
+                        "name one of these, or leave it out",
+                        place=key,
+                    )
+        if {"ks", "ks*"} <= set(self.gains):
+            raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
+
+
+@dataclass(frozen=True)
+class Nuisance(ABC):
+    """Unknowns of the measurement and their effect on the records of one machine.
+
+    Parameters
+    ----------
+    unknowns : sequence of Unknown
+    """
+
+    unknowns: tuple[Unknown, ...]
+
+    @classmethod
+    @abstractmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return those that the settings and the channels of some records ask for."""
+
+    @classmethod
+    @abstractmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return all of this kind that some records could have, without priors."""
+
+
+@dataclass(frozen=True)
+class Factor(Nuisance):
+    """Multiplies the lines of channels: true line = factor * corrected line.
+
+    Parameters
+    ----------
+    channels : set of str
+        Names of the channels.
+    """
+
+    channels: frozenset[str]
+
+    @abstractmethod
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """Return true line over corrected line, shape (line,), at the values of its unknowns."""
+
+    @abstractmethod
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """Return the derivative of the logarithm of `factor`, shape (line, unknown)."""
+
+
+@dataclass(frozen=True)
+class Reading(Nuisance):
+    """Adds ``cos * cos(n phi) + sin * sin(n phi)`` to what a sensor reads; linear.
+
+    Parameters
+    ----------
+    channel : str
+    order : int
+        n.
+    """
+
+    channel: str
+    order: int = 1
+
+
+@dataclass(frozen=True)
+class Constant(Nuisance):
+    """Stands for a constant of the force law of some inputs, one unknown.
+
+    Parameters
+    ----------
+    inputs : set of str
+    role : {"ki", "ks"}
+    """
+
+    inputs: frozenset[str]
+    role: Literal["ki", "ks"]
+
+
+@dataclass(frozen=True)
+class Turn(Nuisance):
+    """Adds to the rotor angle of one record.
+
+    Parameters
+    ----------
+    record : int
+    """
+
+    record: int
+
+
+def all_inputs(records: Sequence[Observation]) -> dict[str, Channel]:
+    """Return the channels of inputs of all records by name."""
+    return {c.name: c for record in records for c in record.inputs}
+
+
+def all_sensors(records: Sequence[Observation]) -> dict[str, Channel]:
+    """Return the channels of sensors of all records by name."""
+    return {s.channel.name: s.channel for record in records for s in record.sensors}
+
+
+def all_channels(records: Sequence[Observation]) -> list[Channel]:
+    """Return inputs, then sensors of all records."""
+    return list({**all_inputs(records), **all_sensors(records)}.values())

@@ -1,0 +1,121 @@
+"""What equations predict: the inputs where every coordinate is measured, else the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.estimate import Prediction
+from rotorid.estimators.likelihood.cost import Evaluation
+from rotorid.estimators.likelihood.response import predicted_readings
+from rotorid.estimators.regression import Regression
+from rotorid.observation import Observation
+from rotorid.record import Complexes, Floats
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Lines of some channels of a record, measured and predicted.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+    measured, predicted : complex array, shape (line, channel)
+        In SI units; measured ones corrected for what the channel is known to do.
+    multiplicity : array, shape (line,)
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    measured: Complexes
+    predicted: Complexes
+    multiplicity: Floats
+
+    @property
+    def wrong(self) -> Floats:
+        """Squared length of what is wrong, shape (channel,)."""
+        return np.asarray(self.multiplicity @ np.abs(self.predicted - self.measured) ** 2)
+
+    @property
+    def size(self) -> Floats:
+        """Squared length of what was measured, shape (channel,)."""
+        return np.asarray(self.multiplicity @ np.abs(self.measured) ** 2)
+
+
+def relative_errors(records: Sequence[Predicted]) -> dict[str, Prediction | None]:
+    """Return |predicted - measured| / |measured| of each channel, all records together.
+
+    ``None`` for a channel that is zero.
+    """
+    wrong: dict[str, float] = {}
+    size: dict[str, float] = {}
+    for record in records:
+        for name, error, power in zip(record.names, record.wrong, record.size, strict=True):
+            wrong[name] = wrong.get(name, 0.0) + float(error)
+            size[name] = size.get(name, 0.0) + float(power)
+    return {
+        name: Prediction(float(np.sqrt(wrong[name] / size[name]))) if size[name] > 0 else None
+        for name in wrong
+    }
+
+
+def lay_to_inputs(left: Complexes, matrix: Complexes) -> Complexes:
+    """Solve ``B u = left`` for the inputs, (line, input); rows without input have no say."""
+    driven = np.abs(matrix).any(axis=(0, 2))
+    if not driven.any():
+        return np.zeros((len(left), matrix.shape[2]), dtype=np.complex128)
+    return np.stack(
+        [
+            np.linalg.lstsq(b[driven], f[driven], rcond=None)[0]
+            for b, f in zip(matrix, left, strict=True)
+        ]
+    )
+
+
+def by_regression(regression: Regression, base: Floats) -> Predicted:
+    """Predict the inputs of a record from base parameters; any model."""
+    model = regression.model
+    measured = regression.inputs.mean(axis=0)
+    matrix = np.broadcast_to(model.input_matrix + 0j, (len(measured), *model.input_matrix.shape))
+    wrong = lay_to_inputs(regression.residual(base), matrix)
+    units = tuple(model.units[name] for name in model.inputs)
+    multiplicity = regression.record.multiplicity
+    return Predicted(model.inputs, units, measured, measured + wrong, multiplicity)
+
+
+def by_likelihood(
+    records: Sequence[Observation], evaluations: Sequence[Evaluation]
+) -> list[Predicted]:
+    """Predict inputs, or readings where a record hides a coordinate; linear models."""
+    hidden = any(record.hidden or not record.inputs for record in records)
+    return [
+        (_readings if hidden else _inputs)(record, at)
+        for record, at in zip(records, evaluations, strict=True)
+    ]
+
+
+def _inputs(record: Observation, at: Evaluation) -> Predicted:
+    p, equations, forces = at.problem, at.equations, at.forces
+    true = at.state.factors * p.data - at.state.readings
+    motion = true[:, p.inputs :] @ p.sensing.right.T
+    left = (at.stiffness[:, :equations] @ motion[:, :, None])[:, :, 0]
+    left += (at.load @ at.mu)[:, :equations]
+    matrix = at.inputs[:, :equations, :forces]
+    names = record.model.inputs
+    units = tuple(record.model.units[name] for name in names)
+    predicted = lay_to_inputs(-left, matrix) if np.abs(matrix).any() else true[:, :forces]
+    return Predicted(names, units, true[:, :forces], predicted, p.multiplicity)
+
+
+def _readings(record: Observation, at: Evaluation) -> Predicted:
+    channels = [s.channel for s in (*record.indirect, *record.direct)]
+    measured = (at.state.factors * at.problem.data)[:, at.forces :]
+    return Predicted(
+        tuple(c.name for c in channels),
+        tuple(c.unit for c in channels),
+        measured,
+        predicted_readings(at),
+        at.problem.multiplicity,
+    )

@@ -1,0 +1,25 @@
+"""Rank and null space, with every tolerance and its reason in one place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.record import Floats
+
+SENSORS = 1e-9
+"""Sensors whose combinations differ by less than this share read the same: gains, lengths and
+positions of sensors are known to 1e-4 at best, and a coordinate divided by 1e-9 is noise."""
+
+
+def sensor_rank(reads: Floats) -> int:
+    """Return how many combinations of coordinates the sensors tell apart; reads (sensor, q)."""
+    if not reads.size:
+        return 0
+    values = np.linalg.svd(reads, compute_uv=False)
+    return int((values > SENSORS * values[0]).sum())
+
+
+def null_space(matrix: Floats, rank: int) -> Floats:
+    """Return an orthonormal basis of what a matrix of this rank sends to zero, (column, n)."""
+    _, _, right = np.linalg.svd(matrix)
+    return np.asarray(right[rank:].T)

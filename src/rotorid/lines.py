@@ -1,0 +1,175 @@
+"""`Lines`: all that a likelihood needs to know of a record, whatever kind of record it was.
+
+Periods, sweeps, phasors and frequency responses all end here: mean lines of the channels, their
+covariance, and the lines that any function of time and rotor angle has on the same grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from rotorid.record import Channel, Complexes, Floats, Integers, PeriodicRecord
+from rotorid.signals.covariance import LineCovariance, white_covariance
+from rotorid.signals.spectrum import line_spectra
+
+Signal = Callable[[Floats, Floats, Floats], Floats]
+"""A function of t (s), phi (rad) and Omega (rad/s), arrays that broadcast; (..., signal)."""
+
+ROUNDING = 1e-11
+"""A line below this share of its signal's size is rounding: a load that misses a line misses it."""
+
+
+class Clock(Protocol):
+    """Time and rotor angle of a record, and how functions of them become lines."""
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals, shape (line, signal).
+
+        `timed` says that t itself is among the arguments used, so that no period stands for
+        another.
+        """
+        ...
+
+    def at_speed(self, speed: float) -> Clock:
+        """Return the clock of the same run at another speed in rad/s."""
+        ...
+
+
+@dataclass(frozen=True)
+class PeriodicClock:
+    """The clock of a record of periods: lines of the mean period.
+
+    Parameters
+    ----------
+    time, angle : array, shape (period, sample)
+    speed : float
+    harmonics : int array, shape (line,)
+    """
+
+    time: Floats
+    angle: Floats
+    speed: float
+    harmonics: Integers
+
+    def grid(self, *, timed: bool) -> tuple[Floats, Floats]:
+        """Return t and phi of all periods, or of the first where the others repeat it."""
+        turns = (self.angle - self.angle[0]) / (2 * np.pi)
+        if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:
+            return self.time[:1], self.angle[:1]
+        return self.time, self.angle
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of the mean period of signals, shape (line, signal)."""
+        time, angle = self.grid(timed=timed)
+        mean = signal(time, angle, np.asarray(self.speed)).mean(axis=0)
+        return without_rounding(line_spectra(mean, self.harmonics), mean)
+
+    def at_speed(self, speed: float) -> PeriodicClock:
+        """Return the clock of the same run at another speed in rad/s."""
+        return replace(self, speed=speed, angle=speed * self.time)
+
+
+def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
+    """Set lines to zero that are rounding of their signal, lines (line, signal)."""
+    size = np.sqrt((samples**2).mean(axis=0))
+    return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Mean lines of a record with their covariance and the loads on the same lines.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    frequency : array, shape (line,)
+        Hz.
+    speed : array, shape (line,)
+        Speed of the rotor at each line in rad/s.
+    mean : complex array, shape (line, channel)
+        Lines as ``x = sum c Re(X exp(i omega t))`` has them, c the multiplicity.
+    covariance : LineCovariance
+        Of `mean`, cross terms kept.
+    multiplicity : array, shape (line,)
+        c: 2, or 1 for real lines (DC, Nyquist).
+    clock : Clock
+        Lines of functions of t and phi.
+    scatter : complex array, shape (period, line, channel), optional
+        The lines of each period, where there are periods.
+    phase_known : bool
+        False where the rotor angle is known up to a constant only.
+    source : str
+        For messages.
+    warnings : sequence of str
+    """
+
+    channels: tuple[Channel, ...]
+    frequency: Floats
+    speed: Floats
+    mean: Complexes
+    covariance: LineCovariance
+    multiplicity: Floats
+    clock: Clock
+    scatter: Complexes | None = None
+    phase_known: bool = True
+    source: str = ""
+    warnings: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
+        """Return the lines of a record of periods; without `covariance`, from their scatter."""
+        return cls(
+            channels=record.channels,
+            frequency=record.frequency,
+            speed=np.full(len(record.harmonics), record.speed),
+            mean=record.mean_spectrum,
+            covariance=white_covariance(record.spectra) if covariance is None else covariance,
+            multiplicity=record.multiplicity,
+            clock=PeriodicClock(record.time, record.angle, record.speed, record.harmonics),
+            scatter=record.spectra,
+            phase_known=record.phase_known,
+            source=record.source,
+            warnings=record.warnings,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def omega(self) -> Floats:
+        """Frequencies of the lines in rad/s, shape (line,)."""
+        return 2 * np.pi * self.frequency
+
+    @property
+    def periods(self) -> int:
+        """Number of periods; 1 where there are none."""
+        return 1 if self.scatter is None else int(self.scatter.shape[0])
+
+    def at_speed(self, speed: float) -> Lines:
+        """Return the same run at another speed in rad/s: the plan of a further record."""
+        return replace(
+            self,
+            speed=np.full(len(self.frequency), speed),
+            clock=self.clock.at_speed(speed),
+            phase_known=True,
+        )
+
+    def with_channel(self, channel: Channel, variance: Floats) -> Lines:
+        """Return the lines with one more channel, zero, of this variance per line."""
+        lines, count = self.mean.shape
+        matrices = np.zeros((lines, count + 1, count + 1), dtype=np.complex128)
+        matrices[:, :count, :count] = self.covariance.matrices
+        matrices[:, count, count] = variance
+        return replace(
+            self,
+            channels=(*self.channels, channel),
+            mean=np.column_stack([self.mean, np.zeros(lines)]),
+            covariance=replace(self.covariance, matrices=matrices),
+            scatter=None,
+        )

@@ -1,0 +1,237 @@
+"""`Observation`: a record that has met a model. What every channel is, is decided here, once.
+
+Estimators, prediction, validation, suspects, cures, bound and report read it and decide nothing of
+the kind again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.linalg import null_space, sensor_rank
+from rotorid.lines import Lines
+from rotorid.models import Model
+from rotorid.models.combination import SensorTerm, sensor_terms
+from rotorid.models.terms import DERIVATIVES
+from rotorid.record import Channel, Floats, PeriodicRecord
+
+HIDDEN = 1e-6
+"""A coordinate with more than this share in a combination that no sensor reads is hidden."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A channel that reads coordinates: ``y = sum coefficient * parameters * d^n q / dt^n``.
+
+    Parameters
+    ----------
+    channel : Channel
+    column : int
+        Where it stands among the channels of the record.
+    terms : sequence of SensorTerm
+    """
+
+    channel: Channel
+    column: int
+    terms: tuple[SensorTerm, ...]
+
+    @property
+    def direct(self) -> bool:
+        """Whether it reads a combination of positions with known coefficients."""
+        return all(term.order == 0 and not any(term.powers) for term in self.terms)
+
+    @property
+    def order(self) -> int:
+        """The highest derivative that it reads."""
+        return max(term.order for term in self.terms)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One record bound to a model.
+
+    Parameters
+    ----------
+    model : Model
+    lines : Lines
+    inputs : sequence of Channel
+        The channel of each input of the model, in order.
+    input_columns : sequence of int
+        Where they stand among the channels of the record.
+    sensors : sequence of Sensor
+        In the order of the record.
+    periodic : PeriodicRecord or None
+        The periods, where the record has them.
+    """
+
+    model: Model
+    lines: Lines
+    inputs: tuple[Channel, ...]
+    input_columns: tuple[int, ...]
+    sensors: tuple[Sensor, ...]
+    periodic: PeriodicRecord | None = None
+
+    @cached_property
+    def direct(self) -> tuple[Sensor, ...]:
+        """Sensors of positions with known coefficients."""
+        return tuple(s for s in self.sensors if s.direct)
+
+    @cached_property
+    def indirect(self) -> tuple[Sensor, ...]:
+        """Sensors of derivatives, or with parameters among their coefficients."""
+        return tuple(s for s in self.sensors if not s.direct)
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels in the order of the likelihood: inputs, indirect sensors, direct ones."""
+        return (*self.inputs, *(s.channel for s in (*self.indirect, *self.direct)))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Columns of the record in the order of `channels`."""
+        return (*self.input_columns, *(s.column for s in (*self.indirect, *self.direct)))
+
+    @cached_property
+    def reads(self) -> Floats:
+        """C of the direct sensors, shape (sensor, coordinate)."""
+        matrix = np.zeros((len(self.direct), len(self.model.coordinates)))
+        for row, sensor in enumerate(self.direct):
+            for term in sensor.terms:
+                matrix[row, term.coordinate] += term.coefficient
+        return matrix
+
+    @cached_property
+    def rank(self) -> int:
+        """How many combinations of coordinates the direct sensors read."""
+        return sensor_rank(self.reads)
+
+    @cached_property
+    def hidden(self) -> tuple[str, ...]:
+        """Coordinates that the direct sensors do not determine."""
+        if not self.rank:
+            return self.model.coordinates
+        open_ways = np.abs(null_space(self.reads, self.rank))
+        names = zip(self.model.coordinates, open_ways, strict=True)
+        return tuple(name for name, ways in names if (ways > HIDDEN).any())
+
+    def rebound(self, model: Model) -> Observation:
+        """Return the observation of a model with the same coordinates and inputs."""
+        return replace(self, model=model)
+
+    def with_lines(self, lines: Lines) -> Observation:
+        """Return the observation with other lines of the same channels."""
+        return replace(self, lines=lines)
+
+    def with_sensor(self, channel: Channel) -> Observation:
+        """Return the plan with one more sensor, as noisy as the others on average."""
+        variance = np.diagonal(self.lines.covariance.matrices, axis1=1, axis2=2).real
+        beside = [sensor.column for sensor in self.sensors]
+        lines = self.lines.with_channel(channel, variance[:, beside].mean(axis=1))
+        added = Sensor(channel, len(lines.channels) - 1, _terms(channel, self.model, ""))
+        return replace(self, lines=lines, sensors=(*self.sensors, added), periodic=None)
+
+
+Data = PeriodicRecord | Lines | Observation
+"""What a model can be bound to; what is bound already is taken as it is."""
+
+
+def bind(model: Model, data: Data) -> Observation:
+    """Say what every channel of a record is to a model.
+
+    Parameters
+    ----------
+    model : Model
+    data : PeriodicRecord, Lines, or Observation
+
+    Returns
+    -------
+    Observation
+
+    Raises
+    ------
+    InputError
+        For an input without channel, a channel that is neither input nor sensor, a sensor of
+        something that the model does not have, and a record without any sensor.
+
+    Examples
+    --------
+    >>> from rotorid.estimators import Plan
+    >>> from rotorid.models import load_model
+    >>> model = load_model("jeffcott")
+    >>> plan = Plan([[1.0, 0.0]], [1], 10.0, 1000.0, 2, noise={}, sensors=["y"])
+    >>> bind(model, plan.lines(model)).hidden
+    ('x',)
+    """
+    if isinstance(data, Observation):
+        return data.rebound(model)
+    lines = data if isinstance(data, Lines) else Lines.of_periods(data)
+    where = {name: k for k, name in enumerate(lines.names)}
+    missing = [name for name in model.inputs if name not in where]
+    if missing:
+        raise InputError(
+            f"no channel of the input {', '.join(missing)}",
+            "every input measured",
+            "name its column in [channels]",
+            file=lines.source,
+        )
+    sensors = tuple(
+        Sensor(channel, where[channel.name], _terms(channel, model, lines.source))
+        for channel in lines.channels
+        if channel.name not in model.inputs or channel.reads is not None
+    )
+    if not sensors:
+        raise InputError(
+            "no sensor of any coordinate",
+            f"at least one of {', '.join(model.coordinates)}",
+            "name a channel after it, or give a channel that reads it",
+            file=lines.source,
+        )
+    columns = tuple(where[name] for name in model.inputs)
+    return Observation(
+        model,
+        lines,
+        tuple(lines.channels[k] for k in columns),
+        columns,
+        sensors,
+        data if isinstance(data, PeriodicRecord) else None,
+    )
+
+
+def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
+    """Bind the records of one machine."""
+    if not data:
+        raise InputError("no record", "at least one", "give a PeriodicRecord")
+    return tuple(bind(model, each) for each in data)
+
+
+def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:
+    """Return what a sensor reads: names of coordinates, dotted, or products with parameters."""
+    names = {
+        name + dots: (k, order)
+        for k, name in enumerate(model.coordinates)
+        for order, dots in enumerate(DERIVATIVES)
+    }
+    still = (0,) * len(model.parameters)
+    found: list[SensorTerm] = []
+    for text, coefficient in channel.combination.items():
+        if text in names:
+            found.append(SensorTerm(*names[text], still, float(coefficient)))
+            continue
+        try:
+            terms = sensor_terms(text, model.coordinates, model.parameter_names)
+        except InputError:
+            raise InputError(
+                f"a channel that reads {text!r}",
+                f"inputs ({', '.join(model.inputs)}) or coordinates "
+                f"({', '.join(model.coordinates)})",
+                "give it a name of the model, or leave it out of the record",
+                file=source,
+                place=channel.name,
+            ) from None
+        found += [replace(t, coefficient=t.coefficient * coefficient) for t in terms]
+    return tuple(found)

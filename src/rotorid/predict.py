@@ -1,0 +1,141 @@
+"""How well an estimate predicts a record, its own or better another one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.nuisances import every_nuisance
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.estimators.likelihood.problem import Point, Problem
+from rotorid.estimators.prediction import Predicted, by_likelihood, by_regression, relative_errors
+from rotorid.estimators.regression import Regression
+from rotorid.models import Model
+from rotorid.observation import Data, Observation, bind_all
+from rotorid.record import Floats
+
+
+def predict(
+    model: Model, estimate: Estimate, records: Data | Sequence[Data]
+) -> dict[str, Prediction | None]:
+    """Return how well an estimate predicts records, channel by channel.
+
+    Where every coordinate is measured, inputs are predicted: what the equations of motion leave
+    over is laid to the inputs, ``B u = Z q - g``. Where some are hidden, readings are:
+    ``y = C Z^-1 (B u + g)``.
+
+    Parameters
+    ----------
+    model : Model
+        The one that was identified.
+    estimate : Estimate
+    records : PeriodicRecord or Lines, or sequence of them
+        The same records, or better other ones.
+
+    Returns
+    -------
+    dict of channel name to Prediction
+        |lines(measured - predicted)| / |lines(measured)|; ``None`` for a channel that is zero.
+
+    Raises
+    ------
+    InputError
+        For an estimate that is not of this model, or that lacks values, and for a rotor angle of
+        unknown phase.
+
+    References
+    ----------
+    Levy and Arogeti, equation (12).
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> model = rid.load_model("jeffcott")
+    >>> turn = 2 * np.pi * np.arange(100) / 100
+    >>> forces = np.column_stack([400.0 * np.cos(3 * turn), 300.0 * np.sin(5 * turn)])
+    >>> values = model.values(model.nominal)
+    >>> record = rid.simulate(model, values, forces, sample_rate=1000.0, periods=3,
+    ...                       speed=2 * np.pi * 30.0)
+    >>> periods = rid.average(record, 10.0, harmonics=[1, 3, 5])
+    >>> estimate = rid.identify(model, periods, rid.LeastSquares())
+    >>> predict(model, estimate, periods)["F_x"].relative_error < 1e-3
+    True
+    """
+    data = records if isinstance(records, Sequence) else [records]
+    return relative_errors(predict_lines(model, estimate, data))
+
+
+def predict_lines(model: Model, estimate: Estimate, records: Sequence[Data]) -> list[Predicted]:
+    """Return the lines that an estimate predicts, record by record, beside the measured ones."""
+    _check(model, estimate)
+    bound = bind_all(model, records)
+    if model.linear is None:
+        reduced, base = base_of(model, estimate)
+        return [by_regression(Regression(r.rebound(reduced)), base) for r in bound]
+    return by_likelihood(bound, _at_estimate(model, estimate, bound).records)
+
+
+def missing_values(model: Model, estimate: Estimate) -> list[str]:
+    """Return what the model needs and the estimate does not name: physical or base parameters."""
+    found = {v.name for v in estimate.parameters}
+    if {*model.parameter_names} <= found:
+        return []
+    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
+    if not fixed.keys() <= {*model.parameter_names}:
+        return sorted(fixed.keys() - {*model.parameter_names})
+    return [name for name in model.substitute(fixed).base.names if name not in found]
+
+
+def _at_estimate(model: Model, estimate: Estimate, records: Sequence[Observation]) -> Point:
+    """Evaluate the likelihood of records at an estimate, its nuisances included."""
+    values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
+    for record in records:
+        if not record.lines.phase_known:
+            raise InputError(
+                "a rotor angle of unknown phase",
+                "a known phase",
+                "give the phase, or a keyphasor or angle column",
+                file=record.lines.source,
+            )
+    base = not {*model.parameter_names} <= values.keys()
+    nuisances = [
+        n for n in every_nuisance(records) if {u.name for u in n.unknowns} <= values.keys()
+    ]
+    held = {v.name: v.value for v in estimate.parameters if v.fixed}
+    known = {v.name for v in estimate.parameters} | {u.name for n in nuisances for u in n.unknowns}
+    start = {name: value for name, value in values.items() if name in known and name not in held}
+    prepared = prepare(model, Knowledge(fixed=held, start=start), nuisances, base, {})
+    likelihoods = tuple(
+        assemble(prepared.layout, record, number) for number, record in enumerate(records)
+    )
+    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    return problem.at(prepared.layout.start)
+
+
+def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
+    """Return the model with what was fixed substituted, and the base parameters of an estimate."""
+    found = {value.name: value.value for value in estimate.parameters}
+    reduced = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
+    return reduced, np.array([found[name] for name in reduced.base.names], dtype=float)
+
+
+def _check(model: Model, estimate: Estimate) -> None:
+    missing = missing_values(model, estimate)
+    if missing:
+        raise InputError(
+            f"a result of {estimate.model!r} without {missing[0]!r}",
+            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
+            f"parameters: {', '.join(model.base.names)}",
+            "use the result and the experiment of one model",
+        )
+    unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
+    if unknown:
+        raise InputError(
+            f"a result that leaves {', '.join(unknown)} undetermined",
+            "a value of every parameter",
+            "fix one or measure more, then identify again",
+        )
