@@ -137,7 +137,7 @@ CASES = {
         experiment=('F = { column = "f", unit = "N" }', ""),
     ),
     "hidden coordinate": Case(
-        "no sensor of x.*use ml",
+        "no sensor of any coordinate.*name a channel after it",
         file="run.csv",
         experiment=('x = { column = "x", unit = "mm" }', ""),
     ),
