@@ -19,6 +19,38 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
+Verdict = Literal["ok", "note", "warning", "refused"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the data showed of one thing, before any model.
+
+    Parameters
+    ----------
+    check : str
+        What was looked at.
+    channel : str
+        The channel, or several with a comma between; empty for the record as a whole.
+    found : str
+        What was found, with figures, and what to do about it.
+    verdict : {"ok", "note", "warning", "refused"}
+        "note": worth knowing. "warning": the answer may be wrong by more than its deviations.
+        "refused": no answer can come of it.
+
+    Examples
+    --------
+    >>> str(Check("dead", "x1", "0 in every sample", "refused"))
+    'dead, x1: 0 in every sample'
+    """
+
+    check: str
+    channel: str
+    found: str
+    verdict: Verdict
+
+    def __str__(self) -> str:
+        return ", ".join(part for part in (self.check, self.channel) if part) + f": {self.found}"
 
 
 @dataclass(frozen=True)
@@ -244,6 +276,8 @@ class PeriodicRecord:
         Mean speed in rad/s.
     time, angle : array, shape (period, sample)
         t in s and rotor angle phi in rad of every sample used.
+    checks : sequence of Check
+        What the samples showed before they were averaged.
     """
 
     channels: tuple[Channel, ...]
@@ -258,6 +292,7 @@ class PeriodicRecord:
     phase_known: bool = True
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
+    checks: tuple[Check, ...] = field(default=())
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.record import Booleans, Integers, PeriodicRecord, Record
+from rotorid.signals.checks import check_record
 from rotorid.signals.spectrum import line_spectra, transfer_of_recording
 
 
@@ -73,7 +75,7 @@ def average(
         record.channels, lines * record.sample_rate / size, record.sample_rate
     )
     _check_nyquist(record, size, lines)
-    return PeriodicRecord(
+    periods_of_record = PeriodicRecord(
         channels=record.channels,
         sample_rate=record.sample_rate,
         harmonics=lines,
@@ -87,6 +89,7 @@ def average(
         source=record.source,
         warnings=warnings,
     )
+    return replace(periods_of_record, checks=check_record(record, periods_of_record))
 
 
 def _kept_periods(

@@ -1,0 +1,144 @@
+"""Checks of the data before any model: what a record or its periods show by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
+from rotorid.signals.checks_samples import (
+    check_clipped,
+    check_copied,
+    check_dead,
+    check_quantized,
+)
+from rotorid.signals.checks_scatter import (
+    NO_SCATTER,
+    check_drift,
+    check_identical,
+    check_knocks,
+    check_settled,
+    check_silent,
+)
+from rotorid.signals.checks_timing import check_timing
+
+_ORDER: tuple[Verdict, ...] = ("ok", "note", "warning", "refused")
+
+
+def worst(checks: Iterable[Check]) -> Verdict:
+    """Return the gravest verdict of some checks.
+
+    Examples
+    --------
+    >>> worst([Check("dead", "F", "0 in every sample", "note"), Check("drift", "", "none", "ok")])
+    'note'
+    """
+    return max((c.verdict for c in checks), key=_ORDER.index, default="ok")
+
+
+def check_record(record: Record, periods: PeriodicRecord | None = None) -> tuple[Check, ...]:
+    """Look at the samples of a record: dead, clipped, quantized and copied channels.
+
+    Parameters
+    ----------
+    record : Record
+    periods : PeriodicRecord, optional
+        Its periods, where it has them: their scatter tells rounding from noise.
+
+    Returns
+    -------
+    tuple of Check
+        One "ok" for each thing that was looked at and found in order.
+
+    Examples
+    --------
+    >>> from rotorid.record import Channel
+    >>> x = np.clip(np.sin(np.arange(1000) / 20.0), -0.9, 0.9)
+    >>> found = check_record(Record([Channel("x", "m")], x[:, None], 1000.0))
+    >>> [c.check for c in found if c.verdict == "warning"]
+    ['clipped']
+    """
+    scatter = None if periods is None else _scatter(periods)
+    found = {
+        "dead": check_dead(record, scatter),
+        "clipped": check_clipped(record),
+        "quantized": check_quantized(record, scatter),
+    }
+    if periods is None:
+        centred = record.samples - record.samples.mean(axis=0)
+        found["copied"] = check_copied(record.channels, centred)
+    return _with_ok(found)
+
+
+def check_periods(periods: PeriodicRecord) -> tuple[Check, ...]:
+    """Look at averaged periods: scatter, settling, knocks, drift, lost samples, clocks.
+
+    Parameters
+    ----------
+    periods : PeriodicRecord
+
+    Returns
+    -------
+    tuple of Check
+        One "ok" for each thing that was looked at and found in order.
+
+    Examples
+    --------
+    >>> from rotorid.record import Channel
+    >>> from rotorid.signals.average import average
+    >>> wave = np.tile(np.cos(2 * np.pi * np.arange(40) / 40), 4)[:, None]
+    >>> periods = average(Record([Channel("x", "m")], wave, 40.0), 1.0, harmonics=[1])
+    >>> [c.check for c in check_periods(periods) if c.verdict == "warning"]
+    ['identical periods']
+    """
+    found = {
+        "identical periods": check_identical(periods),
+        "copied": check_copied(periods.channels, _deviations(periods)),
+        "lines below noise": check_silent(periods),
+        "lost samples": (timing := check_timing(periods)),
+        "settled": (settled := [] if timing else check_settled(periods)),
+    }
+    # What shifts or settles leaves other traces too: they are told once.
+    disturbed = any(c.verdict != "note" for c in (*timing, *settled))
+    found["knock"] = [] if disturbed else check_knocks(periods)
+    found["drift"] = [] if disturbed or found["knock"] else check_drift(periods)
+    return _with_ok(found)
+
+
+def _scatter(periods: PeriodicRecord) -> Floats:
+    """Return the standard deviation of a sample between periods; 0 where it is rounding."""
+    scatter = np.sqrt(periods.variance.mean(axis=0))
+    level = np.sqrt((periods.mean**2).mean(axis=0))
+    return np.asarray(np.where(scatter > NO_SCATTER * level, scatter, 0.0))
+
+
+def _deviations(periods: PeriodicRecord) -> Floats:
+    """Return what differs from period to period, shape (value, channel); 0 where it is rounding."""
+    z = periods.spectra - periods.mean_spectrum
+    level = np.sqrt((np.abs(periods.spectra) ** 2).mean(axis=(0, 1)))
+    noisy = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1))) > NO_SCATTER * level
+    flat = np.where(noisy, z, 0.0).reshape(-1, z.shape[2])
+    return np.concatenate([flat.real, flat.imag])
+
+
+_IN_ORDER = {
+    "dead": "every channel moves",
+    "clipped": "no channel is cut at a limit",
+    "quantized": "no channel is too coarse",
+    "copied": "no two channels are the same",
+    "identical periods": "the periods scatter, so that deviations can be stated",
+    "lines below noise": "every kept line stands above its noise",
+    "lost samples": "every period comes when it should",
+    "settled": "no transient is left",
+    "knock": "no period stands out",
+    "drift": "no line drifts",
+}
+
+
+def _with_ok(found: dict[str, list[Check]]) -> tuple[Check, ...]:
+    return tuple(
+        check
+        for name, checks in found.items()
+        for check in (checks or [Check(name, "", _IN_ORDER[name], "ok")])
+    )

@@ -1,0 +1,299 @@
+"""Checks of the data before any model: each mistake is named, and noise is none."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from rotorid.record import Channel, Check, PeriodicRecord, Record
+from rotorid.signals import average
+from rotorid.signals.checks import check_periods, check_record, worst
+
+RATE, F0, SIZE = 5000.0, 20.0, 250
+LINES = np.arange(1, 12, 2)
+CHANNELS = [Channel("F_x", "N"), Channel("F_y", "N"), Channel("x", "m"), Channel("y", "m")]
+SCALE = np.array([10.0, 10.0, 1e-4, 1e-4])
+
+Damage = Callable[[np.ndarray], np.ndarray]
+
+
+def machine(
+    periods: int = 60, noise: float = 0.05, seed: int = 0, colour: float = 0.0, speed: float = 0.0
+) -> Record:
+    """Four channels with random lines and noise, white or coloured."""
+    rng = np.random.default_rng(seed)
+    lines = (rng.normal(size=(len(LINES), 4)) + 1j * rng.normal(size=(len(LINES), 4))) * SCALE
+    time = np.arange(SIZE * periods) / RATE
+    waves = np.exp(2j * np.pi * F0 * np.multiply.outer(time, LINES))
+    white = rng.normal(size=(len(time) + 500, 4))
+    rough = lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], white, axis=0)[500:]
+    samples = (waves @ lines).real + noise * SCALE * rough
+    return Record(CHANNELS, samples, RATE, speed=speed)
+
+
+def cut(record: Record, fundamental: float = F0, lines: object = LINES) -> PeriodicRecord:
+    return average(record, fundamental, harmonics=np.asarray(lines).tolist())
+
+
+def damaged(record: Record, change: Damage) -> Record:
+    return replace(record, samples=change(record.samples.copy()))
+
+
+def of(column: int, change: Damage) -> Damage:
+    def apply(samples: np.ndarray) -> np.ndarray:
+        samples[:, column] = change(samples[:, column])
+        return samples
+
+    return apply
+
+
+def told(record: Record, **options: object) -> list[Check]:
+    periods = cut(record, **options)  # type: ignore[arg-type]
+    return [
+        c for c in (*check_record(record, periods), *check_periods(periods)) if c.verdict != "ok"
+    ]
+
+
+def only(found: list[Check], name: str) -> Check:
+    grave = [c for c in found if c.verdict in ("warning", "refused")]
+    assert [c.check for c in grave] == [name], [str(c) for c in found]
+    return grave[0]
+
+
+@pytest.mark.parametrize("periods", [2, 3, 4, 6, 8, 30, 150])
+@pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
+def test_a_clean_record_gives_no_alarm(periods: int, colour: float) -> None:
+    for seed in range(10):
+        found = told(machine(periods, seed=seed, colour=colour, noise=10 ** (seed / 4 - 2)))
+        assert [str(c) for c in found if c.verdict in ("warning", "refused")] == []
+
+
+def test_everything_looked_at_is_named() -> None:
+    record = machine()
+    periods = cut(record)
+    names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
+    assert len(set(names)) == len(names) == 10
+    assert worst(check_periods(periods)) == "ok"
+    assert worst(()) == "ok"
+
+
+def test_a_quiet_input_is_a_note_and_a_dead_sensor_more() -> None:
+    quiet = damaged(machine(), of(1, lambda v: 0 * v))
+    assert next((c.check, c.channel, c.verdict) for c in told(quiet)) == ("dead", "F_y", "note")
+    dead = only(told(damaged(machine(), of(2, lambda v: 0 * v + 3.3))), "dead")
+    assert (dead.channel, dead.verdict) == ("x", "refused")
+    assert "3.3 in every sample" in dead.found
+
+
+def test_no_living_sensor_is_refused() -> None:
+    record = damaged(machine(), lambda s: s * [1, 1, 0, 0])
+    assert {c.verdict for c in check_record(record) if c.check == "dead"} == {"refused"}
+
+
+def test_without_noise_a_sensor_may_rest() -> None:
+    """A simulated axis that nothing excites is zero, and nothing is wrong with it."""
+    record = damaged(machine(noise=0.0), of(3, lambda v: 0 * v))
+    periods = cut(record)
+    assert worst(c for c in check_record(record, periods) if c.check == "dead") == "warning"
+
+
+def clipped_at(part: float) -> Damage:
+    return of(2, lambda v: np.clip(v, -part * np.abs(v).max(), part * np.abs(v).max()))
+
+
+def test_clipping_is_found_with_its_level() -> None:
+    found = only(told(damaged(machine(), clipped_at(0.8))), "clipped")
+    assert found.channel == "x"
+    assert "flat tops of" in found.found
+    assert "% of the samples" in found.found
+
+
+def test_a_converter_that_clips_is_found() -> None:
+    fine = damaged(machine(), clipped_at(0.8))
+    step = fine.samples[:, 2].std() / 200
+    record = damaged(fine, of(2, lambda v: np.round(v / step) * step))
+    assert only(told(record), "clipped").channel == "x"
+
+
+@pytest.mark.parametrize("held", [2, 4, 8])
+def test_a_held_command_is_not_clipped(held: int) -> None:
+    record = damaged(machine(noise=0.0), lambda s: np.repeat(s[::held], held, axis=0)[: len(s)])
+    assert not [c for c in check_record(record) if c.check == "clipped" and c.verdict != "ok"]
+
+
+def test_a_rest_at_the_end_of_the_stroke_is_not_clipped() -> None:
+    """A position that comes to rest in single steps of its encoder."""
+    stroke = 0.1 * np.clip(np.sin(np.linspace(0, 20, 20_000)) * 1.0, -1, 1)
+    eased = np.round(np.tanh(20 * stroke) / 1e-4) * 1e-4
+    record = Record([Channel("x", "m")], eased[:, None], 1000.0)
+    assert not [c for c in check_record(record) if c.check == "clipped" and c.verdict != "ok"]
+
+
+def test_two_levels_are_not_clipped() -> None:
+    rng = np.random.default_rng(0)
+    levels = np.repeat(rng.choice([-1.0, 1.0], 2000), 10)
+    record = Record([Channel("F", "N")], levels[:, None], 1000.0)
+    assert not [c for c in check_record(record) if c.check == "clipped" and c.verdict != "ok"]
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "verdict"),
+    [
+        (0.05, 0.045, "ok"),  # dithered by a scatter of half a step
+        (0.5, 0.06, "note"),  # dithered, but coarse
+        (0.005, 0.045, "note"),  # repeats in every period, but is fine
+        (0.05, 0.15, "warning"),  # repeats, and is coarse
+        (0.05, 1.0, "warning"),
+    ],
+)
+def test_coarse_steps_are_told_by_what_they_do(noise: float, step: float, verdict: str) -> None:
+    """The scatter is about 0.4 of the noise over the rms of the channel."""
+
+    def rounded(v: np.ndarray) -> np.ndarray:
+        quantum = step * v.std()
+        return np.round(v / quantum) * quantum
+
+    record = damaged(machine(noise=noise), of(2, rounded))
+    found = check_record(record, cut(record))
+    assert worst(c for c in found if c.check == "quantized") == verdict
+
+
+def test_a_copied_sensor_is_refused_and_a_copied_force_told() -> None:
+    def sensor(samples: np.ndarray) -> np.ndarray:
+        samples[:, 3] = 2.5 * samples[:, 2]
+        return samples
+
+    def force(samples: np.ndarray) -> np.ndarray:
+        samples[:, 1] = samples[:, 0]
+        return samples
+
+    found = only(told(damaged(machine(), sensor)), "copied")
+    assert (found.channel, found.verdict) == ("x, y", "refused")
+    assert "y is 2.5 times x" in found.found
+    assert only(told(damaged(machine(), force)), "copied").verdict == "warning"
+
+
+def test_the_same_excitation_on_two_axes_is_no_copy() -> None:
+    """Equal commands, each with noise of its own; or without any."""
+
+    def same(samples: np.ndarray) -> np.ndarray:
+        samples[:, 1] = samples[:, 0] + 1e-3 * np.random.default_rng(5).normal(size=len(samples))
+        return samples
+
+    assert not [c for c in told(damaged(machine(), same)) if c.check == "copied"]
+    exact = machine(noise=0.0)
+    assert not [c for c in told(damaged(exact, same)) if c.check == "copied"]
+
+
+def test_identical_periods_are_said() -> None:
+    tiled = damaged(machine(), lambda s: np.tile(s[:SIZE], (60, 1)))
+    found = only(told(tiled), "identical periods")
+    assert "deviations of the result are unknown, not zero" in found.found
+
+
+def test_one_channel_without_scatter_is_named() -> None:
+    column = machine(noise=0.0).samples
+    for c, verdict in ((0, "note"), (2, "warning")):
+        record = damaged(machine(), of(c, lambda v, c=c: column[:, c]))  # type: ignore[misc]
+        (found,) = [k for k in told(record) if k.check == "identical periods"]
+        assert (found.channel, found.verdict) == (CHANNELS[c].name, verdict)
+
+
+@pytest.mark.parametrize(("count", "at"), [(1, 7000), (1, 8010), (20, 7100), (3, 13_000)])
+@pytest.mark.parametrize("speed", [0.0, 2 * np.pi * 140])
+def test_lost_samples_are_counted_and_placed(count: int, at: int, speed: float) -> None:
+    record = damaged(machine(speed=speed), lambda s: np.delete(s, slice(at, at + count), axis=0))
+    found = only(told(record), "lost samples")
+    assert found.found.startswith(f"{count} sample")
+    assert " lost between " in found.found
+    begin, end = (float(found.found.split(word)[1].split()[0]) for word in ("between ", "and "))
+    assert begin <= at / RATE <= end + 1 / RATE
+    assert end - begin < 2.1 / F0
+    assert found.verdict == ("refused" if speed else "warning")
+
+
+def test_a_sample_twice_is_found() -> None:
+    record = damaged(machine(), lambda s: np.insert(s, 7000, s[7000], axis=0))
+    assert only(told(record), "lost samples").found.startswith("1 sample too many")
+
+
+def test_samples_lost_by_some_channels_are_refused() -> None:
+    record = damaged(
+        machine(),
+        lambda s: np.hstack([s[:-2, :2], np.delete(s[:, 2:], slice(6000, 6002), axis=0)]),
+    )
+    found = only(told(record), "lost samples")
+    assert (found.channel, found.verdict) == ("x, y", "refused")
+    assert found.found.startswith("2 samples lost in x, y only")
+
+
+def stretched(samples: np.ndarray, ppm: float, columns: slice) -> np.ndarray:
+    """Sample some channels with a clock that is slow by so many ppm, exactly: lines turn."""
+    out = samples.copy()
+    time = np.arange(len(samples)) * (1 + ppm * 1e-6) / RATE
+    grid = np.exp(2j * np.pi * F0 * np.multiply.outer(time, LINES))
+    rest = np.exp(2j * np.pi * F0 * np.multiply.outer(np.arange(SIZE) / RATE, LINES))
+    lines = 2 * (rest.conj().T @ samples.reshape(-1, SIZE, 4).mean(axis=0)) / SIZE
+    noise = samples - (np.tile(rest, (len(samples) // SIZE, 1)) @ lines).real
+    out[:, columns] = ((grid @ lines).real + noise)[:, columns]
+    return out
+
+
+def test_a_period_that_is_not_the_one_given_is_found_with_its_true_value() -> None:
+    found = only(told(damaged(machine(200), lambda s: stretched(s, 20.0, slice(0, 4)))), "period")
+    assert "(-20 ppm)" in found.found
+    assert "20.0004 Hz, not 20" in found.found
+
+
+def test_two_clocks_are_found_with_the_channels_of_each() -> None:
+    record = damaged(machine(200), lambda s: stretched(s, 20.0, slice(2, 4)))
+    found = only(told(record), "clocks")
+    assert found.verdict == "refused"
+    assert found.found.startswith("x, y and F_x, F_y run on two clocks, ")
+    assert float(found.found.split("clocks, ")[1].split()[0]) == pytest.approx(20.0, rel=0.01)
+
+
+def test_a_knock_is_named_by_period_and_time() -> None:
+    def knock(samples: np.ndarray) -> np.ndarray:
+        samples[5000:5020] += 5 * SCALE
+        return samples
+
+    found = only(told(damaged(machine(), knock)), "knock")
+    assert "period 21 (1 s)" in found.found
+    assert found.channel == "F_x, F_y, x, y"
+
+
+def test_a_slow_change_is_a_drift_with_its_size() -> None:
+    ramp = np.linspace(0.99, 1.01, 60 * SIZE)[:, None] ** np.array([0, 0, 1, 1])
+    found = told(damaged(machine(noise=0.02), lambda s: s * ramp))
+    assert {(c.check, c.channel, c.verdict) for c in found} == {
+        ("drift", "x", "warning"),
+        ("drift", "y", "warning"),
+    }
+    assert " changes by 1.9" in found[0].found or " changes by 2" in found[0].found
+
+
+@pytest.mark.parametrize("periods", [3, 4, 6, 7, 20])
+def test_a_transient_is_found_with_few_periods_too(periods: int) -> None:
+    def start(samples: np.ndarray) -> np.ndarray:
+        return samples + 3 * SCALE * np.exp(-np.arange(len(samples)) / 60.0)[:, None]
+
+    found = only(told(damaged(machine(periods, noise=0.01), start)), "settled")
+    assert "skip" in found.found
+
+
+def test_two_periods_show_no_transient_and_it_is_said() -> None:
+    (found,) = [c for c in told(machine(2)) if c.check == "settled"]
+    assert found.verdict == "note"
+    assert "2 periods cannot show a transient" in found.found
+
+
+def test_lines_that_nothing_excites_are_told() -> None:
+    (found,) = told(machine(), lines=[1, 2, 3, 4, 5])
+    assert (found.check, found.verdict) == ("lines below noise", "note")
+    assert found.found.startswith("40, 80 Hz hold no input")
+    grave = told(machine(), lines=[2, 4, 6])
+    assert {c.verdict for c in grave} == {"warning"}
+    assert "no kept line of any input" in grave[0].found
