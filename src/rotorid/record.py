@@ -54,16 +54,6 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Check:
-    """What a channel showed before any model, and what follows from it."""
-
-    check: str
-    channel: str
-    found: str
-    verdict: Literal["ok", "note", "warning", "refused"]
-
-
-@dataclass(frozen=True)
 class Drive:
     """Says that an input's channel holds the current of a bearing: F = ki i + ks x.
 
