@@ -290,6 +290,14 @@ def test_two_periods_show_no_transient_and_it_is_said() -> None:
     assert "2 periods cannot show a transient" in found.found
 
 
+def test_masked_samples_are_not_looked_at() -> None:
+    record = damaged(machine(), clipped_at(0.8))
+    masked = replace(
+        record, valid=np.abs(record.samples[:, 2]) < np.abs(record.samples[:, 2]).max()
+    )
+    assert "clipped" not in [c.check for c in check_record(masked) if c.verdict != "ok"]
+
+
 def test_lines_that_nothing_excites_are_told() -> None:
     (found,) = told(machine(), lines=[1, 2, 3, 4, 5])
     assert (found.check, found.verdict) == ("lines below noise", "note")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,6 +60,8 @@ def check_record(record: Record, periods: PeriodicRecord | None = None) -> tuple
     >>> [c.check for c in found if c.verdict == "warning"]
     ['clipped']
     """
+    if record.valid is not None:
+        record = replace(record, samples=record.samples[record.valid], angle=None, valid=None)
     scatter = None if periods is None else _scatter(periods)
     found = {
         "dead": check_dead(record, scatter),
