@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
+from rotorid.commands.demo import NOISE
 from rotorid.demo import run_demo
 from rotorid.report.demo_plots import draw_overview
-
-SEED = 2026  # that of `rotorid demo`, whose figures the picture shows
 
 
 def main(folder: Path) -> None:
     """Write every picture into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    result = run_demo(60, rng=np.random.default_rng(SEED))
+    result = run_demo(60, rng=np.random.default_rng(NOISE))
     figure = draw_overview(result)
     figure.savefig(folder / "demo.png", dpi=120, metadata={"Software": None})
 

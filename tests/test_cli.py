@@ -1,5 +1,6 @@
 """The command line as its users meet it: output, files, exit codes."""
 
+import hashlib
 import json
 import os
 import signal
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import cli
+import rotorid.commands.demo
+import rotorid.commands.identify
+from rotorid import cli, commands
 from rotorid.errors import NotConvergedError, NotIdentifiableError
 from rotorid.estimate import Value
 
@@ -160,14 +163,14 @@ def test_a_model_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "demo.json"
-    assert cli.run(["demo", "--seeds", "3", "--json", str(target)]) == 0
+    assert cli.run(["demo", "--runs", "3", "--json", str(target)]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias", "ml", "bound"):
         assert text in printed.out
     data = json.loads(target.read_text())
-    assert set(data) == {"seeds", "noise", "estimators", "bound"}
-    assert data["seeds"] == 3
+    assert set(data) == {"runs", "noise", "estimators", "bound"}
+    assert data["runs"] == 3
     assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
     row = data["estimators"]["ls"]["I_t*mu - I_p*mu"]
     assert set(row) == {"bias_percent", "rms_percent", "median_abs_percent"}
@@ -189,7 +192,7 @@ def test_exit_codes_and_results(
 ) -> None:
     """The result is written with its status, whatever it is."""
     estimate = rid.Estimate("jeffcott", "ls", status, (Value("m", "kg", 1.0, 0.1),))
-    monkeypatch.setattr(cli, "identify_model", lambda *_: estimate)
+    monkeypatch.setattr(commands.identify, "identify", lambda *_: estimate)
     assert cli.run(["identify", "run.toml", "--json", "run.json", *options]) == code
     assert rid.load_estimate("run.json").status == status
 
@@ -201,7 +204,7 @@ def test_errors_that_carry_an_estimate(
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(cli, "identify_model", fail)
+    monkeypatch.setattr(commands.identify, "identify", fail)
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (folder / "run.json").exists()
@@ -228,8 +231,8 @@ def test_errors_that_carry_an_estimate(
         ["validate", "none.json", "run.toml"],
         ["models", "jeffcot"],
         ["models", "none.toml"],
-        ["demo", "--seeds", "many"],
-        ["demo", "--seeds", "0"],
+        ["demo", "--runs", "many"],
+        ["demo", "--runs", "0"],
         ["--frob"],
     ],
 )
@@ -263,7 +266,7 @@ def test_debug_shows_the_traceback(folder: Path) -> None:
 def test_a_fault_of_the_program_is_one_line(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli, "identify_model", lambda *_: 1 / 0)
+    monkeypatch.setattr(commands.identify, "identify", lambda *_: 1 / 0)
     assert cli.run(["identify", "run.toml"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "internal error, ZeroDivisionError" in line
@@ -289,7 +292,7 @@ def test_an_interrupt_is_one_line_and_no_file(
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(cli, "run_demo", interrupt)
+    monkeypatch.setattr(commands.demo, "run_demo", interrupt)
     assert cli.run(["demo", "--json", "demo.json"]) == 130
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -302,3 +305,87 @@ def test_silent_in_a_pipe(folder: Path) -> None:
     assert process.stderr == b""
     assert b"\x1b" not in process.stdout
     assert process.stdout.decode("ascii").startswith("jeffcott, ml: ok")
+
+
+def test_a_result_says_where_it_comes_from(folder: Path) -> None:
+    command_line = ["identify", "run.toml", "--method", "ls", "--json", "run.json"]
+    assert cli.run(command_line) == 0
+    found = rid.load_estimate("run.json").provenance
+    assert found.command == "rotorid identify run.toml --method ls --json run.json"
+    assert found.experiment == EXPERIMENT
+    assert found.version == rid.__version__
+    sums = {source.file: source.sha256 for source in found.files}
+    assert sums == {
+        name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        for name in ("run.toml", "run.csv")
+    }
+
+
+def test_the_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--method", "batch", "--json", "run.json", "--report", "first.html"]
+    assert cli.run(["identify", "run.toml", *options]) == 0
+    assert cli.run(["report", "run.json"]) == 0
+    assert (folder / "run.html").read_text() == (folder / "first.html").read_text()
+    with (folder / "run.csv").open("a") as stream:
+        stream.write("\n")
+    capsys.readouterr()
+    assert cli.run(["report", "run.json", "--out", "again.html"]) == 0
+    assert "run.csv has changed since: the records are left out" in capsys.readouterr().out
+    html = (folder / "again.html").read_text()
+    assert "run.csv has changed since" in html
+    assert "Correlation of the parameters" in html
+    assert "Spectra" not in html
+    (folder / "run.csv").unlink()
+    assert cli.run(["report", "run.json"]) == 0
+    assert "run.csv is not there" in (folder / "run.html").read_text()
+
+
+def test_the_report_of_a_result_made_in_python(folder: Path) -> None:
+    rid.Estimate("jeffcott", "ls", "ok", (Value("m", "kg", 1.0, 0.1),)).save("bare.json")
+    assert cli.run(["report", "bare.json"]) == 0
+    assert "does not say which files it comes from" in (folder / "bare.html").read_text()
+
+
+@pytest.mark.parametrize("ending", [".csv", ".mat", ".tex", ".CSV"])
+def test_export(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -> None:
+    assert cli.run(["identify", "run.toml", "--method", "batch", "--json", "run.json"]) == 0
+    capsys.readouterr()
+    assert cli.run(["export", "run.json", "--to", f"run{ending}"]) == 0
+    assert capsys.readouterr().out == f"run{ending}: 5 parameters, 0 nuisance\n"
+    assert (folder / f"run{ending}").stat().st_size > 100
+
+
+def test_validate_writes_what_it_shows(folder: Path) -> None:
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    outputs = ["--json", "validation.json", "--report", "validation.html"]
+    assert cli.run(["validate", "run.json", "run.toml", *outputs]) == 0
+    data = json.loads((folder / "validation.json").read_text())
+    assert [row["name"] for row in data["channels"]] == ["F_x", "F_y"]
+    stated = rid.load_estimate("run.json").prediction
+    for row in data["channels"]:
+        assert row["relative_error"] == pytest.approx(stated[row["name"]].relative_error)
+    assert "validation" in (folder / "validation.html").read_text()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["export", "run.json", "--to", "run.xlsx"],
+        ["export", "run.json", "--to", "run"],
+        ["export", "run.json", "--to", "run.json"],
+        ["export", "run.json"],
+        ["report", "run.json", "--out", "run.csv"],
+        ["report", "run.json", "--out", "run.json"],
+        ["report", "run.toml"],
+        ["validate", "run.json", "run.toml", "--json", "run.json"],
+    ],
+)
+def test_outputs_never_replace_inputs(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert cli.run(["identify", "run.toml", "--method", "ls", "--json", "run.json"]) == 0
+    capsys.readouterr()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert cli.run(arguments) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

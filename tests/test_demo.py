@@ -16,7 +16,7 @@ from rotorid.identify import identify
 from rotorid.models import load_model
 from rotorid.signals.average import average
 
-# rms error in %, 60 seeds, in the order of the paper's table: found by scripts that share no code
+# rms error in %, 60 runs, in the order of the paper's table: found by scripts that share no code
 # with this package; docs/theory.md, section 5. Each is known to about 10 %.
 REFERENCE = {
     "batch-100": (
@@ -81,7 +81,7 @@ def test_ls_is_nearly_all_bias(demo: DemoResult) -> None:
 
 
 @pytest.mark.slow
-def test_500_seeds() -> None:
+def test_500_runs() -> None:
     """The paper's 56 errors are likely draws, and the deviations stated are those of the scatter.
 
     One test, so that the records are simulated once.
@@ -146,17 +146,17 @@ def test_records_depend_on_the_generator_alone() -> None:
     assert done == [(1, 3), (2, 3), (3, 3)]
 
 
-@pytest.mark.parametrize("seeds", [0, -3])
-def test_needs_a_seed(seeds: int) -> None:
-    with pytest.raises(InputError, match=f"found {seeds} seeds; expected one or more"):
-        run_demo(seeds, rng=np.random.default_rng(1))
+@pytest.mark.parametrize("runs", [0, -3])
+def test_needs_a_run(runs: int) -> None:
+    with pytest.raises(InputError, match=f"found {runs} runs; expected one or more"):
+        run_demo(runs, rng=np.random.default_rng(1))
 
 
 def test_written_figures(demo: DemoResult, tmp_path: Path) -> None:
     demo.save(tmp_path / "demo.json")
     data = json.loads((tmp_path / "demo.json").read_text())
-    assert set(data) == {"seeds", "noise", "estimators", "bound"}
-    assert data["seeds"] == 60
+    assert set(data) == {"runs", "noise", "estimators", "bound"}
+    assert data["runs"] == 60
     assert data["noise"] == {"force": 1.0, "position": 22e-6}
     assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
     assert data["bound"]["I_p"]["rms_percent"] == pytest.approx(0.0434, abs=1e-3)
@@ -170,12 +170,12 @@ def test_written_figures(demo: DemoResult, tmp_path: Path) -> None:
             assert figure["median_abs_percent"] == pytest.approx(np.median(abs(error)))
 
 
-def imagined(demo: DemoResult, seeds: int = 400, **spread: tuple[float, float]) -> DemoResult:
+def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -> DemoResult:
     """A result with errors of a given bias and scatter in %, by estimator."""
     rng = np.random.default_rng(8)
     values, deviations = {}, {}
     for name, (bias, scatter) in spread.items():
-        errors = bias + scatter * rng.standard_normal((seeds, len(demo.truth)))
+        errors = bias + scatter * rng.standard_normal((runs, len(demo.truth)))
         key = name.replace("_", "-")
         values[key] = demo.truth * (1 + errors / 100)
         deviations[key] = np.abs(demo.truth) * scatter / 100 * np.ones_like(errors)
@@ -219,11 +219,11 @@ def test_words_on_deviations_follow_the_figures(demo: DemoResult) -> None:
     assert "times the standard deviation that each estimate states" in findings(result)[-1]
 
 
-def test_few_seeds_say_so(demo: DemoResult) -> None:
-    sentences = findings(imagined(demo, seeds=3, batch_100=(0, 0.4), batch_10=(0, 0.4)))
+def test_few_runs_say_so(demo: DemoResult) -> None:
+    sentences = findings(imagined(demo, runs=3, batch_100=(0, 0.4), batch_10=(0, 0.4)))
     assert len(sentences) == 2
     assert "bias cannot be told from scatter" in sentences[-1]
-    alone = findings(imagined(demo, seeds=1, batch_100=(0, 0.4)))
+    alone = findings(imagined(demo, runs=1, batch_100=(0, 0.4)))
     assert alone[0].startswith("Over one record")
 
 
@@ -238,6 +238,6 @@ def test_deviation_of_a_ratio_of_rms_errors(demo: DemoResult) -> None:
 
 
 def test_share_of_bias(demo: DemoResult) -> None:
-    result = imagined(demo, seeds=2000, batch_100=(0.3, 0.4), ls=(0, 0.4))
+    result = imagined(demo, runs=2000, batch_100=(0.3, 0.4), ls=(0, 0.4))
     np.testing.assert_allclose(bias_share(result, "batch-100"), 0.09 / 0.25, atol=0.05)
     np.testing.assert_allclose(bias_share(result, "ls"), 0, atol=0.01)

@@ -1,64 +1,17 @@
 """Physical parameters of magnetically levitated rotors, each with an error bar that holds."""
 
-from importlib.metadata import version as _version
+from typing import Any
 
-__version__ = _version("rotorid")
+import lazy_loader
 
-from rotorid.errors import (
-    InputError,
-    ModelError,
-    NotConvergedError,
-    NotIdentifiableError,
-    ReadError,
-)
-from rotorid.estimate import Estimate, load_estimate
-from rotorid.estimators import (
-    Batch,
-    Constraint,
-    Estimator,
-    LeastSquares,
-    MaximumLikelihood,
-    Plan,
-    Sequential,
-    predict_accuracy,
-)
-from rotorid.experiment import Experiment, load_experiment
-from rotorid.identify import identify
-from rotorid.io import read_record
-from rotorid.models import Model, load_model, parse_model, shipped_models
-from rotorid.record import Channel, Drive, PeriodicRecord, Record
-from rotorid.rig import simulate, steady_state
-from rotorid.signals import average
+# The one place that decides what is loaded when: the public names stand in `__init__.pyi`, and
+# each is imported when it is first asked for.
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-__all__ = [
-    "Batch",
-    "Channel",
-    "Constraint",
-    "Drive",
-    "Estimate",
-    "Estimator",
-    "Experiment",
-    "InputError",
-    "LeastSquares",
-    "MaximumLikelihood",
-    "Model",
-    "ModelError",
-    "NotConvergedError",
-    "NotIdentifiableError",
-    "PeriodicRecord",
-    "Plan",
-    "ReadError",
-    "Record",
-    "Sequential",
-    "average",
-    "identify",
-    "load_estimate",
-    "load_experiment",
-    "load_model",
-    "parse_model",
-    "predict_accuracy",
-    "read_record",
-    "shipped_models",
-    "simulate",
-    "steady_state",
-]
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("rotorid")
+    return _load(name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from reprlib import Repr
 from textwrap import shorten
@@ -25,12 +24,16 @@ from pydantic import (
 
 from rotorid.errors import InputError, ReadError
 from rotorid.record import Check, Floats
+from rotorid.tables import Page, Table, page_html, page_text, table
 from rotorid.values import ByContent, read_only
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 SCHEMA = "rotorid-estimate/2"
+NOTICED = 0.01  # p-value below which the tables say where the misfit lies
+WORST = 8  # lines or equations that they list: what a screen holds
 READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
@@ -241,7 +244,6 @@ class Estimate(ByContent):
     <BLANKLINE>
     parameters  value    std  std %  unit
     m           2.000  0.010   0.50  kg
-    <BLANKLINE>
     """
 
     model: str
@@ -297,8 +299,8 @@ class Estimate(ByContent):
         return np.asarray(self.covariance / np.outer(scale, scale))
 
     @property
-    def tables(self) -> dict[str, list[tuple[str, ...]]]:
-        """Rows of text of the parameters, nuisance and derived quantities, headings first.
+    def value_tables(self) -> list[Table]:
+        """The parameters, nuisance and derived quantities.
 
         What is derived by its own name alone is left out, and so are inflated deviations where
         they are those that stand beside them.
@@ -309,7 +311,17 @@ class Estimate(ByContent):
             "nuisance": self.nuisance,
             "derived": tuple(value for value in self.derived if value.name not in names),
         }
-        return {title: _table(title, values) for title, values in parts.items() if values}
+        return [_table(title, values) for title, values in parts.items() if values]
+
+    @property
+    def tables(self) -> list[Table]:
+        """The values, other answers that fit, what the data showed, and where the misfit lies."""
+        return [
+            *self.value_tables,
+            *_alternative_tables(self),
+            *_check_tables(self),
+            *_misfit_tables(self),
+        ]
 
     @property
     def notes(self) -> list[str]:
@@ -344,27 +356,41 @@ class Estimate(ByContent):
         found = shorten(names, 120, placeholder="...")
         return f"<Estimate {shorten(self.model, 40)}, {self.method}: {self.status}; {found}>"
 
+    @property
+    def page(self) -> Page:
+        """All there is to read: status, tables, and notes on them."""
+        return [f"{self.model}, {self.method}: {self.status}", *self.tables, *self.notes]
+
     def __str__(self) -> str:
-        lines = [f"{self.model}, {self.method}: {self.status}"]
-        for rows in self.tables.values():
-            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-            lines += ["", *(_aligned(row, widths) for row in rows)]
-        return "\n".join([*lines, "", *self.notes])
+        return page_text(self.page)
 
     def _repr_html_(self) -> str:
         """Return the tables for a notebook."""
-        html = [f"<p><b>{escape(f'{self.model}, {self.method}: {self.status}')}</b></p>"]
-        for headings, *rows in self.tables.values():
-            cells = [f"<th>{escape(text)}</th>" for text in headings]
-            html += ["<table><tr>", *cells, "</tr>"]
-            for row in rows:
-                html += ["<tr>", *(f"<td>{escape(text)}</td>" for text in row), "</tr>"]
-            html.append("</table>")
-        return "".join([*html, *(f"<p>{escape(note)}</p>" for note in self.notes)])
+        return page_html(self.page)
 
     def with_(self, **changes: Any) -> Estimate:
         """Return a copy with some fields replaced."""
         return replace(self, **changes)
+
+    def plot(self) -> Figure:
+        """Draw the deviations in percent and the correlations; returns a matplotlib figure.
+
+        Raises
+        ------
+        InputError
+            For an estimate without covariance.
+        """
+        from rotorid.plots.pictures import draw_estimate  # takes its time to load
+
+        if not 0 < len(self.free) == len(self.covariance):
+            raise InputError(
+                "an estimate without covariance", "one row per free parameter", "see its status"
+            )
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        size = np.abs([value.value for value in self.free])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            percent = 100 * deviation / size
+        return draw_estimate([value.name for value in self.free], percent, self.correlation)
 
     def to_frame(self) -> pd.DataFrame:
         """Return every quantity as a row of a pandas data frame, indexed by name.
@@ -416,10 +442,64 @@ _EVERY = {"__all__": {"fixed", "std_inflated"}}
 _LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
 
 
-def _table(title: str, values: Sequence[Value]) -> list[tuple[str, ...]]:
-    """Return headings and rows: name, value, deviation, the same in percent, inflated, unit."""
-    rows = [(title, "value", "std", "std %", "inflated", "unit"), *map(_row, values)]
-    return rows if _inflated(values) else [(*row[:4], row[5]) for row in rows]
+def _table(title: str, values: Sequence[Value]) -> Table:
+    """Return name, value, deviation, the same in percent, inflated, unit."""
+    if _inflated(values):
+        return table((title, "value", "std", "std %", "inflated", "unit"), map(_row, values))
+    rows = [(*cells[:4], cells[5]) for cells in map(_row, values)]
+    return table((title, "value", "std", "std %", "unit"), rows)
+
+
+def _alternative_tables(estimate: Estimate) -> list[Table]:
+    """Return the other answers beside this one."""
+    if not estimate.alternatives:
+        return []
+    others = [dict(alternative.parameters) for alternative in estimate.alternatives]
+    names = dict.fromkeys(name for other in others for name in other)
+    own = {value.name: value.value for value in estimate.parameters}
+    cost = [estimate.misfit and estimate.misfit.cost, *(a.cost for a in estimate.alternatives)]
+    headings = ("other answers", "this", *(f"no. {i + 1}" for i in range(len(others))))
+    rows = [
+        (name, *("" if name not in o else f"{o[name]:.6g}" for o in (own, *others)))
+        for name in names
+    ]
+    costs = ("cost", *("" if c is None else f"{c:.4g}" for c in cost))
+    return [table(headings, [*rows, costs])]
+
+
+def _check_tables(estimate: Estimate) -> list[Table]:
+    """Return what the data showed before any model, where it is not simply right."""
+    rows = [(c.check, c.channel, c.found, c.verdict) for c in estimate.checks if c.verdict != "ok"]
+    return [table(("check", "channel", "found", "verdict"), rows)] if rows else []
+
+
+def _misfit_tables(estimate: Estimate) -> list[Table]:
+    """Return where the misfit lies, worst first; nothing where it is what noise leaves."""
+    if estimate.misfit is None or estimate.misfit.p_value > NOTICED:
+        return []
+    several = len({row.record for row in estimate.line_misfit}) > 1
+    lines = [
+        (f"{row.frequency_hz:.6g} Hz" + f", record {row.record + 1}" * several, row)
+        for row in estimate.line_misfit
+    ]
+    equations = [
+        (row.equation + f", record {row.record + 1}" * several, row)
+        for row in estimate.equation_misfit
+    ]
+    return [
+        _misfit_table(title, rows)
+        for title, rows in (("misfit by line", lines), ("misfit by equation", equations))
+        if rows
+    ]
+
+
+def _misfit_table(title: str, rows: Sequence[tuple[str, LineMisfit | EquationMisfit]]) -> Table:
+    def excess(named: tuple[str, LineMisfit | EquationMisfit]) -> float:
+        return named[1].cost - named[1].expected
+
+    worst = sorted(rows, key=excess, reverse=True)[:WORST]
+    cells = [(name, f"{row.cost:.4g}", f"{row.expected:.4g}") for name, row in worst]
+    return table((title, "cost", "expected"), cells)
 
 
 def _inflated(values: Sequence[Value]) -> bool:
@@ -448,16 +528,6 @@ def _two_digits(number: float) -> str:
 
 def _percent(prediction: Prediction) -> str:
     return f"{100 * prediction.relative_error:.3g} %"
-
-
-def _aligned(row: Sequence[str], widths: Sequence[int]) -> str:
-    """Return a line: names and units to the left, numbers to the right."""
-    last = len(row) - 1
-    cells = [
-        text.ljust(width) if i in (0, last) else text.rjust(width)
-        for i, (text, width) in enumerate(zip(row, widths, strict=True))
-    ]
-    return "  ".join(cells).rstrip()
 
 
 def load_estimate(path: str | Path) -> Estimate:

@@ -3,7 +3,6 @@
 import base64
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,19 +10,24 @@ import pytest
 
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.paper import TABLE
-from rotorid.estimate import Estimate, Misfit, Suspect
+from rotorid.estimate import (
+    EquationMisfit,
+    Estimate,
+    LineMisfit,
+    Misfit,
+    Provenance,
+    SourceFile,
+    Suspect,
+)
 from rotorid.estimators import LeastSquares
 from rotorid.identify import identify
 from rotorid.models import Model, load_model, parse_model
 from rotorid.record import Channel, PeriodicRecord
-from rotorid.report.html import (
-    demo_report,
-    estimate_report,
-    write_demo_report,
-    write_estimate_report,
-)
+from rotorid.report.demo import demo_report
+from rotorid.report.estimate import estimate_report, validation_report
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
+from rotorid.tables import table
 
 HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 VOID = {"meta", "img", "br"}
@@ -89,10 +93,8 @@ def model() -> Model:
 
 
 @pytest.fixture(scope="module")
-def demo_page(demo: DemoResult, tmp_path_factory: pytest.TempPathFactory) -> Page:
-    path = tmp_path_factory.mktemp("report") / "demo.html"
-    write_demo_report(demo, path)
-    return Page(path.read_text(encoding="utf-8"))
+def demo_page(demo: DemoResult) -> Page:
+    return Page(demo_report(demo))
 
 
 def record(model: Model, noise: float = 1e-3, periods: int = 40) -> PeriodicRecord:
@@ -124,15 +126,8 @@ def estimate(model: Model, periods: PeriodicRecord) -> Estimate:
 
 
 @pytest.fixture(scope="module")
-def estimate_page(
-    estimate: Estimate,
-    model: Model,
-    periods: PeriodicRecord,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Page:
-    path = tmp_path_factory.mktemp("report") / "run.html"
-    write_estimate_report(estimate, model, [periods], path)
-    return Page(path.read_text(encoding="utf-8"))
+def estimate_page(estimate: Estimate, model: Model, periods: PeriodicRecord) -> Page:
+    return Page(estimate_report(estimate, model, [periods]))
 
 
 def test_demo_report_is_self_contained(demo_page: Page) -> None:
@@ -163,7 +158,7 @@ def test_demo_report_holds_table_findings_and_deviations(demo: DemoResult, demo_
     assert "xi m2 Omega^2 = 77.112 N" in words
 
 
-def test_demo_report_of_one_seed() -> None:
+def test_demo_report_of_one_run() -> None:
     page = Page(demo_report(run_demo(1, rng=np.random.default_rng(3))))
     assert "bias cannot be told from scatter" in page.words
     assert "Do the stated deviations hold?" not in page.words
@@ -174,8 +169,8 @@ def test_estimate_report_shows_the_estimate(
 ) -> None:
     page = estimate_page
     check_self_contained(page, images=3)
-    for _, *rows in estimate.tables.values():
-        for row in rows:
+    for shown in estimate.tables:
+        for row in shown.rows:
             assert "".join(row) in page.text.replace("\n", "")
     for note in estimate.notes:
         assert note in page.words
@@ -281,6 +276,46 @@ def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
         assert warning in page.words
 
 
-def test_a_file_that_cannot_be_written(estimate: Estimate, model: Model, tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="missing"):
-        write_estimate_report(estimate, model, [], tmp_path / "missing" / "run.html")
+def test_where_the_misfit_lies(estimate: Estimate, model: Model, periods: PeriodicRecord) -> None:
+    lines = tuple(LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
+    rows = tuple(EquationMisfit(0, name, cost, 18.0) for name, cost in (("x", 70.25), ("y", 20)))
+    found = estimate.with_(
+        misfit=Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines, equation_misfit=rows
+    )
+    page = Page(estimate_report(found, model, [periods]))
+    check_self_contained(page, images=4)
+    assert "Misfit line by line" in page.values("alt")
+    assert "20 Hz90.5" in page.words
+    assert "x70.2518" in page.words
+    text = str(found).splitlines()
+    start = text.index("misfit by line  cost  expected")
+    assert [line.split()[0] for line in text[start + 1 : start + 4]] == ["20", "30", "10"]
+    fits = found.with_(misfit=Misfit(37.0, 36.0, 30, 0.4))
+    assert "misfit by line" not in str(fits)
+
+
+def test_where_an_estimate_comes_from(
+    estimate: Estimate, model: Model, periods: PeriodicRecord
+) -> None:
+    source = Provenance((SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify")
+    page = Page(estimate_report(estimate.with_(provenance=source), model, [periods]))
+    for text in ("run<1>.csv", "sha256 ab12", "model = 1", "rotorid identify, rotorid 0.1"):
+        assert text in page.words
+
+
+def test_of_an_estimate_alone(estimate: Estimate) -> None:
+    page = Page(estimate_report(estimate, None, [], ["run.csv is not there"]))
+    check_self_contained(page, images=1)
+    assert "run.csv is not there" in page.words
+    assert "Records" not in page.words
+
+
+def test_of_a_validation(estimate: Estimate, model: Model, periods: PeriodicRecord) -> None:
+    page = Page(
+        validation_report(
+            estimate, model, [periods], [table(("name", "error"), [("F_x", "3 %")]), "a note"]
+        )
+    )
+    check_self_contained(page, images=2)
+    for text in ("validation", "F_x3 %", "a note", "Measured and predicted"):
+        assert text in page.words

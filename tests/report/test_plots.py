@@ -8,15 +8,12 @@ import pytest
 
 from rotorid.demo import DemoResult, run_demo
 from rotorid.demo.paper import TABLE
+from rotorid.errors import InputError
+from rotorid.plots.pictures import draw_correlation, draw_forces, draw_misfit
+from rotorid.plots.spectra import draw_filter, draw_spectra
+from rotorid.plots.style import label, svg
 from rotorid.report.demo_plots import draw_errors, draw_overview, example_waves
-from rotorid.report.plots import (
-    draw_correlation,
-    draw_filter,
-    draw_forces,
-    draw_spectra,
-    force_waves,
-)
-from rotorid.report.style import label, svg
+from rotorid.report.plots import force_waves
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
@@ -102,6 +99,23 @@ def test_correlation_names_rows_and_columns() -> None:
     axes = draw_correlation(["a", "b"], np.array([[1.0, -0.9], [-0.9, 1.0]])).axes[0]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "b"]
     assert {text.get_text() for text in axes.texts} == {"\N{MINUS SIGN}.9"}
+
+
+def test_misfit_is_drawn_over_its_expectation() -> None:
+    axes = draw_misfit([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0, 12.0, 12.0]).axes[0]
+    np.testing.assert_allclose(curve(axes, "record 1"), [[10, 20], [1, 7.5]])
+    np.testing.assert_allclose(curve(axes, "record 2"), [[10], [1]])
+
+
+def test_deviations_of_an_estimate_are_drawn_in_percent(demo: DemoResult) -> None:
+    estimate = demo.example.estimates["batch-100"]
+    left, right, _ = estimate.plot().axes
+    assert [text.get_text() for text in left.get_yticklabels()] == [v.name for v in estimate.free]
+    percent = [100 * v.std / abs(v.value) for v in estimate.free]
+    np.testing.assert_allclose(left.lines[0].get_xdata(), percent)
+    np.testing.assert_allclose(right.images[0].get_array(), estimate.correlation)
+    with pytest.raises(InputError, match="without covariance"):
+        estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
 def test_pictures_are_the_same_each_time_and_leave_no_trace(demo: DemoResult) -> None:

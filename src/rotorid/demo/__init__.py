@@ -1,4 +1,4 @@
-"""The seed's numerical example, run many times: every estimator against the truth."""
+"""The paper's numerical example, run many times: every estimator against the truth."""
 
 from rotorid.demo.findings import findings
 from rotorid.demo.run import ESTIMATORS, DemoResult, Example, run_demo

@@ -8,15 +8,15 @@ from rotorid.demo.paper import TABLE, printed_error
 from rotorid.demo.run import DemoResult
 from rotorid.record import Floats
 
-ENOUGH = 10  # seeds, below which bias cannot be told from scatter
+ENOUGH = 10  # records, below which bias cannot be told from scatter
 FIRM = 2.0  # standard errors
 
 
 def findings(result: DemoResult) -> list[str]:
-    """Return sentences on what the errors of all seeds show."""
+    """Return sentences on what the errors of all records show."""
     sentences = [_sizes(result)]
-    if result.seeds < ENOUGH:
-        return [*sentences, "From so few bias cannot be told from scatter: take more seeds."]
+    if result.runs < ENOUGH:
+        return [*sentences, "From so few bias cannot be told from scatter: take more runs."]
     have = set(result.estimators)
     if {"ls", "batch-100"} <= have:
         sentences += [_least_squares(result)]
@@ -30,13 +30,13 @@ def findings(result: DemoResult) -> list[str]:
 
 
 def _sizes(result: DemoResult) -> str:
-    seeds = f"{result.seeds} records" if result.seeds > 1 else "one record"
+    records = f"{result.runs} records" if result.runs > 1 else "one record"
     parts = []
     for name in result.estimators:
         rms = result.rms(name)
         parts.append(f"{rms.min():.2g} to {rms.max():.2g} % ({name})")
     return (
-        f"Over {seeds} with fresh noise, the rms errors of the {len(result.names)} base "
+        f"Over {records} with fresh noise, the rms errors of the {len(result.names)} base "
         f"parameters are {_listed(parts)}."
     )
 
@@ -44,7 +44,7 @@ def _sizes(result: DemoResult) -> str:
 def bias_share(result: DemoResult, estimator: str) -> Floats:
     """Return the share of bias in the mean square error, shape (base,).
 
-    The square of the mean error is freed of the part that scatter over few seeds gives it.
+    The square of the mean error is freed of the part that scatter over few records gives it.
     """
     errors = result.errors(estimator)
     chance = errors.var(axis=0, ddof=1) / len(errors)

@@ -1,4 +1,4 @@
-"""The seed's section 3, simulated and identified with fresh noise as often as asked for.
+"""Section 3 of Levy and Arogeti, simulated and identified with fresh noise as often as asked for.
 
 The bearings drive the rotor of the model `three-mass` by
 
@@ -68,14 +68,14 @@ class Example:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """Estimates over all seeds beside the truth.
+    """Estimates over all runs beside the truth.
 
     Parameters
     ----------
     names, units : tuple of str
         Base parameters of the model.
     truth : array, shape (base,)
-    values, deviations : mapping of estimator name to array, shape (seed, base)
+    values, deviations : mapping of estimator name to array, shape (run, base)
         Estimates and the standard deviations that they state.
     bound : array, shape (base,)
         The least standard deviation that an unbiased estimate can have (Cramer and Rao).
@@ -96,12 +96,12 @@ class DemoResult:
         return tuple(self.values)
 
     @property
-    def seeds(self) -> int:
+    def runs(self) -> int:
         """Number of records."""
         return min(len(values) for values in self.values.values())
 
     def errors(self, estimator: str) -> Floats:
-        """Return the relative errors in %, shape (seed, base)."""
+        """Return the relative errors in %, shape (run, base)."""
         return 100 * (self.values[estimator] / self.truth - 1)
 
     def bias(self, estimator: str) -> Floats:
@@ -129,7 +129,7 @@ class DemoResult:
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as plain data, as ``rotorid demo --json`` writes them."""
         return {
-            "seeds": self.seeds,
+            "runs": self.runs,
             "noise": {"force": FORCE_NOISE, "position": POSITION_NOISE},
             "estimators": {
                 estimator: {
@@ -205,31 +205,31 @@ def simulate_record(model: Model, rng: np.random.Generator | None = None) -> Rec
 
 
 def run_demo(
-    seeds: int = 60,
+    runs: int = 60,
     *,
     rng: np.random.Generator,
     estimators: Mapping[str, Estimator] = ESTIMATORS,
     progress: Callable[[int, int], None] | None = None,
 ) -> DemoResult:
-    """Simulate the seed's example `seeds` times and identify it with every estimator."""
-    if seeds < 1:
-        raise InputError(f"{seeds} seeds", "one or more", "ask for more", place="--seeds")
+    """Simulate the paper's example `runs` times and identify it with every estimator."""
+    if runs < 1:
+        raise InputError(f"{runs} runs", "one or more", "ask for 60", place="runs")
     model = load_model("three-mass")
     names = model.base.names
-    values = {name: np.empty((seeds, len(names))) for name in estimators}
-    deviations = {name: np.empty((seeds, len(names))) for name in estimators}
+    values = {name: np.empty((runs, len(names))) for name in estimators}
+    deviations = {name: np.empty((runs, len(names))) for name in estimators}
     example = None
     with threadpool_limits(1, "blas"):  # matrices so small that threads only wait for each other
-        for seed, child in enumerate(rng.spawn(seeds)):
+        for run, child in enumerate(rng.spawn(runs)):
             record = simulate_record(model, child)
             periods = average(record, FUNDAMENTAL, harmonics=HARMONICS)
             found = {name: identify(model, periods, e) for name, e in estimators.items()}
             example = example or Example(model, record, periods, found)
             for name, estimate in found.items():
-                values[name][seed] = [estimate.value(base) for base in names]
-                deviations[name][seed] = [estimate[base].std or np.nan for base in names]
+                values[name][run] = [estimate.value(base) for base in names]
+                deviations[name][run] = [estimate[base].std or np.nan for base in names]
             if progress is not None:
-                progress(seed + 1, seeds)
+                progress(run + 1, runs)
     assert example is not None
     truth = model.base_values(model.values(model.nominal))
     bounds = predict_accuracy(model, demo_plan(model), MaximumLikelihood(base=True))

@@ -1,4 +1,4 @@
-"""Pictures of the demonstration: the errors of every estimator over all seeds."""
+"""Pictures of the demonstration: the errors of every estimator over all records."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from matplotlib.lines import Line2D
 
 from rotorid.demo import DemoResult
 from rotorid.demo.paper import TABLE, PaperRow, printed_error
-from rotorid.report.plots import ForceWaves, draw_force, draw_line_filter, force_waves
-from rotorid.report.style import BLUE, GREEN, INK, PINK, RED, SKY, new_figure, panels, styled
+from rotorid.plots.pictures import ForceWaves, draw_force
+from rotorid.plots.spectra import draw_line_filter
+from rotorid.plots.style import BLUE, GREEN, INK, PINK, RED, SKY, new_figure, panels, styled
+from rotorid.report.plots import force_waves
 
 COLOURS = {"batch-100": BLUE, "batch-10": SKY, "sequential": GREEN, "ls": RED}
 SHOWN_CHANNEL, SHOWN_LINE = "x1", 180.0
@@ -56,7 +58,7 @@ def _draw_parameter(axes: Axes, result: DemoResult, row: PaperRow) -> None:
 
 def _key(result: DemoResult) -> list[Line2D]:
     return [
-        Line2D([], [], color=INK, lw=1.4, label=f"5 to 95 % of {result.seeds} records"),
+        Line2D([], [], color=INK, lw=1.4, label=f"5 to 95 % of {result.runs} records"),
         Line2D([], [], color=INK, lw=6, solid_capstyle="butt", label="the middle half"),
         Line2D([], [], color=INK, marker="o", mfc="white", ls="none", ms=5, label="median"),
         Line2D(
@@ -85,7 +87,7 @@ def draw_rms(axes: Axes, result: DemoResult) -> None:
     axes.set_xscale("log")
     axes.set_xticks((0.2, 0.5, 1, 2, 5), ("0.2", "0.5", "1", "2", "5"))
     axes.minorticks_off()
-    axes.set_xlabel(f"rms error in %, {result.seeds} records")
+    axes.set_xlabel(f"rms error in %, {result.runs} records")
 
 
 def example_waves(result: DemoResult, estimator: str) -> ForceWaves:

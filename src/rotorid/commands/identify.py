@@ -1,0 +1,65 @@
+"""``rotorid identify``."""
+
+from __future__ import annotations
+
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from rotorid import __version__
+from rotorid.commands import NO_ANSWER, OK
+from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.errors import InputError, NotConvergedError, NotIdentifiableError
+from rotorid.estimate import Provenance, SourceFile
+from rotorid.experiment import Experiment, load_experiment
+from rotorid.identify import identify
+from rotorid.io.output import check_apart
+
+
+def run(
+    experiment: Path,
+    method: Any,
+    strict: bool,
+    json: Path | None,
+    report: Path | None,
+    given: str,
+) -> int:
+    """Identify what an experiment file describes; the exit code says whether there is an answer."""
+    targets = check_outputs(json, report)
+    with progress("reading"):
+        plan = load_experiment(experiment)
+        check_apart(targets, plan.files)
+        estimator, records = plan.estimator(method), plan.records(method)
+    with progress("identifying"):
+        try:
+            estimate = identify(plan.model, records, estimator)
+        except (NotIdentifiableError, NotConvergedError) as error:
+            if error.estimate is None:
+                raise
+            estimate = error.estimate
+        except InputError as error:
+            raise error.at(file=str(experiment)) from None
+    if targets:
+        estimate = estimate.with_(provenance=provenance(plan, given))
+
+    def html() -> str:
+        from rotorid.report.estimate import estimate_report  # pictures take their time to load
+
+        return estimate_report(estimate, plan.model, records)
+
+    write((json, estimate.save), (report, write_text(html)))
+    show(estimate.page)
+    answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
+    return OK if answered else NO_ANSWER
+
+
+def provenance(plan: Experiment, command: str) -> Provenance:
+    """Return what went into an estimate: files with their sha256, experiment, version, command."""
+    files = [path for path in dict.fromkeys(plan.files) if path.is_file()]
+    text = Path(plan.file).read_text(encoding="utf-8")
+    return Provenance(tuple(map(_source, files)), text, __version__, command)
+
+
+def _source(path: Path) -> SourceFile:
+    with path.open("rb") as stream:
+        return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

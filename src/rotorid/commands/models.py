@@ -1,0 +1,17 @@
+"""``rotorid models``."""
+
+from __future__ import annotations
+
+from rotorid.commands import OK
+from rotorid.commands.console import show
+from rotorid.models import load_model, shipped_models
+from rotorid.report.model_page import model_list, model_page
+
+
+def run(name: str | None) -> int:
+    """List the shipped models, or show one."""
+    if name is None:
+        show([model_list(load_model(shipped) for shipped in shipped_models())])
+    else:
+        show(model_page(load_model(name)))
+    return OK

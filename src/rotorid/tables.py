@@ -1,0 +1,99 @@
+"""Tables: described once, shown as text, as HTML and in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+GAP = "  "
+_NUMBER = tuple("+-.0123456789\N{MINUS SIGN}")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Headings and rows of text; the first column names the rows.
+
+    Columns that hold numbers, where they say anything, stand to the right.
+    """
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which columns hold numbers, shape (column,)."""
+        columns = list(zip(self.headings, *self.rows, strict=True))
+        return (False, *(_is_numeric(cells) for _, *cells in columns[1:]))
+
+    def text(self, width: int | None = None) -> str:
+        """Return aligned columns; those that do not fit a width follow below, with the names."""
+        columns = [
+            _aligned(cells, right)
+            for cells, right in zip(
+                zip(self.headings, *self.rows, strict=True), self.numeric, strict=True
+            )
+        ]
+        names, rest = columns[0], columns[1:]
+        blocks = [[names]]
+        for column in rest:
+            used = sum(len(c[0]) + len(GAP) for c in blocks[-1])
+            if width is not None and len(blocks[-1]) > 1 and used + len(column[0]) > width:
+                blocks.append([names])
+            blocks[-1].append(column)
+        return "\n\n".join(
+            "\n".join(GAP.join(row).rstrip() for row in zip(*block, strict=True))
+            for block in blocks
+        )
+
+    def html(self) -> str:
+        """Return an HTML table; numbers have the class ``number``."""
+        marks = ['class="number"' if n else "" for n in self.numeric]
+        cells = zip(self.headings, marks, strict=True)
+        lines = ["<table>", "<thead><tr>", *(_cell("th", text, mark) for text, mark in cells)]
+        lines += ["</tr></thead>", "<tbody>"]
+        for name, *values in self.rows:
+            lines += ["<tr>", _cell("th", name, 'scope="row"')]
+            lines += [_cell("td", text, m) for text, m in zip(values, marks[1:], strict=True)]
+            lines += ["</tr>"]
+        return "".join([*lines, "</tbody></table>"])
+
+
+Page = Sequence[str | Table]
+
+
+def page_text(page: Page, width: int | None = None) -> str:
+    """Return sentences and tables as text, a blank line about every table."""
+    parts: list[str] = []
+    for index, part in enumerate(page):
+        if isinstance(part, Table):
+            if index and parts[-1]:
+                parts.append("")
+            parts += [part.text(width), ""]
+        else:
+            parts.append(part)
+    return "\n".join(parts).rstrip("\n")
+
+
+def page_html(page: Page) -> str:
+    """Return sentences and tables as HTML."""
+    return "".join(p.html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in page)
+
+
+def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+    """Return a table of headings and rows."""
+    return Table(tuple(headings), tuple(tuple(row) for row in rows))
+
+
+def _is_numeric(cells: Sequence[str]) -> bool:
+    said = [cell for cell in cells if cell not in ("", "fixed")]
+    return all(cell.startswith(_NUMBER) for cell in said) and bool(said)
+
+
+def _aligned(cells: Sequence[str], right: bool) -> list[str]:
+    width = max(map(len, cells))
+    return [cell.rjust(width) if right else cell.ljust(width) for cell in cells]
+
+
+def _cell(tag: str, text: str, mark: str) -> str:
+    return f"<{tag} {mark}>{escape(text)}</{tag}>" if mark else f"<{tag}>{escape(text)}</{tag}>"
