@@ -139,8 +139,7 @@ class Record:
     speed : float
         Mean speed of rotation in rad/s; 0 at standstill.
     angle : array, shape (sample,), optional
-        Rotor angle phi in rad at each sample; ``None`` means ``speed * t``, t = 0 at the first
-        sample.
+        Rotor angle phi in rad at each sample; ``None`` means ``speed * t``.
     phase_known : bool
         False where the angle is known up to a constant only.
     source : str
@@ -149,6 +148,8 @@ class Record:
         False where a sample is to be left out: periods that hold one are.
     warnings : sequence of str
         What was done to the samples when they were read.
+    start : float
+        Time in s of the first sample; t counts from the first sample of the file.
 
     Raises
     ------
@@ -171,6 +172,7 @@ class Record:
     source: str = ""
     valid: Booleans | None = None
     warnings: tuple[str, ...] = ()
+    start: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
@@ -237,7 +239,8 @@ class Record:
         """Return phi in rad at each sample, shape (sample,)."""
         if self.angle is not None:
             return self.angle
-        return np.asarray(self.speed * np.arange(len(self.samples)) / self.sample_rate, dtype=float)
+        time = self.start + np.arange(len(self.samples)) / self.sample_rate
+        return np.asarray(self.speed * time, dtype=float)
 
 
 @dataclass(frozen=True)

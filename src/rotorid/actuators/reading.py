@@ -127,6 +127,7 @@ def forces(
         source=record.source,
         valid=record.valid,
         warnings=record.warnings,
+        start=record.start,
     )
 
 

@@ -144,6 +144,7 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
         time=timing(entry),
         speed=entry.speed,
         phase=entry.phase or 0.0,
+        skip=entry.skip or 0.0,
         until=entry.until,
         mask=entry.mask,
         fundamental=entry.fundamental,

@@ -75,7 +75,7 @@ def read_clock(time: Floats) -> Clock:
     deviation = centred - slope * index
     resolution = _resolution(time)
     furthest = float(np.abs(deviation).max())
-    even = furthest <= _EVEN * slope or (
+    even = furthest <= max(_EVEN * slope, _spacing(time)) or (
         resolution <= slope / 2 and furthest <= _ROUNDED * resolution
     )
     rate = Rate((count - 1) / span, max(resolution, furthest) / span)
@@ -118,11 +118,15 @@ def _gap(time: Floats, step: float, wrong: np.ndarray) -> ReadError:
     )
 
 
+def _spacing(time: Floats) -> float:
+    """Return what the arithmetic that led to times may have rounded."""
+    return 4 * float(np.spacing(np.abs(time).max()))
+
+
 def _resolution(time: Floats) -> float:
     """Return the decimal digit to which times are written, or else that of their numbers."""
-    largest = float(np.abs(time).max())
-    least = 4 * float(np.spacing(largest))
-    some = time[:: max(1, len(time) // 1000)]  # a digit that a thousand lack is in none
+    least = _spacing(time)
+    some = np.concatenate([time[:500], time[-500:]])  # a digit that a thousand lack is in none
     for digit in 10.0 ** np.arange(0, -13, -1):
         if digit < least:
             break

@@ -24,13 +24,13 @@ _DELIMITERS = ("\t", ";", ",", " ")
 _BODY = 12  # rows from which the delimiter is judged
 _RATE = re.compile(
     r"(?:sampl(?:e|ing)[ _-]?(?:rate|freq(?:uency)?)|scan[ _-]?rate)\b"
-    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)\s*"
+    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)[\s;,\"]*"
     r"(?P<after>k?hz)?",
     re.I,
 )
 _STEP = re.compile(
     r"(?:delta_x|sampl(?:e|ing)[ _-]?(?:interval|time|period)|time[ _-]?step)\b"
-    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)\s*"
+    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)[\s;,\"]*"
     r"(?P<after>[mun]?s\b)?",
     re.I,
 )

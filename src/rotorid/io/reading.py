@@ -67,6 +67,7 @@ def read_record(
     time: str | Source | None = None,
     speed: float | str = 0.0,
     phase: float | str = 0.0,
+    skip: float | str = 0.0,
     until: float | str | None = None,
     mask: str | None = None,
     fundamental: float | str | None = None,
@@ -93,6 +94,9 @@ def read_record(
         Speed of rotation in rad/s, or with a unit; in Hz it counts revolutions.
     phase : float or str
         Rotor angle at the file's first sample in rad, or with a unit.
+    skip : float or str
+        Time in s from the file's first sample, before which gaps and samples that are no numbers
+        do no harm: where there are some, the record starts there.
     until : float or str, optional
         Time in s from the file's first sample; what follows is dropped.
     mask : str, optional
@@ -133,21 +137,27 @@ def read_record(
             read = {name: c for name, c in read.items() if len(c.values) == longest}
         kept = read.pop(_MASK, None)
         given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
+        limits = (_quantity(skip, "s", "skip"), _optional(until, "s", "until"))
         clock = weigh_clock(
-            given, stamps, read.values(), overrule, _optional(fundamental, "Hz", "fundamental")
+            given,
+            stamps,
+            read.values(),
+            overrule,
+            _optional(fundamental, "Hz", "fundamental"),
+            limits,
         )
         channels, samples = _channels({name: sources[name] for name in read}, read, table)
         omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase, "rad", "phase")
-        end = clock.end(len(samples), _optional(until, "s", "until"))
-        samples, valid = samples[:end], _valid(kept, len(samples), end)
+        valid = _valid(kept, len(samples))
+        clock, samples, valid = clock.cut(samples, valid, limits[0])
         if clock.stamps is not None:
             samples, valid, told = on_grid(
-                clock, samples, valid, end, _optional(highest, "Hz", "highest")
+                clock, samples, valid, _optional(highest, "Hz", "highest")
             )
             clock = replace(clock, warnings=(*clock.warnings, told))
     except InputError as error:
         raise error.at(file=table.file) from None
-    turned = angle + omega / clock.rate * np.arange(len(samples), dtype=float)
+    turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)
     return Record(
         channels=channels,
         samples=samples,
@@ -157,6 +167,7 @@ def read_record(
         source=table.file,
         valid=valid,
         warnings=clock.warnings,
+        start=clock.start,
     )
 
 
@@ -254,7 +265,7 @@ def _stamps(column: Column, source: Source, table: Table) -> Floats:
     return _si(column, seconds, table, _TIME)[0]
 
 
-def _valid(column: Column | None, count: int, end: int) -> Booleans | None:
+def _valid(column: Column | None, count: int) -> Booleans | None:
     if column is None:
         return None
     if len(column.values) != count:
@@ -264,7 +275,7 @@ def _valid(column: Column | None, count: int, end: int) -> Booleans | None:
             "cut it alike",
             place=_MASK,
         )
-    values = column.values[:end]
+    values = column.values
     return np.asarray((values != 0) & np.isfinite(values))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,20 +16,41 @@ from rotorid.record import Booleans, Floats
 
 @dataclass(frozen=True)
 class RecordClock:
-    """The sample rate of a record, and its stamps in s where they are not equidistant."""
+    """The sample rate of a record, the samples that count, and their stamps where these jitter."""
 
     rate: float
     stamps: Floats | None = None
     jitter: float = 0.0
     warnings: tuple[str, ...] = ()
 
-    def end(self, count: int, until: float | None) -> int:
-        """Return the number of samples before `until`, in s."""
-        if until is None:
-            return count
-        if self.stamps is not None:
-            return int(np.searchsorted(self.stamps - self.stamps[0], until, side="left"))
-        return min(count, max(0, math.ceil(until * self.rate - 1e-6)))
+    begin: int = 0
+    end: int | None = None
+    start: float = 0.0
+
+    def cut(
+        self, samples: Floats, valid: Booleans | None, skip: float
+    ) -> tuple[RecordClock, Floats, Booleans | None]:
+        """Leave out what follows the end, and what precedes `skip` where it holds defects."""
+        samples = samples[self.begin : self.end]
+        valid = None if valid is None else valid[self.begin : self.end]
+        if self.stamps is None:
+            first = math.ceil((skip - self.start) * self.rate - 1e-6)
+        else:
+            first = _first_at(self.stamps, skip - self.start)
+        if first <= 0 or np.isfinite(samples[:first]).all():
+            return self, samples, valid
+        stamps = None if self.stamps is None else self.stamps[first:]
+        passed = first / self.rate if stamps is None or not len(stamps) else stamps[0]
+        if stamps is not None and self.stamps is not None:
+            passed -= self.stamps[0]
+        clock = replace(self, stamps=stamps, start=self.start + float(passed))
+        return clock, samples[first:], None if valid is None else valid[first:]
+
+
+def _first_at(stamps: Floats, time: float) -> int:
+    """Return the number of samples before a time, counted from the first stamp."""
+    later = np.flatnonzero(stamps - stamps[:1] >= time - 1e-9)
+    return int(later[0]) if len(later) else len(stamps)
 
 
 def weigh_clock(
@@ -38,16 +59,26 @@ def weigh_clock(
     columns: Iterable[Column],
     overrule: bool,
     fundamental: float | None,
+    limits: tuple[float, float | None],
 ) -> RecordClock:
     """Weigh what is said of the sample rate here, by the stamps, and by the file."""
     stated = _stated_rate([column.rate for column in columns if column.rate is not None])
     if stamps is not None:
-        told = read_clock(stamps)
+        begin, end = _stretch(stamps, *limits)
+        used = stamps[begin:end]
+        told = read_clock(used)
         found = told.rate
         if given is not None:
             _check_rate(given, found, "the time column", "remove the wrong one")
         rate = given or _whole_multiple(found, fundamental, exactly=told.even)
-        return RecordClock(rate, None if told.even else stamps, told.jitter)
+        start = float(used[0] - stamps[0])
+        uneven = None if told.even else used
+        return RecordClock(rate, uneven, told.jitter, begin=begin, end=end, start=start)
+    until = limits[1]
+
+    def ending(rate: float) -> int | None:
+        return None if until is None else max(0, math.ceil(until * rate - 1e-6))
+
     if given is not None:
         if stated is not None and not overrule:
             _check_rate(
@@ -56,14 +87,27 @@ def weigh_clock(
                 "the file",
                 "leave sample_rate out, or give overrule = true if the file is wrong",
             )
-        return RecordClock(given)
+        return RecordClock(given, end=ending(given))
     if stated is None:
         raise InputError(
             "no sample rate and no time column, nor does the file state a rate",
             "one of sample_rate and time",
             "give one",
         )
-    return RecordClock(_whole_multiple(stated, fundamental, exactly=True))
+    rate = _whole_multiple(stated, fundamental, exactly=True)
+    return RecordClock(rate, end=ending(rate))
+
+
+def _stretch(stamps: Floats, skip: float, until: float | None) -> tuple[int, int]:
+    """Return the samples whose times count: up to the end, from `skip` if there is a gap before."""
+    end = len(stamps) if until is None else _first_at(stamps, until)
+    first = _first_at(stamps, skip) if skip > 0 else 0
+    if 0 < first < end:
+        try:
+            read_clock(stamps[: first + 1])
+        except ReadError:
+            return first, end
+    return 0, end
 
 
 def _stated_rate(rates: Sequence[Rate]) -> Rate | None:
@@ -109,10 +153,10 @@ def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> 
 
 
 def on_grid(
-    clock: RecordClock, samples: Floats, valid: Booleans | None, end: int, highest: float | None
+    clock: RecordClock, samples: Floats, valid: Booleans | None, highest: float | None
 ) -> tuple[Floats, Booleans | None, str]:
     """Put samples at uneven times onto a uniform grid; refuse where the lines cannot bear it."""
-    stamps = clock.stamps[:end] if clock.stamps is not None else np.zeros(0)
+    stamps = np.zeros(0) if clock.stamps is None else clock.stamps
     used = samples
     if valid is not None:  # what is left out may be no number, and must not spoil its neighbours
         used = np.column_stack([np.where(valid[:, None], samples, 0.0), valid])

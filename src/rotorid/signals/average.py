@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.record import Booleans, Integers, PeriodicRecord, Record
+from rotorid.record import Booleans, Floats, Integers, PeriodicRecord, Record
 from rotorid.signals.checks import check_record
 from rotorid.signals.spectrum import line_spectra, transfer_of_recording
 
@@ -83,7 +83,7 @@ def average(
         variance=samples.var(axis=0, ddof=1),
         mean=samples.mean(axis=0),
         speed=record.speed,
-        time=(np.arange(used.start, used.stop) / record.sample_rate).reshape(periods, size)[kept],
+        time=_times(record, used).reshape(periods, size)[kept],
         angle=record.rotor_angle()[used].reshape(periods, size)[kept],
         phase_known=record.phase_known,
         source=record.source,
@@ -190,7 +190,11 @@ def _lines(
 def _first_sample(record: Record, skip: float) -> int:
     if not (math.isfinite(skip) and skip >= 0):
         raise _error(record, f"skip of {skip} s", "0 s or more", "correct it")
-    return math.ceil(skip * record.sample_rate - 1e-6)
+    return max(0, math.ceil((skip - record.start) * record.sample_rate - 1e-6))
+
+
+def _times(record: Record, used: slice) -> Floats:
+    return np.asarray(record.start + np.arange(used.start, used.stop) / record.sample_rate)
 
 
 def _check_nyquist(record: Record, size: int, lines: Integers) -> None:

@@ -1,0 +1,195 @@
+"""Text tables as programs of measurement write them: preambles, no names, clocks, white space."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.errors import ReadError
+from rotorid.io.delimited import open_delimited
+
+CONTROL_DESK = """\
+"ControlDesk Next Generation","CSV export 1.0"
+"Experiment","magnetic bearing"
+"Recorded","03/11/2026 14:02:11"
+"Sample rate [Hz]","5000"
+
+"path","Platform()://Model/x1","Platform()://Model/Fx1"
+"x_axis","x1","Fx1"
+"s","um","N"
+"0.0000","1.5","2"
+"0.0002","2","3"
+"0.0004","2.5","4"
+"""
+TEST_LAB = """\
+Project:\trotor stand
+Section:\tRun 3
+Channel\tFx1\tx1
+Sampling frequency:\t5000 Hz
+Number of points:\t3
+
+Time\tFx1\tx1
+s\tN\tum
+0,0000E+00\t2,0E+00\t1,5E+00
+2,0000E-04\t3,0E+00\t2,0E+00
+4,0000E-04\t4,0E+00\t2,5E+00
+"""
+DSPACE = """\
+% dSPACE capture, host service
+% sampling interval: 0.0002
+descriptor=run 3
+traces=3
+
+time x1 Fx1
+0       1.5   2
+0.0002  2.0   3
+0.0004  2.5   4
+"""
+LOGGER = """\
+Device;DAQ-8;
+Start;11.03.2026;14:02:11
+Sample Rate;5;kHz
+Clock;x1 (um);Fx1 (N)
+14:02:11,0000;1,5;2
+14:02:11,0002;2,0;3
+14:02:11,0004;2,5;4
+"""
+
+
+def table(folder: Path, text: str, name: str = "run.txt") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "time", "units", "rate"),
+    [
+        (CONTROL_DESK, "x_axis", ("um", "N"), 5000.0),
+        (TEST_LAB, "Time", ("um", "N"), 5000.0),
+        (DSPACE, "time", (None, None), 5000.0),
+        (LOGGER, "Clock", ("um", "N"), 5000.0),
+    ],
+)
+def test_preambles(
+    text: str, time: str, units: tuple[str, str], rate: float | None, tmp_path: Path
+) -> None:
+    path = table(tmp_path, text)
+    opened = open_delimited(path)
+    columns = opened.read(["x1", "Fx1"])
+    assert columns["x1"].values.tolist() == [1.5, 2.0, 2.5]
+    assert columns["Fx1"].values.tolist() == [2.0, 3.0, 4.0]
+    assert (columns["x1"].unit, columns["Fx1"].unit) == units
+    assert (columns["x1"].rate.hertz if columns["x1"].rate else None) == rate
+    record = rid.read_record(path, columns=["x1", "Fx1"], time=time)
+    assert record.sample_rate == pytest.approx(5000.0, rel=1e-7)  # a clock of day counts from midnight
+    if rate:
+        assert rid.read_record(path, columns=["x1"]).sample_rate == pytest.approx(5000.0, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 1.5 2\n1 2 3\n2 2.5 4\n",
+        "  0.0   1.5\t2 \n  1.0   2.0\t3 \n  2.0   2.5\t4 \n",
+        "0,1.5,2\n1,2,3\n2,2.5,4\n",
+        "0;1,5;2\n1;2,0;3\n2;2,5;4\n",
+        "# no names here\n0\t1.5\t2\n1\t2\t3\n2\t2.5\t4\n",
+        "-0.0e0 +1.5E0 2.\n1 2 3\n2 2.5 4\n",
+    ],
+)
+def test_tables_without_names(text: str, tmp_path: Path) -> None:
+    opened = open_delimited(table(tmp_path, text))
+    assert opened.names == ("0", "1", "2")
+    assert opened.read(["1"])["1"].values.tolist() == [1.5, 2.0, 2.5]
+    with pytest.raises(ReadError, match=r"no column 'x'.*name columns by their number, from 0"):
+        opened.find("x")
+
+
+def test_names_as_numpy_writes_them(tmp_path: Path) -> None:
+    path = tmp_path / "run.dat"
+    np.savetxt(path, np.arange(6.0).reshape(3, 2), header="t x1")
+    assert open_delimited(path).names == ("t", "x1")
+    np.savetxt(path, np.arange(6.0).reshape(3, 2), header="a note\nt,x1", delimiter=",")
+    assert open_delimited(path).names == ("t", "x1")
+
+
+def test_header_row(tmp_path: Path) -> None:
+    text = "names,in,line 1\n1,2,3\n4,5,6\n7,8,9\n"
+    path = table(tmp_path, text)
+    assert open_delimited(path, header_row=1).names == ("names", "in", "line 1")
+    numbered = table(tmp_path, "1,2,3\n10,20,30\n11,21,31\n")
+    assert open_delimited(numbered).names == ("0", "1", "2")
+    named = open_delimited(numbered, header_row=1)
+    assert named.names == ("1", "2", "3")
+    assert named.read(["2"])["2"].values.tolist() == [20.0, 21.0]
+    assert open_delimited(path, header_row=0).names == ("0", "1", "2")
+    with pytest.raises(ReadError, match=r"header_row: found nothing in line 9.*correct header_row"):
+        open_delimited(path, header_row=9)
+
+
+def test_a_damaged_first_row_is_not_taken_for_names(tmp_path: Path) -> None:
+    path = table(tmp_path, "a,b\n1,abc\n2,3\n4,5\n6,7\n")
+    opened = open_delimited(path)
+    assert opened.names == ("a", "b")
+    with pytest.raises(ReadError, match=r"line 2, column b: found 'abc'"):
+        opened.read(["b"])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "seconds"),
+    [
+        (["12:30:59.750", "12:31:00.000", "12:31:00.250"], [0, 0.25, 0.5]),
+        (["23:59:59.5", "00:00:00.0", "00:00:00.5"], [0, 0.5, 1.0]),
+        (["59:59", "60:00", "60:01"], [0, 1, 2]),
+        (["2026-03-11T23:59:59.5", "2026-03-12T00:00:00", "2026-03-12T00:00:00.5Z"], [0, 0.5, 1]),
+        (["2026-03-11 10:00:00", "2026-03-11 10:00:01", "2026-03-11 10:00:02"], [0, 1, 2]),
+        (
+            ["11.03.2026 10:00:00.1", "11.03.2026 10:00:00.2", "11.03.2026 10:00:00.3"],
+            [0, 0.1, 0.2],
+        ),
+        (["3/11/2026 10:00:00", "3/11/2026 10:00:01", "3/11/2026 10:00:02"], [0, 1, 2]),
+    ],
+)
+def test_clocks(stamps: list[str], seconds: list[float], tmp_path: Path) -> None:
+    rows = "".join(f"{stamp},{i}\n" for i, stamp in enumerate(stamps))
+    opened = open_delimited(table(tmp_path, "clock,x\n" + rows))
+    column = opened.read(["clock"])["clock"]
+    np.testing.assert_allclose(column.values, seconds, atol=1e-9)
+    assert column.unit == "s"
+
+
+def test_a_clock_that_breaks_off(tmp_path: Path) -> None:
+    path = table(tmp_path, "clock,x\n10:00:00,1\n10:00:01,1\nend,1\n")
+    with pytest.raises(ReadError, match=r"line 4, column clock: found 'end'; expected a time such"):
+        open_delimited(path).read(["clock"])
+
+
+def test_pyarrow_and_numpy_read_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pyarrow")
+    values = np.random.default_rng(3).normal(size=(500, 3)) * 10.0 ** np.array([-9, 0, 9])
+    for mark, point in ((",", "."), (";", ","), ("\t", ".")):
+        rows = [mark.join(repr(x).replace(".", point) for x in row) for row in values.tolist()]
+        path = table(tmp_path, "\n".join(["note", mark.join("abc"), *rows]))
+        monkeypatch.setattr("rotorid.io.delimited._FAST", 10**9)
+        slow = open_delimited(path).read(["a", "c"])
+        monkeypatch.setattr("rotorid.io.delimited._FAST", 0)
+        opened = open_delimited(path)
+        assert opened._fast_numbers([0, 2]) is not None
+        fast = opened.read(["a", "c"])
+        for name, column in slow.items():
+            np.testing.assert_array_equal(fast[name].values, column.values)
+        np.testing.assert_array_equal(fast["c"].values, values[:, 2])
+
+
+def test_what_pyarrow_does_not_take_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rotorid.io.delimited._FAST", 0)
+    for text, place in (
+        ("a,b\n1,2\n3,\n4,5\n6,7\n", "line 3, column b"),
+        ("a,b\n1,2\n3\n4,5\n", "line 3"),
+    ):
+        with pytest.raises(ReadError, match=place):
+            open_delimited(table(tmp_path, text)).read(["a", "b"])
