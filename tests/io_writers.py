@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -130,15 +132,18 @@ def uff_set(name: str, values: np.ndarray, unit: str, *, node: int, binary: int)
     }
 
 
-def write_uff(path: Path, columns: Columns, binary: int = 0) -> None:
+def write_uff(path: Path, columns: Columns, binary: int = 0, named: bool = True) -> None:
     import pyuff
 
     path.unlink(missing_ok=True)
     sets = [
-        uff_set(name, values, unit, node=node, binary=binary)
+        uff_set(name if named else "NONE", values, unit, node=node, binary=binary)
         for node, (name, (values, unit)) in enumerate(columns.items(), start=1)
     ]
-    pyuff.UFF(str(path)).write_sets(sets, "add")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # pyuff does not close what it appends to
+        pyuff.UFF(str(path)).write_sets(sets, "add")
+        gc.collect()
 
 
 def write_mdf(path: Path, columns: Columns) -> None:

@@ -83,7 +83,7 @@ def test_preambles(
     assert (columns["x1"].unit, columns["Fx1"].unit) == units
     assert (columns["x1"].rate.hertz if columns["x1"].rate else None) == rate
     record = rid.read_record(path, columns=["x1", "Fx1"], time=time)
-    assert record.sample_rate == pytest.approx(5000.0, rel=1e-7)  # a clock of day counts from midnight
+    assert record.sample_rate == pytest.approx(5000.0, rel=1e-7)
     if rate:
         assert rid.read_record(path, columns=["x1"]).sample_rate == pytest.approx(5000.0, rel=1e-7)
 

@@ -250,8 +250,7 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
     if encoding != "utf-16" and content(start) != "text":
         raise not_what_it_says(path, start, "a text table")
     with path.open(encoding=encoding, errors="replace") as stream:
-        read = iter(lambda: stream.readline(_LONGEST), "")
-        lines = list(islice(read, _HEAD_LINES + (header_row or 0)))
+        lines = _first_lines(stream, _HEAD_LINES + (header_row or 0))
     if header_row and (
         header_row > len(lines) or _says_nothing(lines[header_row - 1].lstrip("#%"))
     ):
@@ -272,6 +271,16 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
             file=str(path),
         )
     return DelimitedTable(str(path), dialect, encoding)
+
+
+def _first_lines(stream: IO[str], count: int) -> list[str]:
+    """Return the first lines, fewer where they are very long."""
+    lines: list[str] = []
+    length = 0
+    while len(lines) < count and length < _LONGEST and (line := stream.readline(_LONGEST)):
+        lines.append(line)
+        length += len(line)
+    return lines
 
 
 def _encoding(start: bytes) -> str:

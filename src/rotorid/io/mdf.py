@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import gc
-import logging
 import sys
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ from rotorid.io.table import (
     missing_package,
     not_what_it_says,
     reading,
+    silent,
 )
 
 _MASTER = 2
@@ -78,18 +79,24 @@ def _opened(file: str) -> Iterator[Any]:
         from asammdf import MDF
     except ImportError:
         raise missing_package("asammdf", file) from None
-    with _silent(), reading(file, "MDF data"), MDF(file) as data:
-        yield data
+    with silent(), reading(file, "MDF data"):
+        with _no_last_words():
+            try:
+                opened = MDF(file)
+            except Exception as error:
+                traceback.clear_frames(error.__traceback__)
+                raise ValueError(str(error)) from None
+        with opened as data:
+            yield data
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
-    """Keep asammdf from writing to the terminal, as it does of damaged files even when it dies."""
-    log, hook = logging.getLogger("asammdf"), sys.unraisablehook
-    disabled = log.disabled
-    log.disabled, sys.unraisablehook = True, lambda _: None
+def _no_last_words() -> Iterator[None]:
+    """Keep files that asammdf failed to open from writing to the terminal when they are deleted."""
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
     try:
         yield
     finally:
         gc.collect()
-        log.disabled, sys.unraisablehook = disabled, hook
+        sys.unraisablehook = hook

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,8 +17,9 @@ from rotorid.errors import InputError, ReadError
 from rotorid.record import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
-MAX_COMPRESSION = 1100
-"""Bytes that one byte of a file can stand for: deflate packs 1032 into one at most."""
+MAX_COMPRESSION = 250
+"""Bytes that one byte of a file may stand for: measured samples pack to a half, simulated ones
+without noise to a hundredth; more is damage, or meant to fill the memory."""
 _SMALL = 64_000_000  # bytes that any file may ask for
 _SIGNATURES = {
     b"\x89HDF\r\n\x1a\n": "HDF5 data",
@@ -134,6 +136,17 @@ def reading(file: str, kind: str) -> Iterator[None]:
         raise ReadError(
             f"damaged {kind} ({text})", f"whole {kind}", "write it again", file=file
         ) from error
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Keep packages from logging to the terminal what `reading` says in one line."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def missing_package(package: str, file: str) -> ReadError:

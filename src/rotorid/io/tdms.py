@@ -21,6 +21,7 @@ from rotorid.io.table import (
     missing_package,
     not_what_it_says,
     reading,
+    silent,
 )
 from rotorid.record import Floats
 
@@ -69,7 +70,12 @@ def _opened(file: str) -> Iterator[Any]:
         from nptdms import TdmsFile
     except ImportError:
         raise missing_package("nptdms", file) from None
-    with reading(file, "TDMS data"), TdmsFile.open(file) as data:
+    with (
+        silent(),
+        reading(file, "TDMS data"),
+        Path(file).open("rb") as stream,
+        TdmsFile.open(stream) as data,
+    ):
         yield data
 
 
