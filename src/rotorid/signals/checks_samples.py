@@ -59,6 +59,8 @@ def quantum(samples: Floats) -> float:
         return 0.0
     spacing = np.diff(levels)
     step = float(np.median(spacing[spacing <= 1.5 * spacing.min()]))
+    if step <= np.finfo(float).eps * np.abs(levels).max():
+        return 0.0  # no converter has so many
     multiples = spacing / step
     rounding = _ROUNDING + 4 * np.finfo(float).eps * np.abs(levels).max() / step
     if np.abs(multiples - np.round(multiples)).max() > max(rounding * multiples.max(), 1e-3):
