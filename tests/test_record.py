@@ -14,12 +14,17 @@ TWO = (Channel("a", "N"), Channel("b", "m"))
 
 
 @settings(max_examples=50, deadline=None)
-@given(arrays(float, (7, 2), elements=st.floats(-1e300, 1e300)), st.floats(1e-6, 1e9))
+@given(arrays(float, (7, 2), elements=st.floats(-1e99, 1e99)), st.floats(1e-6, 1e9))
 def test_samples_are_kept_as_they_are(samples, rate):
     record = Record(TWO, samples, rate)
     np.testing.assert_array_equal(record.column("a"), samples[:, 0])
     np.testing.assert_array_equal(record.column("b"), samples[:, 1])
     assert record.names == ("a", "b")
+
+
+def test_numbers_whose_squares_overflow_are_no_samples():
+    with pytest.raises(InputError, match=r"found 2e\+100 in sample 1 of channel 'a', 1 in all"):
+        Record(TWO, [[1.0, 2.0], [2e100, 1.0]], 10.0)
 
 
 def test_lists_become_arrays_and_tuples():
