@@ -240,7 +240,7 @@ def test_no_way_to_a_minimum_is_a_result_too(demo, bearings, tmp_path, monkeypat
     def lost(*_):
         raise np.linalg.LinAlgError("singular")
 
-    monkeypatch.setattr("rotorid.estimators.likelihood.fit.solve", lost)
+    monkeypatch.setattr("rotorid.estimators.likelihood.search.solve", lost)
     estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
     assert estimate.status == "not_converged"
     assert estimate.value("L1") == 0.3

@@ -26,6 +26,7 @@ from rotorid.models.expression import Expression, symbol
 from rotorid.models.linear import speed_factor
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
+from rotorid.signals.covariance import LineCovariance
 
 Factors = tuple[int, ...]
 PHASE_STEPS = 16
@@ -203,7 +204,7 @@ def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likel
     load, orders = load_lines(layout, lines, where, phase is not None)
     entries = _entries(terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
-    scales = _scales(layout, entries, monomials, rows, reads, data)
+    scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
     loads = np.zeros((*load.shape[:2], rows, load.shape[3]), dtype=np.complex128)
     loads[:, :, : load.shape[2]] = load
     columns = np.append(scales.coordinates, np.ones(width))
@@ -247,6 +248,7 @@ def _scales(
     rows: int,
     reads: Floats,
     data: Complexes,
+    covariance: LineCovariance,
 ) -> Scales:
     """Scales of rows and coordinates at the start, tied to the sizes of forces and readings."""
     n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
@@ -255,7 +257,10 @@ def _scales(
     flat = entries.row * (n + inputs) + entries.column
     Scatter.by(flat).into(matrix.reshape(len(data), -1), values[:, Scatter.by(flat).order])
     forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]
-    scales = find_scales(matrix[:, :, :n], forces, reads, data[:, inputs:])
+    variance = np.einsum("kii->ki", covariance.matrices).real.clip(0)
+    pushed = (np.abs(matrix[:, :, n:]) ** 2 @ variance[:, :inputs, None])[:, :, 0]
+    noise = [np.sqrt(v.mean(axis=0)) for v in (pushed, variance[:, inputs:])]
+    scales = find_scales(matrix[:, :, :n], forces, reads, data[:, inputs:], noise[0], noise[1])
     ratio = np.sqrt((np.abs(forces) ** 2).mean(axis=0)) / scales.rows
     driven = ratio > 0
     if driven.any():

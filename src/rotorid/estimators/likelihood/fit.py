@@ -16,7 +16,8 @@ from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.solver import STAGES, Solution, solve
+from rotorid.estimators.likelihood.search import search
+from rotorid.estimators.likelihood.solver import Solution, solve
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -24,9 +25,6 @@ from rotorid.record import Floats
 from rotorid.signals.covariance import correlated_covariance, is_correlated
 
 CovarianceChoice = Literal["auto", "white", "correlated"]
-FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
-SUSPICIOUS = 1e-6
-"""Below this p-value a finer homotopy is tried: the minimum may be a local one."""
 
 
 @dataclass(frozen=True)
@@ -78,20 +76,19 @@ def fit(
 
 
 def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solution, Inference]:
-    """Solve from the start; where the result looks like a local minimum, try again more finely."""
-    best: tuple[Solution, Inference] | None = None
-    for stages in (STAGES, FINE_STAGES):
-        try:
-            found = _solve(prepared, records, prepared.layout.start, stages)
-        except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
-            continue
-        if best is None or found[0].point.cost < best[0].point.cost:
-            best = found
-        if best[0].converged and best[1].expectation.p_value(best[0].point.cost) >= SUSPICIOUS:
-            break
-    if best is None:
+    """Look for the minimum from the start, and from others where there is reason."""
+    found = search(_problem(prepared, records), prepared.layout.start)
+    if found is None:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
-    return best
+    return found
+
+
+def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
+    """Return the likelihoods of all records with what is known."""
+    likelihoods = tuple(
+        assemble(prepared.layout, record, number) for number, record in enumerate(records)
+    )
+    return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
 
 
 def _solve(
@@ -100,10 +97,8 @@ def _solve(
     start: Floats,
     stages: Sequence[float],
 ) -> tuple[Solution, Inference]:
-    likelihoods = tuple(
-        assemble(prepared.layout, record, number) for number, record in enumerate(records)
-    )
-    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    """Minimize from one start."""
+    problem = _problem(prepared, records)
     solution = solve(problem, start, stages)
     return solution, infer(solution.point, problem.exact)
 

@@ -17,7 +17,7 @@ from scipy import stats
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
-from rotorid.estimators.likelihood.solver import RANK, relation_jacobian, tangent_basis
+from rotorid.estimators.likelihood.tangent import RANK, relation_jacobian, tangent_basis
 from rotorid.record import Floats
 
 
@@ -116,7 +116,10 @@ def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
     """Return the scaled Jacobian along the exact relations, the scale and the basis."""
     free = point.problem.layout.free
     jacobian = point.jacobian
-    size = np.sqrt((jacobian**2).sum(axis=0))
+    with np.errstate(over="ignore"):
+        size = np.sqrt((jacobian**2).sum(axis=0))
+    if not np.isfinite(size).all():
+        raise np.linalg.LinAlgError("a derivative beyond all bounds")
     typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
     scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
     basis = np.eye(len(free))
@@ -152,10 +155,12 @@ def infer(point: Point, exact: Relations) -> Inference:
     determined = right[kept].T
     weighted = np.concatenate(weights)[:, None] * (scaled @ determined)
     _, spread, turned = np.linalg.svd(weighted, full_matrices=False)
-    root = scale[:, None] * (basis @ determined @ turned.T) / spread
+    with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
+        root = scale[:, None] * (basis @ determined @ turned.T) / spread
+        covariance = root @ root.T
     top = values.max(initial=0.0)
     return Inference(
-        root @ root.T,
+        covariance,
         basis @ right[~kept].T,
         scale,
         Expectation(
