@@ -1,9 +1,10 @@
-# `make demo` and `make test` do all the set-up themselves: they need Python 3.11 or later with
-# venv, and nothing else that is installed on the machine.
+# `make demo`, `make test` and `make statistics` do all the set-up themselves: they need Python
+# 3.11 or later with venv, and nothing else that is installed on the machine.
 #
 #   PYTHON=python3.12   the interpreter to build the environment from
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
+#   ONLY="..."          modules whose constants `make mutants` changes
 
 VENV ?= .venv
 PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
@@ -16,25 +17,34 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test clean
+.PHONY: help demo test statistics mutants clean
 
 help:
-	@echo "make demo    set up, run the demonstration, write its report ($(REPORT))"
-	@echo "make test    set up, then lint, type check and every test"
-	@echo "make clean   remove the environment and what the tools leave behind"
+	@echo "make demo         set up, run the demonstration, write its report ($(REPORT))"
+	@echo "make test         set up, then lint, type check and the fast tests: minutes"
+	@echo "make statistics   the slow tests: coverage of deviations, banks of faults, long examples"
+	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
+	@echo "make clean        remove the environment and what the tools leave behind"
 
 demo: $(VENV)/.ready-demo
 	$(BIN)/rotorid demo --report $(REPORT)
 	@echo "The report lies in $(CURDIR)/$(REPORT)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test: export OPENBLAS_NUM_THREADS := 1
-test: export OMP_NUM_THREADS := 1
+test statistics mutants: export OPENBLAS_NUM_THREADS := 1
+test statistics mutants: export OMP_NUM_THREADS := 1
+
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n auto $(PYTEST_ARGS)
+	$(BIN)/pytest -n auto -m "not slow" $(PYTEST_ARGS)
+
+statistics: $(VENV)/.ready-test
+	$(BIN)/pytest -n auto -m slow $(PYTEST_ARGS)
+
+mutants: $(VENV)/.ready-test
+	$(BIN)/python tests/mutants.py $(ONLY)
 
 clean:
 	rm -rf $(VENV) build dist src/*.egg-info

@@ -15,7 +15,6 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
-from rotorid.errors import NotConvergedError, NotIdentifiableError
 from rotorid.estimate import Value
 
 EXPERIMENT = """
@@ -195,22 +194,6 @@ def test_exit_codes_and_results(
     monkeypatch.setattr(commands.identify, "identify", lambda *_: estimate)
     assert cli.run(["identify", "run.toml", "--json", "run.json", *options]) == code
     assert rid.load_estimate("run.json").status == status
-
-
-@pytest.mark.parametrize("error", [NotIdentifiableError(["a, b"]), NotConvergedError("lost")])
-def test_errors_that_carry_an_estimate(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error
-) -> None:
-    def fail(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(commands.identify, "identify", fail)
-    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not (folder / "run.json").exists()
-    error.estimate = rid.Estimate("jeffcott", "ml", "not_identifiable", (Value("m", "kg", 1.0),))
-    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 1
-    assert rid.load_estimate("run.json").status == "not_identifiable"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -51,6 +50,15 @@ CONFINED = {
     "tomlkit": {"rig"},
 }
 
+# Cycles of annotations that are still to be opened; nothing may join them.
+OPEN_CYCLES = {
+    "estimators.likelihood.calibration",
+    "estimators.likelihood.cost",
+    "rig.assembly",
+    "rig.logger",
+    "rig.rig",
+}
+
 
 def name_of(path: Path) -> str:
     """Return the dotted name of a module inside the package; "" is the package itself."""
@@ -67,19 +75,10 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def runtime_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """Walk a tree without the branches that only type checkers see."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
-            continue
-        yield child
-        yield from runtime_nodes(child)
-
-
 def imports(path: Path) -> set[str]:
-    """Return every dotted name that a module imports when it runs, inside functions too."""
+    """Return every dotted name that a module imports: inside functions, and for types only, too."""
     found: set[str] = set()
-    for node in runtime_nodes(tree_of(path)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -100,7 +99,7 @@ def label(path: Path) -> str:
 
 def calls(path: Path) -> set[str]:
     """Return what a module calls, as it is written."""
-    nodes = runtime_nodes(tree_of(path))
+    nodes = ast.walk(tree_of(path))
     return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
 
 
@@ -139,9 +138,33 @@ def test_parts_form_no_cycle() -> None:
     for path in MODULES:
         if part := part_of(name_of(path)):  # the package itself only collects names
             graph.setdefault(part, set()).update(inner(path))
-    while leaves := {part for part, needs in graph.items() if not needs & graph.keys()}:
-        graph = {part: needs for part, needs in graph.items() if part not in leaves}
-    assert not graph, f"cycle among {', '.join(sorted(graph))}"
+    assert not cyclic(graph)
+
+
+def test_modules_form_no_cycle() -> None:
+    names = {name_of(path): path for path in MODULES}
+    graph: dict[str, set[str]] = {}
+    for name, path in names.items():
+        dotted = [i.removeprefix("rotorid.") for i in imports(path) if i.startswith("rotorid.")]
+        found = {part for i in dotted for part in (i, i.rpartition(".")[0]) if part in names}
+        if not path.name.startswith("__init__"):  # packages only collect names
+            graph[name] = {part for part in found if not names[part].name.startswith("__init__")}
+    assert cyclic(graph) <= OPEN_CYCLES
+
+
+def cyclic(graph: dict[str, set[str]]) -> set[str]:
+    """Return the nodes from which a way leads back to themselves."""
+    return {node for node in graph if node in reached(graph, node)}
+
+
+def reached(graph: dict[str, set[str]], start: str) -> set[str]:
+    found: set[str] = set()
+    ahead = [start]
+    while ahead:
+        new = graph.get(ahead.pop(), set()) - found
+        found |= new
+        ahead += new
+    return found
 
 
 def test_only_users_import_the_package_itself() -> None:

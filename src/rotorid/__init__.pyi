@@ -1,8 +1,6 @@
 # The public names and where they live; read by type checkers, and when rotorid is imported.
 from .errors import InputError as InputError
 from .errors import ModelError as ModelError
-from .errors import NotConvergedError as NotConvergedError
-from .errors import NotIdentifiableError as NotIdentifiableError
 from .errors import ReadError as ReadError
 from .estimate import Alternative as Alternative
 from .estimate import EquationMisfit as EquationMisfit

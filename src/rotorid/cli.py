@@ -16,7 +16,6 @@ from typing import Any
 import click
 
 from rotorid.commands import INTERRUPTED, NO_ANSWER, OK, WRONG_INPUT
-from rotorid.errors import NotConvergedError, NotIdentifiableError
 
 _FILE = click.Path(path_type=Path)
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
@@ -158,8 +157,6 @@ def _explain(error: Exception) -> int:
         return _say(f"{error.format_message()} See {path} --help.", WRONG_INPUT)
     if isinstance(error, click.ClickException):
         return _say(error.format_message(), WRONG_INPUT)
-    if isinstance(error, NotIdentifiableError | NotConvergedError):
-        return _say(str(error), NO_ANSWER)
     if isinstance(error, OSError) and error.filename is not None:
         return _say(f"{error.filename}: {error.strerror}", WRONG_INPUT)
     if isinstance(error, ValueError | OSError):

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rotorid.estimate import Estimate
-
 
 class InputError(ValueError):
     """Input that cannot be used, said in one line.
@@ -53,32 +47,5 @@ class ModelError(InputError):
     """Equations, names or units that make no model."""
 
 
-class NotIdentifiableError(Exception):
-    """Parameters that the record does not determine.
-
-    Parameters
-    ----------
-    combinations : sequence of str
-        Each undetermined combination of parameters, in words.
-    cures : sequence of str
-        What would determine them.
-    estimate : Estimate, optional
-        What is determined all the same, with its status.
-    """
-
-    def __init__(
-        self,
-        combinations: Sequence[str],
-        cures: Sequence[str] = (),
-        estimate: Estimate | None = None,
-    ) -> None:
-        self.combinations, self.cures, self.estimate = tuple(combinations), tuple(cures), estimate
-        super().__init__("; ".join(["not identifiable: " + ", ".join(combinations), *cures]))
-
-
 class NotConvergedError(Exception):
-    """An iteration that ended before its answer; carries the last estimate."""
-
-    def __init__(self, message: str, estimate: Estimate | None = None) -> None:
-        self.estimate = estimate
-        super().__init__(message)
+    """An iteration that ended before its answer."""

@@ -65,7 +65,7 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
         raise ReadError(
             f"{message.rstrip('.')}",
             "TOML",
-            "correct the syntax there",
+            "write key = value there, texts in quotes, tables in [ ] or { }",
             file=file,
             place=place.rstrip(")"),
         ) from None
@@ -75,7 +75,10 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
         ) from None
     except ValueError:  # an integer of more digits than Python converts
         raise ReadError(
-            "a number of thousands of digits", "TOML", "correct the number", file=file
+            "a number of thousands of digits",
+            "TOML",
+            "write it with fewer digits, such as 1.5e3",
+            file=file,
         ) from None
     try:
         return schema.model_validate(table)
@@ -102,7 +105,7 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
         return ReadError(
             f"the unknown key {str(fault['loc'][-1])[:60]!r}",
             f"one of {', '.join(known)}" if known else "a known key",
-            f"did you mean {near[0]}?" if near else "remove it or correct its spelling",
+            f"did you mean {near[0]}?" if near else "remove it",
             file=file,
             place=place,
         )
@@ -114,7 +117,7 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
     return ReadError(
         _SHORT.repr(fault["input"]),
         expected[0].lower() + expected[1:],
-        "correct the value",
+        "write such a value",
         file=file,
         place=place,
     )

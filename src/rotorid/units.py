@@ -42,7 +42,10 @@ _ATOMS = {
     "second": "s",
     "radian": "rad",
 }
+_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
 _ORDER = {symbol: rank for rank, symbol in enumerate(_ATOMS.values())}
+
+Dimension = pint.util.UnitsContainer  # powers of [length], [mass], [time], ...
 
 
 @cache
@@ -58,7 +61,7 @@ def _bad(text: str, place: str, why: str = "") -> InputError:
     return InputError(
         f"unit {shown!r}" + (f" ({why})" if why else ""),
         "a unit such as N, um, N s/m, kg m^2",
-        "correct the unit",
+        "write factors of SI units and their multiples, ^ for powers, / once",
         place=place,
     )
 
@@ -119,7 +122,10 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
     ambiguous = kinds == ("plain", "angle") and set(wanted.dimensionality) == {"[time]"}
     if found.dimensionality != wanted.dimensionality or ambiguous:
         raise InputError(
-            f"unit {unit!r}", f"a unit that converts to {expected}", "correct it", place=place
+            f"unit {unit!r}",
+            f"a unit that converts to {expected}",
+            f"convert the value, and write {expected}",
+            place=place,
         )
     turn = {("turns", "angle"): 2 * math.pi, ("angle", "turns"): 0.5 / math.pi}.get(kinds, 1.0)
     return _factor(found) / _factor(wanted) * turn
@@ -261,11 +267,17 @@ def _write(atoms: dict[str, int], *, angle: bool) -> str:
     return f"{' '.join(above) or '1'}/{denominator}"
 
 
-def _symbol(atom: str, power: int) -> str:
+def _symbol(atom: str, power: object) -> str:
     return atom if power == 1 else f"{atom}^{power}"
 
 
-def base_powers(unit: str) -> dict[str, int]:
-    """Return the powers of the SI base units in a unit; an angle is a number."""
-    found = _base_symbols(_unit(unit, ""))
-    return {atom: power for atom, power in sorted(found.items()) if power and atom != "rad"}
+def dimension_of(unit: str) -> Dimension:
+    """Return the dimension of a unit; an angle is a number."""
+    return _unit(unit, "").dimensionality
+
+
+def dimension_text(dimension: Dimension) -> str:
+    """Return a dimension in SI base units, such as ``kg m s^-2``."""
+    powers = {_BASE.get(name, name): power for name, power in dimension.items()}
+    parts = [_symbol(atom, power) for atom, power in sorted(powers.items())]
+    return " ".join(parts) or "plain numbers"

@@ -9,7 +9,7 @@ from typing import Any
 from rotorid import __version__
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import check_outputs, progress, show, write, write_text
-from rotorid.errors import InputError, NotConvergedError, NotIdentifiableError
+from rotorid.errors import InputError
 from rotorid.estimate import Provenance, SourceFile
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
@@ -33,10 +33,6 @@ def run(
     with progress("identifying"):
         try:
             estimate = identify(plan.model, records, estimator)
-        except (NotIdentifiableError, NotConvergedError) as error:
-            if error.estimate is None:
-                raise
-            estimate = error.estimate
         except InputError as error:
             raise error.at(file=str(experiment)) from None
     if targets:

@@ -238,7 +238,11 @@ def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
     from difflib import get_close_matches
 
     near = get_close_matches(name, sorted(names), n=1)
-    cure = f"did you mean {near[0]}?" if near else "declare it or correct its spelling"
+    cure = (
+        f"did you mean {near[0]}?"
+        if near
+        else "declare it in the model file, or write the name that is"
+    )
     listed = sorted(names)
     shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
     return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
@@ -282,7 +286,7 @@ def _value(result: Any) -> Expression:
 
 def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
     column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
-    cure = "correct the text there"
+    cure = "write a name or a number there, or take out what does not belong"
     if isinstance(error, UnexpectedCharacters):
         found = repr(text[error.pos_in_stream or 0])
     else:

@@ -86,7 +86,7 @@ def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
         raise ReadError(
             f"no model {text[:60]!r}",
             f"one of {', '.join(shipped_models())}, or the path of a model file",
-            "correct the name",
+            "list the models with rotorid models, or give a path ending in .toml",
         )
     return _build(read_toml(path, _ModelFile), path.stem, str(path))
 

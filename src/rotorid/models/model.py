@@ -201,11 +201,13 @@ class Model:
             raise InputError(
                 f"no parameter {unknown[0]!r}",
                 f"one of {', '.join(self.parameter_names)}",
-                "correct the name",
+                "take a name from there",
             )
         for name, value in fixed.items():
             if not np.isfinite(value):
-                raise InputError(f"{value} for {name}", "a finite number", "correct it")
+                raise InputError(
+                    f"{value} for {name}", "a finite number", "give its value, or leave it out"
+                )
         if not fixed:
             return self
         kept = tuple(p for p in self.parameters if p.name not in fixed)
@@ -296,7 +298,9 @@ class Model:
     @cached_property
     def unit_faults(self) -> tuple[str, ...]:
         """What is wrong with the units of the equations, in words; see `dimensions`."""
-        return tuple(unit_faults(self))
+        products = (*self.equations.left, *self.equations.right)
+        units = [parameter.unit for parameter in self.parameters]
+        return tuple(unit_faults(products, units, self.units, self.coordinates))
 
     def require_linear(self) -> LinearForm:
         """Return the linear form.

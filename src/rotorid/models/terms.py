@@ -102,7 +102,7 @@ def _products(row: int, text: str, names: Names) -> list[Product]:
         raise ModelError(
             f"neither a coordinate nor a parameter in what remains of {text[:60]!r}",
             "an equation of motion",
-            "drop it or correct it",
+            "leave it out, or write the term that moves",
         )
     if any(out_of_range(p.coefficient) for p in products):
         raise ModelError(
