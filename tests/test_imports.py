@@ -47,7 +47,7 @@ CONFINED = {
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "lark": {"models"},
-    "tomlkit": {"rig"},
+    "tomlkit": {"rig", "experiment"},
 }
 
 # Cycles of annotations that are still to be opened; nothing may join them.

@@ -128,6 +128,16 @@ def simulate(**options: Any) -> int:
 
 
 @cli.command()
+@click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
+@click.option("--model", help="A shipped model, or a model file: columns are matched to it.")
+@click.option("--out", type=_FILE, help="The experiment file to write; else it is printed.")
+@_debug_option
+def new(**options: Any) -> int:
+    """Write a draft experiment file for the records in FILE, with what is left to say."""
+    return _work("new", **options)
+
+
+@cli.command()
 @click.argument("name", required=False)
 @_debug_option
 def models(**options: Any) -> int:

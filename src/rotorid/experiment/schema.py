@@ -295,8 +295,36 @@ class EstimatorEntry(Schema):
     delays: list[Literal["force", "position"]] = Field(default_factory=list)
 
 
+OPEN = "?"
+"""What `rotorid new` writes where it found nothing."""
+
+
+def _open_places(value: object, place: str) -> list[str]:
+    """Return the keys whose values were left open."""
+    if isinstance(value, dict):
+        inner = {f"{place}.{key}".lstrip("."): member for key, member in value.items()}
+    elif isinstance(value, list):
+        inner = {f"{place}.{number}": member for number, member in enumerate(value)}
+    else:
+        return [place] if value == OPEN else []
+    return [found for key, member in inner.items() for found in _open_places(member, key)]
+
+
 class ExperimentFile(Schema):
     """An experiment file."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nothing_left_open(cls, value: object) -> object:
+        places = _open_places(value, "")
+        if places:
+            raise InputError(
+                f'"{OPEN}" in {", ".join(places[:6])}' + (" and more" if places[6:] else ""),
+                "values, which rotorid new did not find",
+                "write them; the comments beside them say what they are",
+                place=places[0],
+            )
+        return value
 
     model: str
     records: list[RecordEntry] = Field(min_length=1)

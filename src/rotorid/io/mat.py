@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy.io
 
 from rotorid.io.hdf5 import open_hdf5
+from rotorid.io.mat5 import check_elements
 from rotorid.io.table import (
     Column,
     Table,
-    check_size,
     content,
     head,
     is_numeric,
@@ -21,8 +20,6 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
-
-_MATRIX, _COMPRESSED = 14, 15  # kinds of data element
 
 
 def open_mat(path: Path) -> Table:
@@ -38,26 +35,10 @@ def open_mat(path: Path) -> Table:
         raise not_what_it_says(path, start, "a MAT file")
     variables: dict[str, Column] = {}
     with reading(str(path), "MAT data"):
-        if kind == "a MAT v5 file":
-            _check_elements(path)
+        if 0 not in start[:4]:  # no version 4, which has a number of four bytes there
+            check_elements(path)
         _collect("", scipy.io.loadmat(str(path), simplify_cells=True), variables)
     return loaded(str(path), variables)
-
-
-def _check_elements(path: Path) -> None:
-    """Refuse compressed elements that are no matrices, or larger than their file can be."""
-    with path.open("rb") as stream:
-        order: Literal["little", "big"] = "big" if stream.read(128)[126:] == b"MI" else "little"
-        while len(tag := stream.read(8)) == 8:
-            kind, size = (int.from_bytes(tag[i : i + 4], order) for i in (0, 4))
-            if kind == _COMPRESSED:
-                inner = zlib.decompressobj().decompress(stream.read(min(size, 1024)), 8)
-                stream.seek(max(size - 1024, 0), 1)
-                if int.from_bytes(inner[:4], order) != _MATRIX:
-                    raise ValueError("a compressed element that is no matrix")
-                check_size(int.from_bytes(inner[4:8], order), str(path), itemsize=1)
-            else:
-                stream.seek(size, 1)
 
 
 def _collect(prefix: str, values: dict[str, Any], into: dict[str, Column]) -> None:

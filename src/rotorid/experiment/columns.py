@@ -1,0 +1,149 @@
+"""What the columns of a file are, by their names and units: time, rotation, channels of a model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from typing import Literal
+
+from rotorid.errors import InputError
+from rotorid.models import Model
+from rotorid.record import Floats
+from rotorid.units import si_factor
+
+Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
+_ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
+    ("time", re.compile(r"t|time\b.*|zeit|clock|timestamp|x_value|x_axis|abscissa", re.I), "s"),
+    ("speed", re.compile(r"(n_?)?rpm|speed\w*|drehzahl|omega\w*", re.I), "rad/s"),
+    ("keyphasor", re.compile(r"kp|keyph\w*|tacho\w*|trig\w*|pulse\w*|index", re.I), ""),
+    ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
+)
+_WORDS = {
+    "force": "f",
+    "current": "i",
+    "coil": "i",
+    "position": "",
+    "pos": "",
+    "displacement": "",
+    "disp": "",
+    "sensor": "",
+    "probe": "",
+    "gap": "",
+    "moment": "m",
+    "torque": "m",
+}
+_LIKE = 0.7  # likeness of names from which on a column is taken for a quantity
+_TIE = 0.05  # by which a name must be likelier than the next
+_FIRST_OF_POSITION = ("p", "s", "d", "x")
+_LAW_UNIT = "A"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A column of a file.
+
+    Parameters
+    ----------
+    name : str
+    values : array, shape (sample,)
+    unit : str or None
+    role : Role
+    """
+
+    name: str
+    values: Floats
+    unit: str | None
+    role: Role
+
+
+def role_of(name: str, unit: str | None) -> Role:
+    """Return what a column is by its name, where its unit does not contradict."""
+    leaf = name.rsplit("/", 1)[-1]
+    for role, pattern, expected in _ROLES:
+        if pattern.fullmatch(leaf) and (not unit or not expected or converts(unit, expected)):
+            return role
+    return "channel"
+
+
+def converts(unit: str, expected: str) -> bool:
+    """Tell whether a unit is one of a quantity."""
+    try:
+        si_factor(unit, expected)
+    except InputError:
+        return False
+    return True
+
+
+def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
+    """Return the column of each input and coordinate of a model that one can be told for.
+
+    Names must be alike, and units, where there are any, convert; each column is used once, and a
+    quantity for which two are as likely gets none.
+    """
+    quantities = {name: model.units[name] for name in (*model.inputs, *model.coordinates)}
+    ranked = sorted(
+        (
+            (-likeness(quantity, column.name, quantity in model.inputs), rank, quantity, place)
+            for place, column in enumerate(columns)
+            for rank, (quantity, unit) in enumerate(quantities.items())
+            if column.unit is None or converts(column.unit, unit)
+        ),
+    )
+    found: dict[str, Found] = {}
+    used: set[int] = set()
+    undecided: set[str] = set()
+    for score, _, quantity, place in ranked:
+        if -score < _LIKE or quantity in found or place in used or quantity in undecided:
+            continue
+        rivals = [s for s, _, q, p in ranked if q == quantity and p != place and p not in used]
+        if score > -1 and rivals and min(rivals) <= score + _TIE:
+            undecided.add(quantity)  # qm, qg: the name alone does not tell
+            continue
+        found[quantity] = columns[place]
+        used.add(place)
+    return found
+
+
+def currents(
+    model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
+) -> dict[str, Found]:
+    """Return the column of the current of each input that has no force of its own."""
+    free = [c for c in columns if c.unit and converts(c.unit, _LAW_UNIT)]
+    found = {}
+    for name in model.inputs:
+        if name in taken or not free:
+            continue
+        best = max(free, key=lambda c: likeness(name[1:], c.name.lstrip("iI"), False))
+        if likeness(name[1:], best.name.lstrip("iI"), False) >= _LIKE:
+            found[name] = best
+            free.remove(best)
+    return found
+
+
+def likeness(quantity: str, column: str, is_input: bool) -> float:
+    """Return how alike a quantity of a model and a column's name are, 1 for the same."""
+    wanted, name = _plain(quantity), _plain(column.rsplit("/", 1)[-1])
+    if not wanted or not name:
+        return 0.0
+    options = [name]
+    if not is_input:
+        options += [name[1:] for first in _FIRST_OF_POSITION if name.startswith(first)]
+    scores = [_alike(wanted, option) for option in options if option]
+    return max(scores, default=0.0)
+
+
+def _alike(wanted: str, name: str) -> float:
+    if wanted == name:
+        return 1.0
+    # Figures and axes tell columns apart: others than these must not stand in for one another.
+    if re.findall(r"\d+|[xyz]", wanted) != re.findall(r"\d+|[xyz]", name):
+        return 0.0
+    return 0.95 * SequenceMatcher(None, wanted, name).ratio()
+
+
+def _plain(name: str) -> str:
+    """Return a name in small letters and figures, its words as the models write them."""
+    parts = re.findall(r"[a-z]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    return "".join(_WORDS.get(part, part) for part in parts)

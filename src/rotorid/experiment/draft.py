@@ -1,0 +1,321 @@
+"""A draft experiment file from the files of records: what is in them, and what is left to say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+import tomlkit.items
+
+from rotorid.errors import InputError, ReadError
+from rotorid.experiment.columns import Found, assign, converts, currents, role_of
+from rotorid.experiment.schema import OPEN
+from rotorid.io import open_table
+from rotorid.io.clock import read_clock
+from rotorid.io.table import Rate, Table
+from rotorid.models import Model, load_model
+from rotorid.record import Floats
+from rotorid.signals.periodicity import Period, find_period
+from rotorid.units import si_factor
+
+_CLOCK_UNITS = ("s", "ms", "us")
+_SLOWEST = 20.0  # Hz; a logger of vibrations is faster, so slower times are no seconds
+_EXCITED = 0.03  # of the largest line: what stands above it was excited
+_MOST_LINES = 30  # that are listed; more make a band
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """What is known of the sample times of a record."""
+
+    rate: Rate | None
+    column: Found | None = None
+    unit: str | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class _Run:
+    """The files of one record, and what is in them."""
+
+    files: tuple[Path, ...]
+    columns: tuple[Found, ...]
+    clock: _Clock
+
+    def channels(self) -> list[Found]:
+        return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
+
+
+def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
+    """Return the text of an experiment file for some records.
+
+    Files without a common column, of one length, are taken for one record; others for a record
+    each.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    model : str, optional
+        A shipped model, or the path of one.
+    folder : Path
+        Where the experiment file will lie; paths in it are relative to this.
+
+    Raises
+    ------
+    InputError
+        For files and models that cannot be read.
+    """
+    loaded = None if model is None else load_model(model, folder=folder)
+    runs = _runs(files)
+    text = tomlkit.document()
+    text.add(tomlkit.comment("Draft by `rotorid new`. What it could not find is left open as"))
+    text.add(tomlkit.comment(f'"{OPEN}"; the file is refused until each of these is said.'))
+    text.add(tomlkit.nl())
+    text["model"] = OPEN if model is None else model
+    if model is None:
+        text["model"].comment("rotorid models lists those that there are")
+    records = tomlkit.aot()
+    for run in runs:
+        records.append(_record(run, loaded, folder))
+    text["records"] = records
+    text["channels"] = _channels(runs[0], loaded)
+    if loaded is not None:
+        text["parameters"] = _parameters(loaded)
+    return tomlkit.dumps(text)
+
+
+def _runs(files: Sequence[Path]) -> list[_Run]:
+    if not files:
+        raise InputError("no file", "the files of one record or several", "name them")
+    read = [_columns(open_table(path)) for path in files]
+    lengths = {len(c.values) for columns in read for c in columns}
+    names = [{c.name for c in columns if c.role != "time"} for columns in read]
+    disjoint = len(set().union(*names)) == sum(map(len, names))
+    if len(files) > 1 and disjoint and len(lengths) == 1:
+        every = [c for columns in read for c in columns]
+        kept = [c for i, c in enumerate(every) if c.name not in {e.name for e in every[:i]}]
+        return [_run(tuple(files), kept, open_table(files[0]))]
+    return [
+        _run((path,), columns, open_table(path)) for path, columns in zip(files, read, strict=True)
+    ]
+
+
+def _columns(table: Table) -> list[Found]:
+    """Return the columns of the length of the longest that are numbers."""
+    found = []
+    for name in table.names:
+        try:
+            key = table.find(name)
+            column = table.read([key])[key]
+        except InputError:
+            continue  # a column of words is no channel
+        found.append(Found(name, column.values, column.unit, role_of(name, column.unit)))
+    longest = max((len(c.values) for c in found), default=0)
+    if longest == 0:
+        raise ReadError("no columns of numbers", "samples", "check the file", file=table.file)
+    return [c for c in found if len(c.values) == longest]
+
+
+def _run(files: tuple[Path, ...], columns: list[Found], table: Table) -> _Run:
+    key = table.find(table.names[0])
+    stated = table.read([key])[key].rate
+    return _Run(files, tuple(columns), _clock(columns, stated))
+
+
+def _clock(columns: Sequence[Found], stated: Rate | None) -> _Clock:
+    """Find the column of times, and its unit where nothing says it."""
+    for column in columns:
+        rises = len(column.values) > 2 and bool(np.all(np.diff(column.values) > 0))
+        if column.role != "time" or not rises:
+            continue
+        try:
+            told = read_clock(column.values).rate.hertz
+        except ReadError as error:
+            return _Clock(stated, column, column.unit or OPEN, str(error.found))
+        if column.unit:
+            return _Clock(Rate(told / si_factor(column.unit, "s")), column)
+        rates = {unit: told / si_factor(unit, "s") for unit in _CLOCK_UNITS}
+        likely = [u for u, r in rates.items() if stated and abs(r / stated.hertz - 1) < 0.01]
+        likely = likely or [unit for unit, rate in rates.items() if rate >= _SLOWEST]
+        unit = likely[0] if likely else "s"
+        note = "" if unit == "s" else f"taken for {unit}: in s it were {told:.4g} Hz"
+        return _Clock(Rate(rates[unit]), column, unit, note)
+    return _Clock(stated)
+
+
+def _record(run: _Run, model: Model | None, folder: Path) -> tomlkit.items.Table:
+    entry = tomlkit.table()
+    names = [_relative(path, folder) for path in run.files]
+    if len(names) == 1:
+        entry["file"] = names[0]
+    else:
+        entry["files"] = names
+    _say_clock(entry, run.clock, len(run.columns[0].values))
+    _say_rotation(entry, run, model)
+    _say_lines(entry, run)
+    return entry
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return path.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return str(path.resolve())
+
+
+def _say_clock(entry: tomlkit.items.Table, clock: _Clock, samples: int) -> None:
+    if clock.column is not None:
+        entry["time"] = clock.column.name
+        if clock.unit:
+            entry["time"] = _inline({"column": clock.column.name, "unit": clock.unit})
+        told = clock.note
+        if clock.rate is not None:
+            told = f"{clock.rate.hertz:.6g} Hz, {samples / clock.rate.hertz:.4g} s" + (
+                f"; {told}" if told else ""
+            )
+        if told:
+            entry["time"].comment(told)
+    elif clock.rate is not None:
+        entry.add(tomlkit.comment(f"the file states {clock.rate.hertz:.9g} Hz"))
+    else:
+        entry["sample_rate"] = OPEN
+        entry["sample_rate"].comment('nothing in the file tells it; write it as "5 kHz"')
+
+
+def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
+    by_role = {c.role: c for c in run.columns}
+    if speed := by_role.get("speed"):
+        unit = speed.unit or "rpm"
+        entry["speed"] = f"{np.mean(speed.values):.6g} {unit}"
+        spread = float(np.std(speed.values))
+        entry["speed"].comment(f"mean of {speed.name}, deviation {spread:.3g} {unit}")
+    elif mark := by_role.get("keyphasor"):
+        entry["keyphasor"] = mark.name
+    elif angle := by_role.get("angle"):
+        entry["angle"] = _inline({"column": angle.name, "unit": angle.unit or OPEN})
+    elif model is None or turns(model):
+        entry["speed"] = OPEN
+        entry["speed"].comment('of the rotation, "8400 rpm"; "0 rpm" at standstill')
+
+
+def turns(model: Model) -> bool:
+    """Tell whether the equations of a model hold the rotation."""
+    return any("Omega" in text or "phi" in text for text in model.texts)
+
+
+def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
+    """Write the period, and the lines that stand above the others."""
+    found = [(c, p) for c in run.channels() if (p := find_period(c.values))]
+    rate = None if run.clock.rate is None else run.clock.rate.hertz
+    if not found:
+        entry["fundamental"] = OPEN
+        entry["fundamental"].comment('no period found; that of the excitation, as "20 Hz"')
+        entry["harmonics"] = OPEN
+        entry["harmonics"].comment("its multiples that were excited, [1, 3, 5]")
+        return
+    column, period = max(found, key=lambda pair: pair[1].correlation)
+    told = f"found in {column.name}, correlation {period.correlation:.3g}"
+    frequency = None if rate is None else period.fundamental(rate)
+    if frequency is not None:
+        entry["fundamental"] = f"{frequency:.{_digits(frequency)}g} Hz"
+        entry["fundamental"].comment(told)
+    else:
+        entry["period_samples"] = round(period.samples)
+        entry["period_samples"].comment(told)
+    lines = _lines([c.values for c, _ in found], period)
+    if len(lines) <= _MOST_LINES:
+        entry["harmonics"] = lines
+        entry["harmonics"].comment("with that of the rotation, if the rotor turns")
+    else:
+        entry["band"] = _band(lines, period, rate)
+
+
+def _digits(number: float) -> int:
+    return max(len(f"{number:.12g}".replace(".", "").lstrip("0")), 1)
+
+
+def _lines(signals: Sequence[Floats], period: Period) -> list[int]:
+    """Return the harmonics that stand above the others in any channel, DC left out."""
+    size = round(period.samples)
+    excited: set[int] = set()
+    for signal in signals:
+        count = len(signal) // size
+        mean = signal[len(signal) - count * size :].reshape(count, size).mean(axis=0)
+        level = np.abs(np.fft.rfft(mean))[1:]
+        excited |= {int(k) + 1 for k in np.flatnonzero(level > _EXCITED * level.max())}
+    return sorted(excited)
+
+
+def _band(lines: Sequence[int], period: Period, rate: float | None) -> Any:
+    if rate is None:
+        return [OPEN, OPEN]
+    spacing = rate / round(period.samples)
+    return [f"{lines[0] * spacing:.6g} Hz", f"{(lines[-1] + 0.5) * spacing:.6g} Hz"]
+
+
+def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
+    table = tomlkit.table()
+    columns = run.channels()
+    taken = {} if model is None else assign(model, columns)
+    laws = {} if model is None else currents(model, columns, taken)
+    for name, unit in {} if model is None else _quantities(model):
+        if name in taken:
+            table[name] = _column(taken[name], unit)
+        elif name in laws:
+            table[name] = _law(laws[name], name)
+            table[name].comment("F = ki i + ks x; docs/experiments.md has the other laws")
+        elif model is not None and name in model.inputs:
+            table[name] = _inline({"column": OPEN, "unit": unit})
+            table[name].comment("no column, or more than one, looks like it")
+        else:
+            table.add(
+                tomlkit.comment(f"{name} [{unit}]: no column, or more than one, looks like it")
+            )
+            table.add(tomlkit.comment("a coordinate without a column is not measured"))
+    used = {c.name for c in (*taken.values(), *laws.values())}
+    for column in columns:
+        if column.name not in used:
+            unit_text = f" [{column.unit}]" if column.unit else ""
+            level = f"{column.values.min():.4g} to {column.values.max():.4g}"
+            table.add(tomlkit.comment(_printable(f"not used: {column.name}{unit_text}, {level}")))
+    return table
+
+
+def _quantities(model: Model) -> list[tuple[str, str]]:
+    return [(name, model.units[name]) for name in (*model.inputs, *model.coordinates)]
+
+
+def _column(column: Found, unit: str) -> tomlkit.items.InlineTable:
+    return _inline({"column": column.name, "unit": column.unit or OPEN})
+
+
+def _law(column: Found, name: str) -> tomlkit.items.InlineTable:
+    current = {"column": column.name, "unit": column.unit or OPEN}
+    return _inline({"law": "linear", "current": current, "position": OPEN, "ki": OPEN, "ks": OPEN})
+
+
+def _parameters(model: Model) -> tomlkit.items.Table:
+    table = tomlkit.table()
+    table.add(tomlkit.comment("what is known beforehand, such as"))
+    for parameter in model.parameters:
+        if converts(parameter.unit, "m"):
+            table.add(tomlkit.comment(f'{parameter.name} = {{ fixed = "300 mm" }}'))
+            break
+    names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
+    table.add(tomlkit.comment(f"parameters: {names}"))
+    return table
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
+    table = tomlkit.inline_table()
+    for key, value in values.items():
+        table[key] = _inline(value) if isinstance(value, Mapping) else value
+    return table

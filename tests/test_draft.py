@@ -1,0 +1,166 @@
+"""`rotorid new`: a draft from records alone, refused until it is complete, then right."""
+
+import tomllib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.cli import run
+from rotorid.errors import InputError
+from rotorid.experiment.columns import _LIKE, Found, assign, currents, likeness, role_of
+from rotorid.experiment.draft import draft
+
+MODEL = rid.load_model("jeffcott")
+RATE, PERIOD = 2000.0, 200
+
+
+def simulated(axes: str = "xy", speed: float = 0.0) -> rid.Record:
+    angle = 2 * np.pi * np.outer(np.arange(PERIOD) / PERIOD, [1, 2, 5])
+    forces = np.column_stack([np.cos(angle) @ [3.0, 2, 1], np.sin(angle) @ [2.0, 1, 3]])
+    return rid.simulate(
+        MODEL,
+        MODEL.values(MODEL.nominal),
+        forces * [axis in axes for axis in "xy"],
+        sample_rate=RATE,
+        periods=12,
+        speed=speed,
+        noise={"F_x": 1e-3, "F_y": 1e-3, "x": 1e-9, "y": 1e-9},
+        rng=np.random.default_rng(4),
+    )
+
+
+def write_csv(
+    path: Path, record: rid.Record, names: str = "Time [ms],Fx [N],Fy [N],px [um],py [um]"
+) -> Path:
+    time = 1e3 * np.arange(len(record.samples)) / RATE
+    table = np.column_stack([time, record.samples * [1, 1, 1e6, 1e6]])
+    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.10g")
+    return path
+
+
+def parse(text: str) -> dict:
+    return tomllib.loads(text)
+
+
+def test_a_record_of_a_logger(tmp_path: Path) -> None:
+    text = draft([write_csv(tmp_path / "run.csv", simulated())], "jeffcott", tmp_path)
+    found = parse(text)
+    (record,) = found["records"]
+    assert record["file"] == "run.csv"
+    assert record["time"] == "Time"
+    assert record["fundamental"] == "10 Hz"
+    assert record["harmonics"] == [1, 2, 5]
+    assert record["speed"] == "?"
+    assert found["channels"] == {
+        "F_x": {"column": "Fx", "unit": "N"},
+        "F_y": {"column": "Fy", "unit": "N"},
+        "x": {"column": "px", "unit": "um"},
+        "y": {"column": "py", "unit": "um"},
+    }
+    path = tmp_path / "experiment.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r'records.0.speed: found "\?" in records.0.speed;.*comments'
+    ):
+        rid.load_experiment(path)
+    path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
+    experiment = rid.load_experiment(path)
+    estimate = rid.identify(experiment.model, experiment.records(), experiment.estimator())
+    assert estimate.value("m") == pytest.approx(MODEL.nominal["m"], rel=1e-3)
+
+
+def test_a_record_for_each_axis(tmp_path: Path) -> None:
+    files = [write_csv(tmp_path / f"{axis}.csv", simulated(axis)) for axis in "xy"]
+    found = parse(draft(files, "jeffcott", tmp_path))
+    assert [record["file"] for record in found["records"]] == ["x.csv", "y.csv"]
+    assert all(record["fundamental"] == "10 Hz" for record in found["records"])
+
+
+def test_files_of_one_clock_are_one_record(tmp_path: Path) -> None:
+    record = simulated()
+    for name, columns in (("forces", (0, 1)), ("positions", (2, 3))):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as data:
+            for column in columns:
+                data[record.names[column]] = record.samples[:, column]
+    text = draft([tmp_path / "forces.h5", tmp_path / "positions.h5"], "jeffcott", tmp_path)
+    (entry,) = parse(text)["records"]
+    assert entry["files"] == ["forces.h5", "positions.h5"]
+    assert entry["sample_rate"] == "?"
+    assert entry["period_samples"] == 200
+    assert parse(text)["channels"]["F_x"] == {"column": "F_x", "unit": "?"}
+
+
+def test_what_is_left_open_is_told_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    np.savetxt(tmp_path / "run.txt", rng.normal(size=(300, 3)))
+    out = tmp_path / "experiment.toml"
+    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 0
+    found = parse(out.read_text())
+    assert found["model"] == "?"
+    assert found["records"][0]["fundamental"] == "?"
+    assert "# not used: 2" in out.read_text()
+    assert run(["identify", str(out)]) == 2
+    told = capfd.readouterr().err
+    assert told.count("\n") == 1
+    assert '"?" in model, records.0.sample_rate, records.0.speed' in told
+    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 2
+    assert "choose another name" in capfd.readouterr().err
+    assert run(["new", str(tmp_path / "gone.csv")]) == 2
+    assert "no such file" in capfd.readouterr().err
+
+
+def test_currents_need_a_law(tmp_path: Path) -> None:
+    names = "t [ms],i_x [A],i_y [A],x [um],y [um],n_rpm"
+    record = simulated()
+    time = 1e3 * np.arange(len(record.samples)) / RATE
+    table = np.column_stack([time, record.samples, np.full(len(time), 1800.0)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=names, comments="")
+    found = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))
+    law = {"law": "linear", "current": {"column": "i_x", "unit": "A"}}
+    assert found["channels"]["F_x"] == law | {"position": "?", "ki": "?", "ks": "?"}
+    assert found["records"][0]["speed"] == "1800 rpm"
+
+
+@pytest.mark.parametrize(
+    ("quantity", "column", "alike"),
+    [
+        ("F_x1", "Force x1", True),
+        ("F_x1", "fx1", True),
+        ("x1", "pos_x1", True),
+        ("x1", "Sensor X1", True),
+        ("x1", "px2", False),
+        ("x1", "y1", False),
+        ("F_x1", "F_x3", False),
+        ("theta_x", "theta_y", False),
+        ("F_xa", "F_xb", False),
+    ],
+)
+def test_names(quantity: str, column: str, alike: bool) -> None:
+    assert (likeness(quantity, column, quantity.startswith("F")) >= _LIKE) == alike
+
+
+def test_units_decide_between_names() -> None:
+    columns = [Found("x", np.zeros(2), "N", "channel"), Found("px", np.zeros(2), "um", "channel")]
+    assert assign(MODEL, columns)["x"].name == "px"
+    undecided = [Found(name, np.zeros(2), None, "channel") for name in ("qm", "qg")]
+    assert assign(rid.load_model("emps"), undecided) == {}
+    assert role_of("t", "N") == "channel"
+    assert role_of("Time (s)", None) == "time"
+    assert role_of("log/enc", "deg") == "angle"
+    assert currents(MODEL, columns, {}) == {}
+
+
+def test_hostile_names_stay_in_their_comments(tmp_path: Path) -> None:
+    names = 't,"]\nmodel = ""x",b\x1b[31m\u2028= 1,""",\x07'
+    path = tmp_path / "run.csv"
+    path.write_text(
+        names.replace("\n", " ") + "\n" + "".join(f"{i},{i % 7},{i % 5},1,2\n" for i in range(99))
+    )
+    found = parse(draft([path], None, tmp_path))
+    assert set(found) == {"model", "records", "channels"}
+    assert found["channels"] == {}
