@@ -2,7 +2,7 @@
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/ml.py
 
-From line spectra to estimate, all stages of the homotopy, from starts +-40 % off: for the seed's
+From line spectra to estimate, all stages of the homotopy, from starts +-40 % off: for the paper's
 rotor with all coordinates measured and with its four bearing sensors, and for a shaft of 40
 coordinates with 60 lines and 25 parameters. Beside the first two the same stages of the same
 residual by `scipy.optimize.least_squares`, which takes its derivatives by differences.

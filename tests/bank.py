@@ -167,7 +167,7 @@ def line_response(
 
 
 # ---------------------------------------------------------------------------------------------
-# The seed's rotor, its matrices from the potential V and from the gyroscopic moment.
+# The paper's rotor, its matrices from the potential V and from the gyroscopic moment.
 
 
 def three_mass_matrices(p: SimpleNamespace) -> tuple[np.ndarray, ...]:

@@ -19,7 +19,7 @@ def model():
 
 
 def record_of(model, rng, *, shares=(0.5, 1.0, 1.0, -0.5), sensors=None):
-    """Return a simulated record, with the seed's excitation unless told otherwise."""
+    """Return a simulated record, with the paper's excitation unless told otherwise."""
     time = np.arange(250) / 5000.0
     wave = sum(10 * np.sin(w * time) + 10 * np.cos(w * time) for w in 40 * np.pi * np.r_[1:12:2])
     record = rid.simulate(

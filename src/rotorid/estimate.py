@@ -48,8 +48,19 @@ Flag = Annotated[bool, Strict()]
 class Value:
     """A named quantity with its standard deviation.
 
-    ``std`` and ``std_inflated`` are ``None`` where the method gives none; a fixed value has
-    ``std`` 0.
+    Parameters
+    ----------
+    name : str
+    unit : str
+        SI.
+    value : float
+        NaN where it is not determined.
+    std : float or None
+        ``None`` where the method gives none; 0 for a fixed value.
+    std_inflated : float or None
+        As if all of the misfit were noise.
+    fixed : bool
+        Known beforehand and not estimated.
     """
 
     name: str
@@ -103,7 +114,9 @@ class Suspect:
     share : float or None
         Share of the excess misfit that it explains.
     value : float or None
-        Its estimate when it is freed, in `unit`.
+        Its estimate when it is freed.
+    unit : str
+        Of `value`.
     """
 
     term: str
@@ -546,6 +559,14 @@ def load_estimate(path: str | Path) -> Estimate:
     ------
     ReadError
         Where the file cannot be read or is no result file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "run.json"
+    >>> Estimate("one", "ls", "ok", (Value("m", "kg", 2.0, std=0.01),)).save(path)
+    >>> load_estimate(path).value("m")
+    2.0
     """
     file, cure = str(path), "write one with identify --json"
     try:

@@ -267,7 +267,7 @@ class PeriodicRecord:
         Lines of each period, corrected for hold and delay.
     variance : array, shape (sample, channel)
         Unbiased variance over periods of each sample within the period: of a sample, not of the
-        mean; the seed's (8) with 1/(n-1).
+        mean; the paper's (8) with 1/(n-1).
     mean : array, shape (sample, channel)
         Mean over periods, as measured (all lines, nothing corrected).
     speed : float
@@ -276,6 +276,12 @@ class PeriodicRecord:
         t in s and rotor angle phi in rad of every sample used.
     checks : sequence of Check
         What the samples showed before they were averaged.
+    phase_known : bool
+        Whether phi is the rotor's own angle, or starts anywhere.
+    source : str
+        The file, for messages.
+    warnings : sequence of str
+        What was done to the samples.
     """
 
     channels: tuple[Channel, ...]

@@ -633,7 +633,7 @@ def test_ls_is_biased_where_the_others_are_not():
 @pytest.mark.parametrize("problem", [TRAIN, CHAIN, ODD, TABLE], ids=lambda p: p.name)
 @pytest.mark.parametrize("method", [Batch, Sequential], ids=lambda m: m.__name__)
 def test_stated_deviations_agree_with_scatter(problem, method):
-    """Over 240 records, on models other than the seed's; derived parameters too."""
+    """Over 240 records, on models other than the paper's; derived parameters too."""
     clean = problem.record(periods=2)
     noise = dict(zip(clean.names, 0.002 * clean.samples.std(axis=0), strict=True))
     rng = np.random.default_rng(8)

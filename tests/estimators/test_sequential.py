@@ -23,7 +23,7 @@ def stages_of(problem, constraints=(), **fixed):
 
 
 def test_stages_of_the_seed():
-    """The seed's (10) and (11)."""
+    """The paper's (10) and (11)."""
     first, second = stages_of(THREE_MASS)
     assert first == ([0, 1, 6, 7], ["m1", "m3", "k1", "k1*L1", "k2", "k2*L2"])
     assert second[0] == [2, 3, 4, 5]

@@ -123,7 +123,7 @@ def test_modes_of_the_seed_s_rotor():
 
 
 def test_potential_energy_of_the_seed_s_rotor():
-    """K is the Hessian of the potential from which the seed's (7) follow."""
+    """K is the Hessian of the potential from which the paper's (7) follow."""
     model = load_model("three-mass")
     values, p = namespace(model, 7)
     K = model.require_linear().matrices(values).K

@@ -26,7 +26,7 @@ def test_statistics_of_the_periods():
     assert (periodic.periods, periodic.samples, periodic.fundamental) == (10, 10, 10.0)
     cut = RANDOM[:100].reshape(10, 10, 2)
     np.testing.assert_allclose(periodic.mean, cut.mean(axis=0))
-    scatter = ((cut - cut.mean(axis=0)) ** 2).sum(axis=0) / 9  # the seed's (8), unbiased
+    scatter = ((cut - cut.mean(axis=0)) ** 2).sum(axis=0) / 9  # the paper's (8), unbiased
     np.testing.assert_allclose(periodic.variance, scatter)
     np.testing.assert_allclose(periodic.spectra, np.fft.fft(cut, axis=1)[:, [0, 2, 5]] / 10)
     np.testing.assert_allclose(periodic.mean_spectrum, periodic.spectra.mean(axis=0))

@@ -22,7 +22,7 @@ class Batch(LinearEstimator):
     """``min (F theta - b)' Sigma^-1 (F theta - b)``, Sigma diagonal, all rows at once.
 
     A row with a measured force has that force's variance at each sample; a row without has
-    `free_weight` times the largest of them. The seed calls the factor k and alpha. A large one
+    `free_weight` times the largest of them. The paper calls the factor k and alpha. A large one
     takes bias away and adds variance.
 
     Parameters
@@ -48,7 +48,9 @@ class Batch(LinearEstimator):
     def __post_init__(self) -> None:
         if not (np.isfinite(self.free_weight) and self.free_weight > 0):
             raise InputError(
-                f"free_weight {self.free_weight}", "a positive number", "take 100, as the seed does"
+                f"free_weight {self.free_weight}",
+                "a positive number",
+                "take 100, as the paper does",
             )
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:

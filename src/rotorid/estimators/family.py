@@ -148,7 +148,7 @@ def pose(
 def force_variance(regression: Regression) -> Floats:
     """Return the variance of each row's force at each sample, shape (sample, row).
 
-    The inputs count as uncorrelated, as in the seed's (9).
+    The inputs count as uncorrelated, as in the paper's (9).
     """
     record, model = regression.record, regression.model
     channels = list(regression.observation.input_columns)

@@ -1,4 +1,4 @@
-"""What a record says at best about base parameters: the seed's (13), read as it should be."""
+"""What a record says at best about base parameters: the paper's (13), read as it should be."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Information:
     matrix : array, shape (base, base)
         ``F' Sigma^-1 F``, Sigma the variance of the mean force at each sample.
     condition_number : float
-        Of F, as the seed's robots have it: neither rows nor columns are scaled.
+        Of F, as the paper's robots have it: neither rows nor columns are scaled.
     scaled_condition_number : float
         Of F with its columns scaled to length one; it does not change with the units.
     """
@@ -57,7 +57,7 @@ def information_of(model: Model, estimate: Estimate, record: Data) -> Informatio
 def information(model: Model, data: Data) -> Information:
     """Return the information matrix and the condition numbers of a record.
 
-    The seed's (13) calls ``F' Sigma^-1 F`` a covariance; it is an information matrix. Nor is its
+    The paper's (13) calls ``F' Sigma^-1 F`` a covariance; it is an information matrix. Nor is its
     inverse the covariance of an estimate: the noise in F is left out, and rows without actuator
     have no variance, so that they are left out here. Use it to compare records; the deviations
     of an estimate are in its own covariance.

@@ -1,4 +1,4 @@
-"""Least squares without statistics: the seed's Sigma = I."""
+"""Least squares without statistics: the paper's Sigma = I."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LeastSquares(LinearEstimator):
     """``min |F theta - b|^2`` over all rows and samples alike.
 
     The derivatives in F are taken as free of noise. They are not: noise in the regressors
-    attenuates the estimates, most in rows whose right side is zero, and on the seed's rotor this
+    attenuates the estimates, most in rows whose right side is zero, and on the paper's rotor this
     bias is nearly all of the error. The stated deviations cover the scatter, not the bias.
 
     Parameters

@@ -43,7 +43,7 @@ class Sequential(LinearEstimator):
 
     Notes
     -----
-    The seed's (5) and (6) lack an inverse; its (10) has x2'' where x3'' belongs, its (11) I_p in
+    The paper's (5) and (6) lack an inverse; its (10) has x2'' where x3'' belongs, its (11) I_p in
     the column of I_p. The stages here are derived from the model, whatever it is.
 
     References

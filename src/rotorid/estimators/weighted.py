@@ -17,7 +17,7 @@ RANK_TOLERANCE = 1e-11
 
 
 def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
-    """Make variances over periods, the seed's (8), fit to be weights.
+    """Make variances over periods, the paper's (8), fit to be weights.
 
     Below `POOLING_PERIODS` periods they are pooled over the samples of a channel: from two or
     three periods a variance per sample comes close to zero by chance and its weight takes over.
@@ -94,9 +94,9 @@ class Solution:
 
 
 def solve(blocks: Sequence[Block]) -> Solution:
-    """Solve ``min sum |whitened(design @ free - target)|^2``, the seed's (2) and (3).
+    """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
 
-    The seed prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
+    The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
     meant. Here no normal equations are formed: the whitened columns are scaled, then decomposed
     by QR and SVD.
     """
@@ -142,7 +142,7 @@ def sandwich(
 
     Notes
     -----
-    The seed's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
+    The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
     rows without actuator carry a weight, not a variance, and the noise of the regressors
     dominates.
     """

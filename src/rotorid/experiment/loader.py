@@ -155,6 +155,25 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     ------
     InputError
         For a file that cannot be read, or says what cannot be done, with the key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "run.toml"
+    >>> _ = path.write_text('''
+    ... model = "jeffcott"
+    ... [[records]]
+    ... file = "run.csv"
+    ... sample_rate = "2 kHz"
+    ... fundamental = "10 Hz"
+    ... harmonics = [1, 2]
+    ... [channels]
+    ... F_x = { column = "fx", unit = "N" }
+    ... F_y = { column = "fy", unit = "N" }
+    ... x = { column = "x", unit = "um" }
+    ... y = { column = "y", unit = "um" }''')
+    >>> load_experiment(path).model.name
+    'jeffcott'
     """
     path = Path(path)
     entry = read_toml(path, ExperimentFile)

@@ -124,6 +124,14 @@ def read_record(
         For a file, column or time axis that cannot be used.
     InputError
         For units that do not convert, or samples that are not finite.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> path = Path(tempfile.mkdtemp()) / "run.csv"
+    >>> np.savetxt(path, [[0.0, 1.0], [0.5, 2.0]], delimiter=",", header="x,F", comments="")
+    >>> read_record(path, sample_rate="5 kHz").column("F")
+    array([1., 2.])
     """
     table = open_tables(path, header_row=header_row)
     try:

@@ -40,6 +40,15 @@ class _ModelFile(Schema):
 def shipped_models() -> tuple[str, ...]:
     """Return the names of the models in the package.
 
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    OSError
+        Where the package's own files cannot be read.
+
     Examples
     --------
     >>> shipped_models()
@@ -92,7 +101,7 @@ def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
 
 
 def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Model:
-    """Return the model that the text of a model file describes.
+    r"""Return the model that the text of a model file describes.
 
     Parameters
     ----------
@@ -103,10 +112,25 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     file : str
         For messages.
 
+    Returns
+    -------
+    Model
+
     Raises
     ------
     ReadError, ModelError
         As `load_model`.
+
+    Examples
+    --------
+    >>> model = parse_model('''
+    ... title = "a mass on a spring"
+    ... equations = ["m*x\'\' + k*x = F"]
+    ... coordinates = { x = "m" }
+    ... inputs = { F = "N" }
+    ... parameters = { m = { unit = "kg" }, k = { unit = "N/mm" } }''')
+    >>> model.base.names, model.base.units
+    (('m', 'k'), ('kg', 'N/m'))
     """
     raw = data.encode() if isinstance(data, str) else data
     return _build(parse_toml(raw, _ModelFile, file=file), name, file)

@@ -150,9 +150,11 @@ def simulate(
 
     Parameters
     ----------
-    model, values, forces, sample_rate, speed, phase
+    model, values, forces, sample_rate
         As for `steady_state`.
     periods : int
+    speed, phase : float
+        As for `steady_state`.
     noise : mapping of channel name to float, optional
         Standard deviation per sample, in the unit of the channel; channels left out have none.
     rng : numpy.random.Generator, optional
@@ -167,6 +169,16 @@ def simulate(
     ------
     InputError
         As `steady_state`; and for noise without `rng`, or on channels that do not exist.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> model = load_model("jeffcott")
+    >>> force = np.zeros((100, 2))
+    >>> force[:, 0] = np.cos(2 * np.pi * np.arange(100) / 100)
+    >>> record = simulate(model, model.values(model.nominal), force, sample_rate=1e3, periods=3)
+    >>> record.names, len(record.samples)
+    (('F_x', 'F_y', 'x', 'y'), 300)
     """
     if periods < 1:
         raise InputError(f"{periods} periods", "1 or more", "correct it")

@@ -1,4 +1,4 @@
-"""The seed's rotor at the demo's noise, line by line, and Monte-Carlo figures of an estimator."""
+"""The paper's rotor at the demo's noise, line by line, and Monte-Carlo figures of an estimator."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,0 +1,143 @@
+"""Conventions of what users see: every public name is described, in full and truly."""
+
+import inspect
+import re
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rotorid as rid
+
+ROOT = Path(__file__).parents[1]
+PUBLIC = {name: getattr(rid, name) for name in rid.__all__}
+FUNCTIONS = {name: found for name, found in PUBLIC.items() if inspect.isfunction(found)}
+CLASSES = {name: found for name, found in PUBLIC.items() if inspect.isclass(found)}
+SECTION = re.compile(r"^(?P<title>[A-Z][a-z]+(?: [A-Z]?[a-z]+)?)\n-+$", re.M)
+
+
+def sections(found: Any) -> dict[str, str]:
+    """Return the sections of a docstring in numpydoc's manner; "" is what comes first."""
+    text = inspect.getdoc(found) or ""
+    parts = SECTION.split(text)
+    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
+
+
+def described(section: str) -> list[str]:
+    """Return the names of the parameters that a section describes."""
+    rows = re.findall(r"^(\*{0,2}\w[\w, *]*?)(?: :.*)?$", section, re.M)
+    return [name.strip("* ") for row in rows for name in row.split(",") if name.strip()]
+
+
+def parameters(found: Callable[..., Any]) -> list[str]:
+    if is_dataclass(found):
+        return [field.name for field in fields(found) if field.init]
+    return [name for name in inspect.signature(found).parameters if name != "self"]
+
+
+def methods() -> dict[str, Any]:
+    """Return the public methods that the public classes define themselves."""
+    return {
+        f"{name}.{key}": value
+        for name, found in CLASSES.items()
+        for key, value in vars(found).items()
+        if inspect.isfunction(value) and not key.startswith("_")
+    }
+
+
+@pytest.mark.parametrize("name", sorted({**FUNCTIONS, **CLASSES, **methods()}))
+def test_documented_parameters_exist(name: str) -> None:
+    found = {**FUNCTIONS, **CLASSES, **methods()}[name]
+    told = described(sections(found).get("Parameters", ""))
+    assert set(told) <= set(parameters(found)), "described, but not there"
+
+
+@pytest.mark.parametrize("name", sorted({**FUNCTIONS, **CLASSES}))
+def test_every_parameter_is_documented(name: str) -> None:
+    found = PUBLIC[name]
+    parts = sections(found)
+    if is_dataclass(found) and len(fields(found)) <= 4 and "Parameters" not in parts:
+        return  # a row of a table: its one sentence and its fields' names say it
+    if getattr(found, "_is_protocol", False) or not parameters(found):
+        return
+    if inspect.isclass(found) and "__init__" not in vars(found):
+        return  # an error like its parent
+    assert set(described(parts.get("Parameters", ""))) == set(parameters(found))
+
+
+@pytest.mark.parametrize("name", sorted(FUNCTIONS))
+def test_public_functions_are_documented_in_full(name: str) -> None:
+    parts = sections(FUNCTIONS[name])
+    assert len(parts[""].strip().splitlines()[0]) <= 100
+    assert "Returns" in parts or inspect.signature(FUNCTIONS[name]).return_annotation == "None"
+    assert parts.get("Raises", "").strip(), "what it raises"
+    assert ">>> " in parts.get("Examples", ""), "an example that runs"
+
+
+@pytest.mark.parametrize("name", sorted(CLASSES))
+def test_public_classes_say_what_they_are(name: str) -> None:
+    first = inspect.getdoc(CLASSES[name])
+    assert first
+    assert not first.startswith(name + "("), "the signature that dataclasses write"
+
+
+def test_the_reference_page_holds_every_public_name_and_no_other() -> None:
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `rid\.(\w+)` \| (.*) \|$", text, re.M))
+    first = {name: (inspect.getdoc(found) or "").splitlines()[0] for name, found in PUBLIC.items()}
+    assert rows == {name: line.replace("|", "\\|") for name, line in first.items()}
+
+
+def test_about_fifty_names_are_public() -> None:
+    assert 35 <= len(rid.__all__) <= 60
+
+
+def test_pages_that_are_named_are_shipped() -> None:
+    """Links of the documentation, and pages that sources name, lie in the repository."""
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")]
+    for page in pages:
+        for link in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
+    for source in [*ROOT.glob("src/**/*.py"), *ROOT.glob("src/**/*.toml")]:
+        for name in re.findall(r"[\w-]+\.md\b", source.read_text(encoding="utf-8")):
+            shipped = {page.name for page in pages}
+            assert name in shipped, f"{source.name}: {name}"
+
+
+def test_the_paper_is_called_the_paper() -> None:
+    spoken = re.compile(r"\b[Tt]he seed(?:'s)?\b(?! of the| for)|\bseed's\b")
+    pages = [*ROOT.glob("src/**/*.py"), *ROOT.glob("src/**/*.toml"), *ROOT.glob("**/*.md")]
+    found = {
+        str(path.relative_to(ROOT))
+        for path in pages
+        if spoken.search(path.read_text(encoding="utf-8"))
+    }
+    assert not found
+
+
+def test_the_map_is_right() -> None:
+    """CONTRIBUTING names every part of the package, and nothing that is not there."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    source = ROOT / "src" / "rotorid"
+    named = re.findall(r"`(?:src/rotorid/)?([\w/]+(?:\.pyi?|/))`", text)
+    for name in named:
+        places = [ROOT / name, source / name, source / "estimators" / name]
+        places.append(source / "estimators" / "likelihood" / name)
+        assert any(place.exists() for place in places), name
+    parts = {path.name for path in source.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    parts |= {path.name for path in source.glob("*.py") if not path.name.startswith("__")}
+    told = {name.rstrip("/") for name in named}
+    assert not parts - told - {"demo"}
+
+
+def test_what_a_newcomer_looks_for_is_found_in_one_search() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text[text.index("Where is ...?") :].split("\n\n")[1]
+    searches = re.findall(r"^\| .+ \| `(.+)` \|$", table, re.M)
+    assert len(searches) >= 7
+    paths = [*ROOT.glob("src/**/*.py"), *ROOT.glob("src/**/*.pyi")]
+    sources = {path: path.read_text(encoding="utf-8") for path in paths}
+    for search in searches:
+        assert [p for p, text in sources.items() if search in text or search == p.name], search
