@@ -305,3 +305,20 @@ def test_lines_that_nothing_excites_are_told() -> None:
     grave = told(machine(), lines=[2, 4, 6])
     assert {c.verdict for c in grave} == {"warning"}
     assert "no kept line of any input" in grave[0].found
+
+
+@pytest.mark.slow
+def test_random_machines_raise_no_alarm() -> None:
+    """At most 1 in 1000 of clean records may be called anything; of 300, then, none."""
+    alarms = []
+    for seed in range(300):
+        rng = np.random.default_rng(10_000 + seed)
+        record = machine(
+            periods=int(rng.integers(4, 200)),
+            noise=10 ** rng.uniform(-2.5, 0.5),
+            seed=seed,
+            colour=float(rng.choice([0.0, 0.5, 0.95, 0.995])),
+            speed=2 * np.pi * F0 * float(rng.choice([0, 5, 7, 9])),
+        )
+        alarms += [(seed, str(c)) for c in told(record) if c.verdict in ("warning", "refused")]
+    assert alarms == []

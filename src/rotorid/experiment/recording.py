@@ -18,7 +18,7 @@ from rotorid.io import Source, read_record
 from rotorid.models import Model
 from rotorid.models.combination import linear_combination
 from rotorid.record import Drive, PeriodicRecord, Record
-from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_times
+from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average
 from rotorid.signals.settling import detect_settling
 from rotorid.signals.synchronism import rotation_warnings
@@ -190,9 +190,8 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
             source=source_file,
         )
     else:
-        turned = keyphasor_angle(
-            pulse_times(column, rate, source=source_file), len(column), rate, source=source_file
-        )
+        times, half = pulse_edges(column, rate, source=source_file)
+        turned = keyphasor_angle(times, len(column), rate, half=half, source=source_file)
     return replace(
         record,
         channels=tuple(c for c in record.channels if c.name != _MARK),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rotorid.errors import InputError
 from rotorid.record import Floats
 from rotorid.rig.errors import check
-from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_times
+from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 
 
 @dataclass(frozen=True)
@@ -180,4 +180,5 @@ def read_mark(
         return None
     if isinstance(mark, Encoder):
         return encoder_angle(column, sample_rate, per_revolution=mark.lines, lines=mark.lines)
-    return keyphasor_angle(pulse_times(column, sample_rate), len(column), sample_rate)
+    times, half = pulse_edges(column, sample_rate)
+    return keyphasor_angle(times, len(column), sample_rate, half=half)

@@ -1,4 +1,8 @@
-"""Rotor angle from an encoder or from a pulse once per revolution."""
+"""Rotor angle from an encoder or from a pulse once per revolution.
+
+A rotor with its inertia turns smoothly; what a counter or a pulse shows of that is a staircase.
+`rotorid.signals.rotation_fit` fits the one to the other.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import interpolate
 
 from rotorid.errors import InputError
-from rotorid.record import Floats
+from rotorid.record import Booleans, Floats, Integers
+from rotorid.signals.rotation_fit import Readings, fit_rotation
 
-_END_PULSES = 12
+LOST = 0.6
+"""Step of a counter, in lines, that is a line lost or counted twice: rounding leaves 0.15."""
+
+WINDOW = 64
+"""Samples before and behind a step of the counter that are compared: their means and slopes are
+known to an eighth of a line."""
+
+OFF_BEAT = 0.15
+"""Part of a revolution by which a pulse may come early or late: what is further off is no pulse of
+the mark, and the speed does not change by that in a revolution."""
+
+MOST_FAULTS = 0.2
+"""Part of the pulses that may be missing or too many: beyond it the count of turns is a guess."""
+
+_START_PULSES = 25
+
+PLATEAU = 0.02
+"""Distance from low or high, over their difference, within which a sample shows no flank."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +48,23 @@ class MeasuredAngle:
     drift : float
         Change of the speed in rad/s^2, by the same regression.
     scatter : float
-        Root mean square of what the regression leaves, in rad: jitter, counting, wandering.
+        Root mean square of what the regression leaves, in rad: wandering of the speed.
+    angle_std : float
+        Deviation of an offset common to all samples, in rad: what sampling and jitter leave open.
+    jitter : float
+        Deviation in rad of one reading, its interval apart.
+    missing, extra : int
+        Lines or pulses that were lost, or counted twice, and set right.
     """
 
     angle: Floats
     speed: float
     drift: float
     scatter: float
+    angle_std: float = 0.0
+    jitter: float = 0.0
+    missing: int = 0
+    extra: int = 0
 
 
 def _regression(time: Floats, angle: Floats) -> tuple[float, float, float]:
@@ -57,8 +88,9 @@ def encoder_angle(
 ) -> MeasuredAngle:
     """Return the angle from readings of an encoder or a resolver, one per sample.
 
-    A counter shows the last line that has passed, half a line less than the angle on average;
-    with `lines` that half is added. Readings may start afresh at every revolution.
+    A counter shows the last line that has passed: with `lines` each reading is an interval, and
+    a smooth rotation is fitted through all of them. Lines lost or counted twice are set right.
+    Readings may start afresh at every revolution; a rotor that runs backwards has a negative speed.
 
     Parameters
     ----------
@@ -80,8 +112,8 @@ def encoder_angle(
     Raises
     ------
     InputError
-        For a reading that is not finite, an encoder that runs backwards or turns around, and one
-        that moves by half a revolution or more between samples.
+        For a reading that is not finite, an encoder that turns around, and one that moves by half
+        a revolution or more between samples.
 
     Examples
     --------
@@ -96,41 +128,70 @@ def encoder_angle(
         found = f"{raw[bad[0]]} in sample {bad[0]}" if bad.size else f"shape {raw.shape}"
         raise InputError(found, "finite angles, one per sample", "correct the column", file=source)
     step = 2 * np.pi / lines if lines else 0.0
+    time = np.arange(len(raw)) / sample_rate
     angle = np.unwrap(raw * (2 * np.pi / per_revolution))
-    speed, drift, scatter = _regression(np.arange(len(angle)) / sample_rate, angle)
-    _require_forward(angle, speed, sample_rate, step, source)
-    return MeasuredAngle(angle + step / 2, speed, drift, scatter)
+    _require_steady(angle, sample_rate, step, source)
+    if not step:  # an angle without steps is taken as it is
+        return MeasuredAngle(angle, *_regression(time, angle))
+    angle, missing, extra = _without_lost_lines(angle, step)
+    fit = fit_rotation(Readings(time, angle + step / 2, np.full(len(angle), step / 2)))
+    smooth = np.asarray(fit.spline(time))
+    speed, drift, scatter = _regression(time, smooth)
+    return MeasuredAngle(
+        smooth, speed, drift, scatter, fit.std, fit.noise, missing=missing, extra=extra
+    )
 
 
-def _require_forward(
-    angle: Floats, speed: float, sample_rate: float, step: float, source: str
-) -> None:
+def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
+    """Put back lines that a counter lost, take off those that it counted twice."""
+    count = len(angle)
+    if count < 4 * WINDOW:
+        return angle, 0, 0
+    lines = angle / step
+    place = np.arange(WINDOW) - (WINDOW - 1) / 2
+    total = np.convolve(lines, np.ones(WINDOW), mode="valid") / WINDOW
+    slope = np.convolve(lines, place[::-1], mode="valid") / (place @ place)
+    # Means of the windows behind and before each sample, less the way between their middles.
+    jump = total[WINDOW:] - total[:-WINDOW]
+    jump -= WINDOW * (slope[WINDOW:] + slope[:-WINDOW]) / 2
+    limit = max(LOST, 8 * float(np.median(np.abs(jump))) / 0.6745)
+    corrected = lines.copy()
+    missing = extra = 0
+    sign = np.sign(lines[-1] - lines[0])
+    while True:
+        worst = int(np.argmax(np.abs(jump)))
+        if abs(jump[worst]) < limit:
+            return corrected * step, missing, extra
+        size = round(jump[worst]) or int(np.sign(jump[worst]))
+        corrected[worst + WINDOW :] -= size
+        missing += max(0, int(-size * sign))
+        extra += max(0, int(size * sign))
+        jump[max(0, worst - 2 * WINDOW) : worst + 2 * WINDOW] = 0.0
+
+
+def _require_steady(angle: Floats, sample_rate: float, step: float, source: str) -> None:
+    """Refuse an encoder that is too fast for its samples, or turns around."""
     per_sample = np.diff(angle)
     most = np.abs(per_sample).max()
+    speed = (angle[-1] - angle[0]) / (len(angle) - 1)
     # Half a revolution between samples reads the same forwards and backwards.
-    if most > 0.9 * np.pi or abs(speed) / sample_rate > 0.8 * np.pi:
+    if most > 0.9 * np.pi or abs(speed) > 0.8 * np.pi:
         raise InputError(
             f"{np.degrees(most):.4g} degrees between two samples",
             "well below half a revolution",
             "sample faster; or the unit of the angle is wrong",
             file=source,
         )
-    if speed < 0:
-        raise InputError(
-            f"an encoder that runs backwards ({speed / (2 * np.pi):.6g} revolutions/s)",
-            "an angle that grows with time",
-            "exchange its channels, or give the column the scale -1",
-            file=source,
-        )
-    fall = np.maximum.accumulate(angle) - angle
+    ahead = angle if speed >= 0 else -angle
+    fall = np.maximum.accumulate(ahead) - ahead
     tolerated = max(2.5 * step, np.radians(2.0))
     back = np.flatnonzero(fall > tolerated)
     if back.size:
         raise InputError(
-            f"an encoder that runs backwards {back[0] / sample_rate:.6g} s after the first sample, "
+            f"an encoder that turns around {back[0] / sample_rate:.6g} s after the first sample, "
             f"by {np.degrees(fall.max()):.4g} degrees",
-            "an angle that grows with time",
-            "check the encoder for lost or double counts, or cut the record there",
+            "one direction of rotation",
+            "cut the record there, or check the encoder",
             file=source,
         )
 
@@ -167,6 +228,51 @@ def pulse_times(
     >>> pulse_times([0, 0, 0.25, 0.75, 1, 1, 0, 0], 1000.0)
     array([0.0025])
     """
+    rises, part, _ = _edges(samples, threshold, source)
+    return np.asarray((rises + part) / sample_rate)
+
+
+def pulse_edges(
+    samples: ArrayLike, sample_rate: float, *, threshold: float | None = None, source: str = ""
+) -> tuple[Floats, Floats]:
+    """Return the times at which pulses rise, and half the time that each leaves open.
+
+    A flank with samples on it is known by interpolation, and leaves nothing open; a logic level
+    may have risen anywhere between two samples.
+
+    Parameters
+    ----------
+    samples : array, shape (sample,)
+    sample_rate : float
+        Hz.
+    threshold : float, optional
+    source : str
+        For messages.
+
+    Returns
+    -------
+    times, half : array, shape (pulse,)
+        s.
+
+    Raises
+    ------
+    InputError
+        For a column without pulses.
+
+    Examples
+    --------
+    >>> pulse_edges([0, 0, 1, 1, 0, 0], 1000.0)
+    (array([0.0015]), array([0.0005]))
+    """
+    rises, part, open_ = _edges(samples, threshold, source)
+    middle = np.where(open_ > 0, 0.5, part)
+    return np.asarray((rises + middle) / sample_rate), np.asarray(open_ / sample_rate)
+
+
+def _edges(
+    samples: ArrayLike, threshold: float | None, source: str
+) -> tuple[Integers, Floats, Floats]:
+    """Return the sample before each rise, the part of a sample after it, half of what is open."""
     raw = np.asarray(samples, dtype=float)
     low, high = (np.percentile(raw, q) for q in (0.5, 99.5)) if len(raw) else (0.0, 0.0)
     if not high - low > 0:
@@ -187,17 +293,26 @@ def pulse_times(
     before, after = raw[rises], raw[rises + 1]
     flank = (before < level) & (after > before)
     part = np.where(flank, (level - before) / np.where(flank, after - before, 1.0), 0.5)
-    sharp = (before <= low + 0.02 * (high - low)) & (after >= high - 0.02 * (high - low))
-    return np.asarray((rises + np.where(sharp, 0.5, part)) / sample_rate)
+    at_low = before <= low + PLATEAU * (high - low)
+    at_high = after >= high - PLATEAU * (high - low)
+    part = np.where(at_low & at_high, 0.5, part)
+    # With one sample on the flank, its corner lies anywhere beside that sample.
+    open_ = np.where(at_low | at_high, 0.5, 0.0)
+    return np.asarray(rises, dtype=np.int64), np.asarray(part), np.asarray(open_)
 
 
 def keyphasor_angle(
-    times: ArrayLike, count: int, sample_rate: float, *, source: str = ""
+    times: ArrayLike,
+    count: int,
+    sample_rate: float,
+    *,
+    half: ArrayLike = 0.0,
+    source: str = "",
 ) -> MeasuredAngle:
     """Return the angle at each sample from the times of pulses, at which phi = 2 pi n.
 
-    Between pulses by a cubic spline, before the first and after the last by a parabola through the
-    dozen there.
+    Pulses that are missing or too many are understood by their rhythm; a smooth rotation is
+    fitted through the others.
 
     Parameters
     ----------
@@ -207,6 +322,8 @@ def keyphasor_angle(
         Samples of the record.
     sample_rate : float
         Hz.
+    half : float or array, shape (pulse,)
+        Half the time in s that each pulse leaves open, of `pulse_edges`.
     source : str
         For messages.
 
@@ -217,7 +334,7 @@ def keyphasor_angle(
     Raises
     ------
     InputError
-        For fewer than four pulses, a missing one, or one too many.
+        For fewer than four pulses, and for pulses without a rhythm.
 
     Examples
     --------
@@ -233,38 +350,63 @@ def keyphasor_angle(
             "record longer, or check the threshold and the column",
             file=source,
         )
-    _require_every_pulse(t, source)
-    turns = 2 * np.pi * np.arange(len(t), dtype=float)
-    speed, drift, scatter = _regression(t, turns)
-    spline = interpolate.make_interp_spline(t, turns, k=3)
+    kept, turns = _count_turns(t, source)
+    open_ = np.broadcast_to(np.asarray(half, dtype=float), t.shape)[kept]
+    missing = int(turns[-1] - turns[0] + 1 - len(turns))
+    t, angle = t[kept], 2 * np.pi * turns
+    speed, _, _ = _regression(t, angle)
+    fit = fit_rotation(Readings(t, angle, abs(speed) * open_))
     time = np.arange(count) / sample_rate
-    angle = spline(np.clip(time, t[0], t[-1]))
-    for outside, few in (
-        (time < t[0], slice(_END_PULSES)),
-        (time > t[-1], slice(-_END_PULSES, None)),
-    ):
-        fit = np.polynomial.Polynomial.fit(t[few], turns[few], 2)
-        angle[outside] = fit(time[outside])
-    return MeasuredAngle(np.asarray(angle), speed, drift, scatter)
+    smooth = np.asarray(fit.spline(np.clip(time, t[0], t[-1])))
+    # Beyond the pulses the rotation goes on with the speed that it has there.
+    for end, outside in ((t[0], time < t[0]), (t[-1], time > t[-1])):
+        rate = float(fit.spline.derivative()(end))
+        smooth[outside] += rate * (time[outside] - end)
+    speed, drift, scatter = _regression(time, smooth)
+    extra = len(kept) - int(kept.sum())
+    return MeasuredAngle(
+        smooth, speed, drift, scatter, fit.std, fit.noise, missing=missing, extra=extra
+    )
 
 
-def _require_every_pulse(times: Floats, source: str) -> None:
-    """Compare each interval with those beside it."""
+def _count_turns(times: Floats, source: str) -> tuple[Booleans, Floats]:
+    """Return which pulses count, and the number of the turn at which each of them stands."""
     spacing = np.diff(times)
-    reach = min(2, len(spacing) - 1)
-    padded = np.pad(spacing, reach, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
-    beside = np.median(np.delete(around, reach, axis=1), axis=1)
-    for fault, what, cure in (
-        (spacing > 1.5 * beside, "a missing pulse", "lower the threshold, or cut the record there"),
-        (spacing < 0.6 * beside, "a pulse too many", "raise the threshold, or filter the column"),
-    ):
-        if fault.any():
-            at = int(np.argmax(fault))
-            raise InputError(
-                f"{what} between {times[at]:.6g} s and {times[at + 1]:.6g} s, "
-                f"{int(fault.sum())} such in all",
-                f"pulses about {beside[at]:.6g} s apart",
-                cure,
-                file=source,
-            )
+    period = _rhythm(spacing)
+    near = np.flatnonzero(np.abs(spacing / period - 1) < OFF_BEAT)
+    first = int(near[0]) if near.size else 0
+    turns = np.full(len(times), np.nan)
+    turns[first] = 0.0
+    _follow(times, turns, range(first + 1, len(times)), first, period)
+    _follow(times, turns, range(first - 1, -1, -1), first, period)
+    kept = np.isfinite(turns)
+    number = np.nanmax(turns) - np.nanmin(turns)
+    faults = len(times) + number + 1 - 2 * kept.sum()
+    if faults > MOST_FAULTS * len(times) + 1 or kept.sum() < 4:
+        raise InputError(
+            f"{int(faults)} pulses missing or too many, of {len(times)}",
+            "one pulse per revolution",
+            "check the threshold and the column, or cut the record where they fail",
+            file=source,
+        )
+    return kept, turns[kept] - np.nanmin(turns)
+
+
+def _follow(times: Floats, turns: Floats, order: range, last: int, period: float) -> None:
+    """Give numbers to pulses that come whole periods after, or before, the last that counted."""
+    for i in order:
+        passed = (times[i] - times[last]) / period
+        whole = round(passed)
+        if whole == 0 or abs(passed - whole) > OFF_BEAT:
+            continue
+        turns[i] = turns[last] + whole
+        period += 0.5 * ((times[i] - times[last]) / whole - period)
+        last = i
+
+
+def _rhythm(spacing: Floats) -> float:
+    """Return the time between pulses at the start: the one that most spacings agree with."""
+    few = spacing[:_START_PULSES]
+    agree = np.abs(few[:, None] / few[None, :] - 1) < OFF_BEAT
+    best = few[int(np.argmax(agree.sum(axis=0)))]
+    return float(np.median(few[np.abs(few / best - 1) < OFF_BEAT]))
