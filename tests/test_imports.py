@@ -55,6 +55,7 @@ OPEN_CYCLES = {
     "estimators.likelihood.calibration",
     "estimators.likelihood.cost",
     "rig.assembly",
+    "rig.lags",
     "rig.logger",
     "rig.rig",
 }

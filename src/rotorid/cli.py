@@ -117,9 +117,11 @@ def export(**options: Any) -> int:
 
 
 @cli.command()
-@click.argument("rig")
-@click.option("--out", required=True, type=_FILE, help="The record to write (.h5).")
+@click.argument("rig", required=False)
+@click.option("--out", type=_FILE, help="The record to write (.h5).")
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
+@click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
+@click.option("--faults", is_flag=True, help="List the faults.")
 @click.option("--force", is_flag=True, help="Replace files that simulate did not write itself.")
 @_debug_option
 def simulate(**options: Any) -> int:

@@ -46,7 +46,10 @@ def _constant(unit: str) -> BeforeValidator:
 _KEYS: Mapping[LawName, tuple[tuple[str, ...], tuple[str, ...]]] = {
     # law: keys that it needs, keys that it may have
     "linear": (("ki",), ("ks",)),
-    "differential": (("bias", "gap"), ("K", "area", "turns", "angle")),
+    "differential": (
+        ("bias", "gap"),
+        ("K", "area", "turns", "angle", "bias_difference", "iron", "saturation"),
+    ),
     "flux": (("area",), ("poles", "angle")),
 }
 
@@ -55,7 +58,8 @@ class LawEntry(Schema):
     """A force law and its constants.
 
     ``linear``: ki, ks. ``differential``: bias, gap, angle and K, or area and turns of horseshoe
-    magnets. ``flux``: area, poles, angle. A constant is a quantity, or a table of value and std.
+    magnets; bias_difference, iron and saturation. ``flux``: area, poles, angle. A constant is a
+    quantity, or a table of value and std.
     """
 
     law: LawName
@@ -68,6 +72,9 @@ class LawEntry(Schema):
     gap: Annotated[Constant | None, _constant("m")] = None
     angle: Annotated[Constant | None, _constant("rad")] = None
     poles: StrictInt | None = None
+    bias_difference: Annotated[Constant | None, _constant("A")] = None
+    iron: Annotated[Constant | None, _constant("m")] = None
+    saturation: Annotated[Constant | None, _constant("A/m")] = None
 
     @property
     def uncertain(self) -> tuple[str, ...]:
@@ -100,7 +107,14 @@ class LawEntry(Schema):
             poles = 2 if self.poles is None else self.poles
             return _with_deviations(partial(Flux, poles=poles), area=self.area, angle=self.angle)
         return _with_deviations(
-            Differential, constant=self._magnet(), bias=self.bias, gap=self.gap, angle=self.angle
+            Differential,
+            constant=self._magnet(),
+            bias=self.bias,
+            gap=self.gap,
+            angle=self.angle,
+            bias_difference=self.bias_difference,
+            iron=self.iron,
+            saturation=self.saturation,
         )
 
     def _magnet(self) -> Constant:

@@ -90,9 +90,6 @@ class Flux:
         InputError
             Where current or position lie beyond bias or gap.
         """
-        i, x = law._within(current, position)
-        c = np.cos(law.angle)
-        scale = np.sqrt(law.constant * c / self.gain)
-        ahead = scale * (law.bias + i) / (law.gap - x * c)
-        behind = scale * (law.bias - i) / (law.gap + x * c)
-        return ahead, behind
+        scale = np.sqrt(law.constant * np.cos(law.angle) / self.gain)
+        ahead, behind = law.fluxes(*law._within(current, position))
+        return scale * ahead, scale * behind

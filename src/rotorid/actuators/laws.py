@@ -91,13 +91,31 @@ class Linear:
         return self
 
 
-def differential_force(
-    current: Any, position: Any, constant: Any, bias: Any, gap: Any, cosine: Any
+KNEE = 4
+"""Sharpness of the iron's knee: b / (1 + (b / b_s)^KNEE)^(1 / KNEE); 4 follows the curves of
+transformer sheet, which bend within a fifth of their saturation."""
+
+
+def magnet_fluxes(
+    current: Any,
+    position: Any,
+    bias: Any,
+    gap: Any,
+    cosine: Any,
+    bias_difference: Any,
+    iron: Any,
+    saturation: Any,
 ) -> Any:
-    """Return the force of two opposed magnets, unchecked; also compiled into the rig."""
-    ahead = (bias + current) / (gap - position * cosine)
-    behind = (bias - current) / (gap + position * cosine)
-    return constant * cosine * (ahead * ahead - behind * behind)
+    """Return what the flux densities of two opposed magnets are in proportion to, in A/m."""
+    ahead = (bias + bias_difference + current) / (gap + iron - position * cosine)
+    behind = (bias - bias_difference - current) / (gap + iron + position * cosine)
+    if saturation != np.inf:
+        ahead = ahead * (1 + (ahead / saturation) ** KNEE) ** (-1 / KNEE)
+        behind = behind * (1 + (behind / saturation) ** KNEE) ** (-1 / KNEE)
+    return ahead, behind
+
+
+_CONSTANTS = ("constant", "bias", "gap", "angle", "bias_difference", "iron", "saturation")
 
 
 @dataclass(frozen=True)
@@ -105,7 +123,8 @@ class Differential:
     """Two opposed magnets driven by bias plus and minus current.
 
     F = K cos(alpha) [ (i0 + i)^2 / (s0 - x cos(alpha))^2 - (i0 - i)^2 / (s0 + x cos(alpha))^2 ].
-    Iron, stray flux and eddy currents are left out.
+    The iron's path adds to both gaps; saturation bends b, the current over the gap, which the flux
+    density follows, into b / (1 + (b / b_s)^4)^(1/4). Stray flux and eddy currents are left out.
 
     Parameters
     ----------
@@ -117,8 +136,16 @@ class Differential:
         s0 in m.
     angle : float
         alpha in rad, between the poles' normals and the axis of the force.
+    bias_difference : float
+        Half of what the bias of the magnet ahead has more than that of the other, in A.
+    iron : float
+        Path in the iron over twice its relative permeability, in m: so much more of a gap.
+    saturation : float
+        b_s in A/m, 2 B_s / (mu0 turns) of horseshoes; infinite where the iron is not near it.
     constant_std, bias_std, gap_std, angle_std : float
         Standard deviations of the constants.
+    bias_difference_std, iron_std, saturation_std : float
+        And of the others.
 
     Raises
     ------
@@ -141,10 +168,23 @@ class Differential:
     bias_std: float = 0.0
     gap_std: float = 0.0
     angle_std: float = 0.0
+    bias_difference: float = 0.0
+    iron: float = 0.0
+    saturation: float = np.inf
+    bias_difference_std: float = 0.0
+    iron_std: float = 0.0
+    saturation_std: float = 0.0
 
     def __post_init__(self) -> None:
-        require_constants(self, {"constant": "N m^2/A^2", "bias": "A", "gap": "m"}, free=("angle",))
+        positive = {"constant": "N m^2/A^2", "bias": "A", "gap": "m"}
+        require_constants(self, positive, free=("angle", "bias_difference", "iron"))
         require_angle(self.angle)
+        for name, value, ok in (
+            ("bias_difference", self.bias_difference, abs(self.bias_difference) < self.bias),
+            ("iron", self.iron, self.iron >= 0),
+            ("saturation", self.saturation, self.saturation > 0),
+        ):
+            require(value, ok, name, "0 or more, a difference below the bias", "check its unit")
 
     @classmethod
     def from_geometry(
@@ -180,14 +220,29 @@ class Differential:
         return float(self.gap / np.cos(self.angle))
 
     def _force(self, current: Any, position: Any) -> Any:
-        return differential_force(
-            current, position, self.constant, self.bias, self.gap, np.cos(self.angle)
-        )
+        ahead, behind = self.fluxes(current, position)
+        return self.constant * np.cos(self.angle) * (ahead * ahead - behind * behind)
+
+    def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
+        """Return the bent currents over the gaps in A/m, which the flux densities follow."""
+        ahead, behind = magnet_fluxes(current, position, *self.constants[1:])
+        return ahead, behind
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Constants in the order of `magnet_fluxes`, K before them."""
+        magnet = (self.constant, self.bias, self.gap, np.cos(self.angle))
+        return (*magnet, self.bias_difference, self.iron, self.saturation)
+
+    @property
+    def most(self) -> float:
+        """Current in A at which one of the magnets has none left."""
+        return self.bias - abs(self.bias_difference)
 
     def _within(self, current: ArrayLike, position: ArrayLike) -> tuple[Floats, Floats]:
         i, x = np.broadcast_arrays(np.asarray(current, float), np.asarray(position, float))
         for name, values, limit, cure in (
-            ("current", i, self.bias, "check the unit and the bias, or limit the current below it"),
+            ("current", i, self.most, "check the unit and the bias, or limit the current below it"),
             ("position", x, self.reach, "check the unit and the gap"),
         ):
             over = np.flatnonzero(~(np.abs(values) < limit * (1 + 1e-12)))
@@ -214,15 +269,22 @@ class Differential:
     def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
         """Return the deviation of the force in N that the constants' deviations cause."""
         at = self._within(current, position)
-        names = ("constant", "bias", "gap", "angle")
+        names = _CONSTANTS
         return deviation_of(self, names, lambda law: law._force(*at))
 
     def _slopes(self, current: float, position: float) -> Any:
         c = np.cos(self.angle)
-        near, far = self.gap - position * c, self.gap + position * c
-        ahead, behind = self.bias + current, self.bias - current
-        ki = 2 * self.constant * c * (ahead / near**2 + behind / far**2)
-        ks = 2 * self.constant * c**2 * (ahead**2 / near**3 + behind**2 / far**3)
+        gaps = self.gap + self.iron - position * c, self.gap + self.iron + position * c
+        biases = self.bias + self.bias_difference, self.bias - self.bias_difference
+        ki, ks = 0.0, 0.0
+        for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
+            b = (bias + side * current) / gap
+            bend = 1.0
+            if self.saturation != np.inf:
+                # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
+                bend = (1 + (b / self.saturation) ** KNEE) ** (-2 / KNEE - 1)
+            ki = ki + 2 * self.constant * c * b * bend / gap
+            ks = ks + 2 * self.constant * c**2 * b**2 * bend / gap
         return np.array([ki, ks])
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
@@ -234,7 +296,7 @@ class Differential:
             Where the point lies beyond bias or gap.
         """
         self._within(current, position)
-        names = ("constant", "bias", "gap", "angle")
+        names = _CONSTANTS
         ki, ks = self._slopes(current, position)
         ki_std, ks_std = np.broadcast_to(
             deviation_of(self, names, lambda law: law._slopes(current, position)), 2

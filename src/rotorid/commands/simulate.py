@@ -7,23 +7,40 @@ from pathlib import Path
 
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, progress, show, write, write_text
-from rotorid.report.rig import record_page
+from rotorid.errors import InputError
+from rotorid.report.rig import fault_page, record_page
 from rotorid.rig.export import experiment_path, experiment_text, require_own, write_record
 from rotorid.rig.file import load_rig
 
 
-def run(rig: str, out: Path, seed: int | None, force: bool) -> int:
+def run(
+    rig: str | None,
+    out: Path | None,
+    seed: int | None,
+    fault: tuple[str, ...],
+    faults: bool,
+    force: bool,
+) -> int:
     """Run a rig and write its record, with the experiment file that identifies it."""
+    if faults:
+        show(fault_page())
+        return OK
+    if rig is None or out is None:
+        raise InputError(
+            "no RIG" if rig is None else "no --out",
+            "rotorid simulate RIG --out FILE, or rotorid simulate --faults",
+            "name both: a rig, such as three-mass, and the record to write, such as run.h5",
+        )
     experiment = experiment_path(out, rig)
     check_outputs(out, experiment)
     if not force:
         require_own(out)
         require_own(experiment)
-    plan = load_rig(rig)
+    plan = load_rig(rig).with_faults(fault)
     with progress("running"):
-        record = plan.run(seed)
+        record = plan.record(seed)
     write(
-        (out, partial(write_record, record, rig_text=plan.text)),
+        (out, partial(write_record, record, rig_text=plan.text, faults=fault)),
         (experiment, write_text(lambda: experiment_text(plan, record, out.name))),
     )
     show(record_page(record, str(out), str(experiment)))

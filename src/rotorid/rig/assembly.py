@@ -2,44 +2,116 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.record import Floats, Integers
 from rotorid.rig.controller import Controller
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
-from rotorid.rig.plant import Plant, Transitions, transitions
+from rotorid.rig.lags import Lags, build_lags
+from rotorid.rig.plant import Plant
 from rotorid.rig.schedule import Schedule
 
 if TYPE_CHECKING:
     from rotorid.rig.parts import PositionSensor
     from rotorid.rig.rig import Rig
 
+FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
+HUM = 50.0  # Hz, of the mains
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
 
 
-def linear_steps(rig: Rig, plant: Plant, speed: float) -> Transitions:
-    """Return the exact steps of a rig linearized at its centre, at a speed in rad/s."""
-    slopes = np.array([part.slopes for part in rig.parts])
+@dataclass(frozen=True)
+class Transitions:
+    """Exact steps of the linear rig from each event of the pattern to the next.
+
+    ``x[+] = state x + command c + noise w + load e`` with x = [q, q', lagging currents, z], c the
+    held commands, w the held random forces, e = [cos h phi, sin h phi, ...] at the event.
+
+    Parameters
+    ----------
+    state : array, shape (event, state, state)
+    command : array, shape (event, state, input)
+    noise : array, shape (event, state, noise)
+    load : array, shape (event, state, 2 harmonic)
+    """
+
+    state: Floats
+    command: Floats
+    noise: Floats
+    load: Floats
+
+
+def transitions(rig: Rig, plant: Plant, lags: Lags, speed: float) -> Transitions:
+    """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
+    a, cuts = _continuous(rig, plant.at(speed), lags, speed)
+    lengths = rig.schedule.length
+    step = {length: linalg.expm(a * length) for length in set(lengths)}
+    steps = np.array([step[length] for length in lengths])[:, : cuts[0]]
+    blocks = np.split(steps, cuts, axis=2)
+    return Transitions(*(np.ascontiguousarray(block) for block in blocks))
+
+
+def _continuous(rig: Rig, plant: Plant, lags: Lags, speed: float) -> tuple[Floats, list[int]]:
+    """Return the rates of [x, commands, random forces, loads], and where each of these begins."""
+    n, inputs = plant.force.shape
+    ki, ks = np.array([part.slopes for part in rig.parts]).T
     lag = np.array([part.time_constant for part in rig.parts])
-    ki, ks = slopes.T
-    return transitions(plant.at(speed), rig.schedule, speed, ki, ks, lag, noise_matrix(rig, plant))
+    noise = noise_matrix(rig, plant)
+    lagging, z = np.flatnonzero(lag > 0), 2 * n + np.count_nonzero(lag)
+    states = z + len(lags.floor)
+    first, last = states + inputs, states + inputs + noise.shape[1]
+    size = last + 2 * len(plant.harmonics)
+    # What [i, h] is, without hysteresis: the commands, or the states of the amplifiers that lag.
+    current = np.zeros((inputs, size))
+    current[:, states:first] = np.diag(lag == 0)
+    current[lagging, 2 * n + np.arange(len(lagging))] = 1.0
+
+    def rows(signal: tuple[Floats, Floats, Floats]) -> Floats:
+        motion, electric, state = signal
+        found = (electric[:, :inputs] + electric[:, inputs:]) @ current
+        found[:, : 2 * n] += motion
+        found[:, z:states] += state
+        return np.asarray(found)
+
+    a = np.zeros((size, size))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, : 2 * n] = plant.motion[0]
+    a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
+    a[n : 2 * n] += (plant.force * ki) @ rows(lags.effective)
+    rates = 1.0 / lag[lagging]
+    a[2 * n : z, 2 * n : z] = -np.diag(rates)
+    a[2 * n + np.arange(len(lagging)), states + lagging] = rates
+    a[z:states] = rows(lags.rate)
+    a[n : 2 * n, first:last] = noise
+    a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
+    for h, multiple in enumerate(plant.harmonics):
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
+        a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
+    return a, [states, first, last]
 
 
 def noise_matrix(rig: Rig, plant: Plant) -> Floats:
-    """Return the accelerations per random force, shape (coordinate, noise)."""
-    B = rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B
-    columns = [
-        B[:, rig.model.inputs.index(name)]
-        if name in rig.model.inputs
-        else np.eye(len(B))[rig.model.coordinates.index(name)]
-        for name in rig.process_noise.std
-    ]
-    rows = np.array(columns).reshape(len(columns), len(B)).T
-    return np.ascontiguousarray(np.linalg.solve(plant.mass, rows), dtype=float)
+    """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
+    n = len(plant.force)
+    columns = [_acceleration(rig, plant, name, force=True) for name in rig.process_noise.std]
+    for part in rig.disturbances:
+        parts = [f * _acceleration(rig, plant, name, force=False) for name, f in part.on.items()]
+        columns.append(np.sum(parts, axis=0))
+    return np.ascontiguousarray(np.array(columns).reshape(len(columns), n).T, dtype=float)
+
+
+def _acceleration(rig: Rig, plant: Plant, name: str, *, force: bool) -> Floats:
+    """Return the accelerations by one N at an input; of a coordinate by a force, or its own."""
+    if name in rig.model.inputs:
+        return plant.force[:, rig.model.inputs.index(name)]
+    own = np.eye(len(plant.force))[rig.model.coordinates.index(name)]
+    return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
 
 
 def sensor_matrix(rig: Rig) -> Floats:
@@ -51,15 +123,17 @@ def sensor_matrix(rig: Rig) -> Floats:
 
 def growth(rig: Rig, plant: Plant, speed: float) -> tuple[float, float, str]:
     """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
-    steps = linear_steps(rig, plant, speed)
+    lags = build_lags(rig, plant, sensor_matrix(rig))
+    steps = transitions(rig, plant, lags, speed)
     names = [sensor.name for sensor in rig.sensors]
-    sensors = sensor_matrix(rig)
     fed_back = [names.index(name) for name in rig.feedback]
+    motion, _, state = lags.reading
     reads = np.zeros((len(fed_back), steps.state.shape[1]))
-    reads[:, : sensors.shape[1]] = sensors[fed_back]
+    reads[:, : motion.shape[1]] = motion[fed_back]
+    reads[:, reads.shape[1] - len(lags.floor) :] = state[fed_back]
     matrix = loop_matrix(rig.schedule, steps.state, steps.command, rig.controller, reads)
-    radius, angle, motion = worst_mode(matrix)
-    at_actuators = np.abs(plant.displacement @ motion[: sensors.shape[1]])
+    radius, angle, moving = worst_mode(matrix)
+    at_actuators = np.abs(plant.displacement @ moving[: len(plant.force)])
     axis = rig.model.inputs[int(np.argmax(at_actuators))]
     duration = rig.schedule.duration
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
@@ -72,27 +146,30 @@ def event_table(rig: Rig, samples: int) -> Events:
     return Events(plan, settling + -(-samples // plan.logs), settling)
 
 
-def step_table(rig: Rig, plant: Plant) -> Steps:
+def step_table(rig: Rig, plant: Plant, lags: Lags) -> Steps:
     """Return the exact steps of a linear rig; of another one only their sizes matter."""
     n, inputs = plant.force.shape
     if rig.linear:
-        steps = linear_steps(rig, plant, rig.rotation.speed)
+        steps = transitions(rig, plant, lags, rig.rotation.speed)
         return Steps(True, steps.state, steps.command, steps.noise, steps.load)
-    events, noises = len(rig.schedule.offset), len(rig.process_noise.std)
-    shapes = ((2 * n, 2 * n), (2 * n, inputs), (2 * n, noises), (2 * n, 0))
+    events, size = len(rig.schedule.offset), 2 * n + len(lags.floor)
+    noises = len(rig.process_noise.std) + len(rig.disturbances)
+    shapes = ((size, size), (size, inputs), (size, noises), (size, 0))
     return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
 
 
 def bearing_table(rig: Rig, plant: Plant) -> Bearings:
     """Return the actuators' constants."""
     parts = rig.parts
-    law = np.zeros((len(parts), 4))
-    for row, part in zip(law, parts, strict=True):
+    law, heating = np.zeros((2, len(parts), 7))
+    for row, rate, part in zip(law, heating, parts, strict=True):
         match part.law:
             case Differential() as magnets:
-                row[:] = magnets.constant, magnets.bias, magnets.gap, np.cos(magnets.angle)
-            case Linear(ki=ki, ks=ks):
+                row[:] = magnets.constants
+                rate[2] = part.heating * magnets.gap
+            case Linear(ki=ki, ks=ks):  # as 1 / gap^2 and 1 / gap^3 go
                 row[:2] = ki, ks
+                rate[:2] = -2 * part.heating * ki, -3 * part.heating * ks
             case None:
                 row[:2] = 1.0, 0.0
     lag = np.array([part.time_constant for part in parts])
@@ -100,16 +177,20 @@ def bearing_table(rig: Rig, plant: Plant) -> Bearings:
     return Bearings(
         kind=np.array([0 if m is None else 1 for m in pairs_of]),
         law=law,
+        heating=heating,
         limit=np.array([part.limit for part in parts]),
-        bias=np.array([np.inf if m is None else m.bias for m in pairs_of]),
+        bias=np.array([np.inf if m is None else m.most for m in pairs_of]),
         time_constant=lag,
         lagging=np.flatnonzero(lag > 0),
         slew=np.array([part.slew for part in parts]),
+        hysteresis=np.array([part.hysteresis for part in parts]),
         displacement=np.ascontiguousarray(plant.displacement),
         clearance=np.array(
             [rig.clearance if m is None else min(rig.clearance, m.reach) for m in pairs_of]
         ),
         pair=pairs(rig.model.inputs),
+        contact=rig.contact,
+        friction=FRICTION,
     )
 
 
@@ -122,6 +203,15 @@ def pairs(inputs: tuple[str, ...]) -> Integers:
             for name, other in zip(inputs, swapped, strict=True)
         ]
     )
+
+
+def quarter_turn(inputs: tuple[str, ...]) -> Floats:
+    """Return the matrix that takes the force on y from the motion along x, and -x from y."""
+    turn = np.zeros((len(inputs), len(inputs)))
+    for j, other in enumerate(pairs(inputs)):
+        if other >= 0:
+            turn[j, other] = 1.0 if "x" in inputs[j] else -1.0
+    return turn
 
 
 def rotor_table(rig: Rig, plant: Plant) -> Rotor:
@@ -152,6 +242,11 @@ def loop_table(rig: Rig, events: Events, samples: int, rng: np.random.Generator)
     log_time = np.arange(samples, dtype=float) / rig.logger.sample_rate
     apart = bool(((plan.log >= 0) & (plan.control < 0)).any())
     deviations = np.array(list(rig.process_noise.std.values()))
+    process = rng.normal(size=(steps, len(deviations))) * deviations
+    middle = control_time + rig.controller.period / 2
+    known = [part.size(middle) for part in rig.disturbances]
+    recorded = control_time[control_time > -rig.controller.period / 2]
+    gain = np.ones(1) if rig.gain is None else rig.gain(recorded)
     names = [sensor.name for sensor in rig.sensors]
     return Loop(
         A=rig.controller.A,
@@ -159,12 +254,15 @@ def loop_table(rig: Rig, events: Events, samples: int, rng: np.random.Generator)
         C=rig.controller.C,
         D=rig.controller.D,
         reads=np.array([names.index(name) for name in rig.feedback], dtype=np.int64),
-        sensors=sensor_matrix(rig),
         quantum=np.array([sensor.quantum for sensor in rig.sensors]),
-        process=rng.normal(size=(steps, len(deviations))) * deviations,
+        cubic=np.array([sensor.cubic for sensor in rig.sensors]),
+        heating=np.array([sensor.heating for sensor in rig.sensors]),
+        filtered=bool(np.isfinite(rig.logger.filter)),
+        process=np.column_stack([process, *known]),
         error_at_control=_errors(rig, control_time, rng),
         error_at_log=_errors(rig, log_time if apart else log_time[:0], rng),
         excitation=excitation_table(rig),
+        gain=gain,
     )
 
 
@@ -174,6 +272,7 @@ def _errors(rig: Rig, time: Floats, rng: np.random.Generator) -> Floats:
     errors = rng.normal(size=(len(time), len(rig.sensors)))
     for j, sensor in enumerate(rig.sensors):
         errors[:, j] = sensor.noise * errors[:, j] + sensor.bias + runout_of(sensor, angle)
+        errors[:, j] += sensor.hum * np.cos(2 * np.pi * HUM * time)
     return errors
 
 
@@ -219,7 +318,7 @@ def load_table(rig: Rig, plant: Plant, events: Events) -> Floats:
 def log_table(rig: Rig, samples: int) -> Log:
     """Return the empty log."""
     inputs = len(rig.model.inputs)
-    widths = (2 * len(rig.model.coordinates), len(rig.sensors), inputs, inputs, inputs)
+    widths = (2 * len(rig.model.coordinates), len(rig.sensors), *[inputs] * 5)
     return Log(*(np.zeros((samples, width)) for width in widths))
 
 

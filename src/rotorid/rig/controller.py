@@ -89,6 +89,17 @@ class Controller:
         states = np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j * z)
         return np.asarray(self.C @ states + self.D)
 
+    def after(self, first: Controller) -> Controller:
+        """Return the controller that reads what another one makes of the positions."""
+        inner, outer = first.states, self.states
+        return Controller(
+            A=np.block([[first.A, np.zeros((inner, outer))], [self.B @ first.C, self.A]]),
+            B=np.vstack([first.B, self.B @ first.D]),
+            C=np.hstack([self.D @ first.C, self.C]),
+            D=self.D @ first.D,
+            period=self.period,
+        )
+
     def on_each(self, axes: int) -> Controller:
         """Return a controller of one position and one command, repeated on several axes."""
         return side_by_side([self] * axes)

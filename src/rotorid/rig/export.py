@@ -16,7 +16,7 @@ from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.rig.file import RigPlan
-from rotorid.rig.logger import Column, RigRecord, actuator_position, label
+from rotorid.rig.logger import Column, Logged, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import sensor_unit
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
@@ -27,7 +27,9 @@ _MARK = f"Written by `{_WRITER}`"
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
+def write_record(
+    record: Logged | RigRecord, path: Path, *, rig_text: str = "", faults: Sequence[str] = ()
+) -> None:
     """Write what the logger of a rig recorded, as HDF5.
 
     One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
@@ -35,11 +37,13 @@ def write_record(record: RigRecord, path: Path, *, rig_text: str = "") -> None:
     """
     with h5py.File(path, "w") as data:
         data.attrs["written_by"] = _WRITER
-        time = np.arange(len(record.samples)) / record.sample_rate
+        time = np.arange(record.count) / record.sample_rate
         _dataset(data, Column("t", "s", time))
         for column in record.columns:
             _dataset(data, column)
-        _write_truth(data.create_group("truth"), record, rig_text)
+        if record.truth is not None:
+            _write_truth(data.create_group("truth"), record.truth)
+            data["truth"].attrs.update(rig=rig_text, faults=list(faults))
 
 
 def write_columns(path: Path, columns: Sequence[Column]) -> None:
@@ -54,11 +58,8 @@ def _dataset(group: h5py.Group, column: Column) -> None:
     group[column.name].attrs["units"] = column.unit
 
 
-def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
+def _write_truth(group: h5py.Group, truth: Truth) -> None:
     """Write the truth as tables: one-dimensional datasets would look like columns."""
-    truth = record.truth
-    if truth is None:
-        return
     tables = {
         "rotation": (np.stack([truth.angle, truth.speed], axis=1), ("angle", "speed")),
         "position": (truth.position, truth.coordinates),
@@ -72,7 +73,6 @@ def _write_truth(group: h5py.Group, record: RigRecord, rig_text: str) -> None:
     parameters = group.create_group("parameters")
     for name, value in truth.parameters.items():
         parameters.attrs[name] = value
-    group.attrs["rig"] = rig_text
 
 
 def experiment_path(out: Path, rig: str) -> Path:
@@ -97,9 +97,9 @@ def experiment_path(out: Path, rig: str) -> Path:
     return beside
 
 
-def experiment_text(plan: RigPlan, record: RigRecord, file: str) -> str:
-    """Return the experiment file that identifies the record of a rig."""
-    rig = plan.rig
+def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str:
+    """Return the experiment file that identifies the record of a rig, faults left unsaid."""
+    rig = plan.rig.described or plan.rig
     if rig.excitation is None:
         raise InputError(
             "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
@@ -190,7 +190,7 @@ def _harmonics(rig: Rig) -> list[int]:
     return sorted(lines)
 
 
-def _inputs(rig: Rig, record: RigRecord) -> dict[str, Any]:
+def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
     """Return how the force of each input follows from the columns."""
     columns = {column.name: column for column in record.columns}
     plant = rig.plant(1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -20,7 +20,8 @@ from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.combination import linear_combination
 from rotorid.record import Channel
 from rotorid.rig.controller import Controller, pid, side_by_side
-from rotorid.rig.logger import RigRecord
+from rotorid.rig.faults import find_fault, with_faults
+from rotorid.rig.logger import Logged, RigRecord, read
 from rotorid.rig.parts import (
     Actuator,
     FluxSensors,
@@ -82,11 +83,23 @@ class RigPlan:
 
     def run(self, seed: int | None = None) -> RigRecord:
         """Run the rig for its duration, with its seed or another."""
-        rng = np.random.default_rng(self.seed if seed is None else seed)
+        found = self.record(seed)
         try:
-            return self.rig.run(self.duration, rng)
+            return read(self.rig.described or self.rig, found)
         except InputError as error:
             raise error.at(file=self.file or self.name) from None
+
+    def record(self, seed: int | None = None) -> Logged:
+        """Run the rig as `run` does, but leave the logger's columns as they are."""
+        rng = np.random.default_rng(self.seed if seed is None else seed)
+        try:
+            return self.rig.record(self.duration, rng)
+        except InputError as error:
+            raise error.at(file=self.file or self.name) from None
+
+    def with_faults(self, faults: Sequence[str]) -> RigPlan:
+        """Return the plan of a rig with faults, each ``name`` or ``name=size``."""
+        return replace(self, rig=with_faults(self.rig, [find_fault(text) for text in faults]))
 
 
 def shipped_rigs() -> tuple[str, ...]:

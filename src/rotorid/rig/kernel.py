@@ -4,7 +4,7 @@ Between events the inputs are constant. A linear rig takes exact steps (matrix e
 nonlinear one, or one whose speed changes, is integrated by the embedded pair of Dormand and Prince,
 5(4), with error control; the amplifiers' currents have a closed form, as their commands are held.
 What the loop works on are the tables below, plain arrays and numbers.
-x = [q, q', lagging currents], y = [q, q'].
+x = [q, q', lagging currents, z], y = [q, q', z], z the states of `rotorid.rig.lags`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from rotorid.actuators.laws import differential_force
+from rotorid.actuators.laws import magnet_fluxes
 from rotorid.record import Floats, Integers
 from rotorid.rig.schedule import Schedule
 
@@ -41,21 +41,27 @@ class Steps(NamedTuple):
 class Bearings(NamedTuple):
     """Actuators, one entry per input.
 
-    kind is 0 for F = ki i + ks x, 1 for two opposed magnets; law holds the constants. Commands
-    are limited to +-limit; current beyond bias is a fault. lagging holds the inputs whose
-    amplifier lags. pair is the other axis of the same auxiliary bearing, or -1.
+    kind is 0 for F = ki i + ks x, 1 for two opposed magnets; law holds the constants, which
+    change by heating in a second. Commands are limited to +-limit; current beyond bias is a fault.
+    lagging holds the inputs whose amplifier lags; hysteresis is half the width of the iron's loop.
+    pair is the other axis of the same auxiliary bearing, or -1; contact and friction are what the
+    bearing answers a touch with, in N/m and N per N, and what ends the run where contact is 0.
     """
 
     kind: Integers
     law: Floats
+    heating: Floats
     limit: Floats
     bias: Floats
     time_constant: Floats
     lagging: Integers
     slew: Floats
+    hysteresis: Floats
     displacement: Floats
     clearance: Floats
     pair: Integers
+    contact: float
+    friction: float
 
 
 class Rotor(NamedTuple):
@@ -77,7 +83,9 @@ class Loop(NamedTuple):
     """Controller, sensors and what is known of them beforehand.
 
     error_at_control and error_at_log hold noise, bias and runout of each sensor, drawn and
-    computed beforehand; where both clocks tick, the logger sees what the controller saw.
+    computed beforehand; where both clocks tick, the logger sees what the controller saw, unless
+    it has a filter. cubic and heating bend and drift the readings; gain multiplies the
+    controller's answer at each step.
     """
 
     A: Floats
@@ -85,12 +93,15 @@ class Loop(NamedTuple):
     C: Floats
     D: Floats
     reads: Integers
-    sensors: Floats
     quantum: Floats
+    cubic: Floats
+    heating: Floats
+    filtered: bool
     error_at_control: Floats
     error_at_log: Floats
     excitation: Floats
     process: Floats
+    gain: Floats
 
 
 class Log(NamedTuple):
@@ -100,10 +111,12 @@ class Log(NamedTuple):
     reading: Floats
     command: Floats
     current: Floats
+    recorded: Floats
+    effective: Floats
     force: Floats
 
 
-_differential = njit(differential_force, error_model="numpy")
+_fluxes = njit(magnet_fluxes, error_model="numpy")
 
 # Dormand and Prince 1980: nodes; stages, the last the step of order 5; its difference to order 4.
 _C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -152,24 +165,77 @@ def coil_current(start: float, command: float, lag: float, slew: float, time: fl
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def _displacement(displacement: Any, j: int, position: Any) -> float:
+    x = 0.0
+    for k in range(displacement.shape[1]):
+        x += displacement[j, k] * position[k]
+    return x
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _forces(displacement: Any, kind: Any, laws: Any, position: Any, current: Any, out: Any) -> None:
     """Compute the forces; past the poles the gap stays at a thousandth of itself."""
     for j in range(len(out)):
-        x = 0.0
-        for k in range(displacement.shape[1]):
-            x += displacement[j, k] * position[k]
+        x = _displacement(displacement, j, position)
+        law = laws[j]
         if kind[j] == 0:
-            out[j] = laws[j, 0] * current[j] + laws[j, 1] * x
+            out[j] = law[0] * current[j] + law[1] * x
         else:
-            most = 0.999 * laws[j, 2] / laws[j, 3]
+            most = 0.999 * law[2] / law[3]
             x = min(max(x, -most), most)
-            out[j] = _differential(current[j], x, laws[j, 0], laws[j, 1], laws[j, 2], laws[j, 3])
+            ahead, behind = _fluxes(current[j], x, law[1], law[2], law[3], law[4], law[5], law[6])
+            out[j] = law[0] * law[3] * (ahead * ahead - behind * behind)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _played(held: float, width: float, current: float) -> float:
+    """Return where a play operator of half a width stands after its input has gone to a current.
+
+    The input was inside the play and went there without turning: as a held command makes it go.
+    """
+    return min(max(held, current - width), current + width)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _signal(table: Any, y: Any, first: int, current: Any, iron: Any, z: int, out: Any) -> None:
+    """Add the signals of a table over y = [q, q'], [current, iron] and the states from z on."""
+    motion, electric, state = table
+    inputs = len(current)
+    for r in range(motion.shape[0]):
+        total = 0.0
+        for k in range(motion.shape[1]):
+            total += motion[r, k] * y[k]
+        for k in range(inputs):
+            total += electric[r, k] * current[k] + electric[r, inputs + k] * iron[k]
+        for k in range(state.shape[1]):
+            total += state[r, k] * y[z + k]
+        out[first + r] = total
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _contact(bearings: Any, position: Any, forward: float, force: Any) -> None:
+    """Add what the auxiliary bearings push back with, and the friction on the turning shaft."""
+    for j in range(len(force)):
+        other = bearings.pair[j]
+        if other >= 0 and other < j:
+            continue
+        x = _displacement(bearings.displacement, j, position)
+        y = _displacement(bearings.displacement, other, position) if other >= 0 else 0.0
+        radius = math.sqrt(x * x + y * y)
+        over = radius - bearings.clearance[j]
+        if over <= 0.0:
+            continue
+        normal = bearings.contact * over / radius
+        drag = forward * bearings.friction * normal
+        force[j] += drag * y - normal * x
+        if other >= 0:
+            force[other] += -drag * x - normal * y
 
 
 @njit(cache=True, error_model="numpy")
-def forces(bearings: Any, position: Any, current: Any, out: Any) -> None:
-    """Compute the forces of the actuators."""
-    _forces(bearings.displacement, bearings.kind, bearings.law, position, current, out)
+def forces(bearings: Any, laws: Any, position: Any, current: Any, out: Any) -> None:
+    """Compute the forces of the actuators, their laws as they are now."""
+    _forces(bearings.displacement, bearings.kind, laws, position, current, out)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -197,7 +263,7 @@ def _accelerations(
     steady: Any,
     out: Any,
 ) -> None:
-    """Compute the derivative of y = [q, q'] from forces, rotor angle and speed s."""
+    """Compute the derivative of [q, q'] from forces, rotor angle and speed s."""
     n = len(steady)
     for r in range(n):
         out[r] = y[n + r]
@@ -226,28 +292,32 @@ def _accelerations(
 def integrate(
     rotor: Any,
     bearings: Any,
+    lags: Any,
+    laws: Any,
     steady: Any,
     held: Any,
     begin: float,
     length: float,
     coil: Any,
+    iron: Any,
     y: Any,
     peak: Any,
     stages: Any,
-    current: Any,
-    force: Any,
+    room: Any,
 ) -> bool:
     """Carry y[0] over an interval of constant inputs; False where no step is small enough.
 
-    coil holds the amplifiers' currents at the beginning and, on return, at the end; peak the
-    largest size of each state so far, to which errors are relative; steady the accelerations that
-    are held; y[1], stages, current and force are room to work in.
+    coil and iron hold the amplifiers' currents, and those after hysteresis, at the beginning and,
+    on return, at the end; laws the constants of the forces; peak the largest size of each state so
+    far, to which errors are relative; steady the accelerations that are held; y[1], stages and
+    room are room to work in.
     """
     # The arrays are taken out of their tables once: each access, or call, would count references.
     motion, load, harmonics, per_force = rotor.motion, rotor.load, rotor.harmonics, rotor.force
-    displacement, kind, laws = bearings.displacement, bearings.kind, bearings.law
+    displacement, kind, width = bearings.displacement, bearings.kind, bearings.hysteresis
     lag, slew, rotation = bearings.time_constant, bearings.slew, rotor.rotation
-    states, done, h, first = y.shape[1], 0.0, length, True
+    current, played, effective, force = room[0], room[1], room[2], room[3]
+    n, states, done, h, first = 2 * len(steady), y.shape[1], 0.0, length, True
     while done < length:
         last = h >= length - done
         h = length - done if last else h
@@ -262,20 +332,28 @@ def integrate(
             angle, omega = angle_and_speed(rotation, begin + done + c * h)
             s = (omega - rotor.centre) / rotor.width
             _currents(lag, slew, coil, held, done + c * h, current)
-            _forces(displacement, kind, laws, y[1], current, force)
+            for j in range(len(current)):
+                played[j] = _played(iron[j], width[j], current[j])
+            _signal(lags.effective, y[1], 0, current, played, n, effective)
+            _forces(displacement, kind, laws, y[1], effective, force)
+            if bearings.contact > 0.0:
+                _contact(bearings, y[1], 1.0 if omega >= 0.0 else -1.0, force)
             _accelerations(
                 motion, load, harmonics, per_force, angle, s, y[1], force, steady, stages[stage]
             )
+            _signal(lags.rate, y[1], n, current, played, n, stages[stage])
         first = False
         error = 0.0
         for r in range(states):
             part = 0.0
             for m in range(7):
                 part += _E[m] * stages[m, r]
-            peak[r] = max(abs(y[1, r]), peak[r])
-            error = max(error, abs(h * part) / peak[r])
+            relative = abs(h * part) / max(abs(y[1, r]), peak[r])
+            error = error if relative <= error else relative  # NaN stays
         error /= rotor.tolerance
         if error <= 1.0:
+            for r in range(states):
+                peak[r] = max(abs(y[1, r]), peak[r])
             done = length if last else done + h
             y[0] = y[1]
             stages[0] = stages[6]
@@ -286,6 +364,8 @@ def integrate(
                 return False
     _currents(lag, slew, coil, held, length, current)
     coil[:] = current
+    for j in range(len(coil)):
+        iron[j] = _played(iron[j], width[j], coil[j])
     return True
 
 
@@ -304,39 +384,42 @@ def _add_product(matrix: Any, vector: Any, out: Any) -> None:
 @njit(cache=True, error_model="numpy")
 def _touch(bearings: Any, position: Any) -> int:
     """Return the first axis whose displacement is over the clearance, or -1."""
-    n = bearings.displacement.shape[1]
     for j in range(len(bearings.clearance)):
-        square = 0.0
-        for axis in (j, bearings.pair[j]):
-            x = 0.0
-            if axis >= 0:
-                for k in range(n):
-                    x += bearings.displacement[axis, k] * position[k]
-            square += x * x
+        square = _displacement(bearings.displacement, j, position) ** 2
+        if bearings.pair[j] >= 0:
+            square += _displacement(bearings.displacement, bearings.pair[j], position) ** 2
         if not square <= bearings.clearance[j] ** 2:
             return j
     return -1
 
 
 @njit(cache=True, error_model="numpy")
-def _read(loop: Any, position: Any, error: Any, out: Any) -> None:
+def _read(loop: Any, time: float, error: Any, out: Any) -> None:
+    """Turn what the sensors stand before into what they say."""
     for r in range(len(out)):
-        total, quantum = error[r], loop.quantum[r]
-        for k in range(loop.sensors.shape[1]):
-            total += loop.sensors[r, k] * position[k]
+        total, quantum = out[r], loop.quantum[r]
+        total *= 1.0 + loop.cubic[r] * total * total
+        total = total * (1.0 + loop.heating[r] * max(time, 0.0)) + error[r]
         out[r] = np.rint(total / quantum) * quantum if quantum > 0 else total
 
 
 @njit(cache=True, error_model="numpy")
 def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, command: Any) -> None:
-    """One step of the controller: command from reading, the state moved on."""
-    command[:] = loop.excitation[step % len(loop.excitation)]
+    """One step of the controller: command from reading, the state moved on.
+
+    step counts from the first sample of the record; the gain is that of the step, or of all.
+    """
+    command[:] = 0.0
     scratch[:] = 0.0
     for j in range(len(command)):
         for k in range(loop.C.shape[1]):
             command[j] += loop.C[j, k] * memory[k]
         for k in range(loop.D.shape[1]):
             command[j] += loop.D[j, k] * reading[loop.reads[k]]
+    gain = loop.gain[min(max(step, 0), len(loop.gain) - 1)]
+    played = loop.excitation[step % len(loop.excitation)]
+    for j in range(len(command)):
+        command[j] = gain * command[j] + played[j]
     for r in range(len(memory)):
         for k in range(len(memory)):
             scratch[r] += loop.A[r, k] * memory[k]
@@ -369,18 +452,28 @@ def _exact_step(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _record(
-    log: Any, sample: int, x: Any, reading: Any, command: Any, current: Any, force: Any
+    log: Any, sample: int, x: Any, reading: Any, command: Any, effective: Any, force: Any
 ) -> None:
     log.state[sample] = x[: log.state.shape[1]]
     log.reading[sample] = reading
     log.command[sample] = command
-    log.current[sample] = current
+    log.effective[sample] = effective
     log.force[sample] = force
 
 
 @njit(cache=True, error_model="numpy")
+def _laws_at(bearings: Any, time: float, laws: Any) -> None:
+    """Compute the constants of the forces some time after the record began."""
+    for j in range(laws.shape[0]):
+        for k in range(laws.shape[1]):
+            laws[j, k] = bearings.law[j, k]
+            if bearings.heating[j, k] != 0.0:
+                laws[j, k] += bearings.heating[j, k] * max(time, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def run(
-    events: Any, steps: Any, bearings: Any, rotor: Any, loop: Any, loads: Any, log: Any
+    events: Any, steps: Any, bearings: Any, rotor: Any, lags: Any, loop: Any, loads: Any, log: Any
 ) -> tuple[int, int, float, float]:
     """Run the rig and fill the log; return a fault (or FINE), its axis, time and size.
 
@@ -389,21 +482,28 @@ def run(
     plan = events.pattern
     n, inputs = rotor.force.shape
     x, moved = np.zeros(steps.state.shape[1]), np.zeros(steps.state.shape[1])
-    y, stages = np.zeros((2, 2 * n)), np.zeros((7, 2 * n))
-    peak = rotor.floor.copy()
+    states = 2 * n + len(lags.floor)
+    z = len(x) - len(lags.floor)
+    y, stages = np.zeros((2, states)), np.zeros((7, states))
+    peak = np.concatenate((rotor.floor, lags.floor))
     steady, held, newest = np.zeros(n), np.zeros(inputs), np.zeros(inputs)
-    coil, current, force = np.zeros(inputs), np.zeros(inputs), np.zeros(inputs)
+    coil, iron, room = np.zeros(inputs), np.zeros(inputs), np.zeros((4, inputs))
+    current, played, effective, force = room[0], room[1], room[2], room[3]
+    laws = bearings.law.copy()
     memory, scratch = np.zeros(loop.A.shape[0]), np.zeros(loop.A.shape[0])
     waiting = np.zeros((plan.lag + 2, inputs))
-    reading = np.zeros(loop.sensors.shape[0])
+    reading = np.zeros(len(loop.quantum))
+    shown = reading.copy()
     tick = 0
     for pattern in range(events.repeats):
         since = pattern - events.settling
         for e in range(len(plan.offset)):
             time = since * plan.duration + plan.offset[e]
+            _laws_at(bearings, time, laws)
             if plan.control[e] >= 0:
                 tick = pattern * plan.controls + plan.control[e]
-                _read(loop, x, loop.error_at_control[tick], reading)
+                _signal(lags.reading, x, 0, coil, iron, z, reading)
+                _read(loop, time, loop.error_at_control[tick], reading)
                 step = since * plan.controls + plan.control[e]
                 _control(loop, step, reading, memory, scratch, newest)
                 axis = _limit(bearings, newest)
@@ -417,24 +517,36 @@ def run(
                 held[:] = waiting[due % len(waiting)]
             sample = since * plan.logs + plan.log[e]
             if plan.log[e] >= 0 and 0 <= sample < len(log.state):
-                if plan.control[e] < 0:
-                    _read(loop, x, loop.error_at_log[sample], reading)
                 currents(bearings, coil, held, 0.0, current)
-                forces(bearings, x, current, force)
-                _record(log, sample, x, reading, newest, current, force)
-            axis = _touch(bearings, x)
+                for j in range(inputs):
+                    played[j] = _played(iron[j], bearings.hysteresis[j], current[j])
+                shown[:] = reading
+                if plan.control[e] < 0 or loop.filtered:
+                    together = plan.control[e] >= 0
+                    error = loop.error_at_control[tick] if together else loop.error_at_log[sample]
+                    _signal(lags.logged, x, 0, current, played, z, shown)
+                    _read(loop, time, error, shown)
+                _signal(lags.effective, x, 0, current, played, z, effective)
+                _signal(lags.coil, x, 0, current, played, z, log.current[sample])
+                _signal(lags.recorded, x, 0, current, played, z, log.recorded[sample])
+                forces(bearings, laws, x, effective, force)
+                _record(log, sample, x, shown, newest, effective, force)
+            axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
             if axis >= 0:
                 return TOUCH, axis, time, 0.0
             if steps.linear:
                 load = loads[pattern * len(plan.offset) + e]
                 _exact_step(steps, e, held, loop.process[tick], load, x, moved)
-                coil[bearings.lagging] = x[2 * n :]
+                coil[:] = held
+                coil[bearings.lagging] = x[2 * n : z]
             else:
-                y[0] = x[: 2 * n]
+                y[0, : 2 * n] = x[: 2 * n]
+                y[0, 2 * n :] = x[z:]
                 if not integrate(
-                    rotor, bearings, steady, held, time, plan.length[e],
-                    coil, y, peak, stages, current, force,
+                    rotor, bearings, lags, laws, steady, held, time, plan.length[e],
+                    coil, iron, y, peak, stages, room,
                 ):  # fmt: skip
                     return STUCK, 0, time, 0.0
-                x[: 2 * n] = y[0]
+                x[: 2 * n] = y[0, : 2 * n]
+                x[z:] = y[0, 2 * n :]
     return FINE, 0, 0.0, 0.0

@@ -59,6 +59,28 @@ class Truth:
     current: Floats
     force: Floats
 
+    @property
+    def rpm(self) -> float:
+        """Mean speed in revolutions per minute."""
+        return float(self.speed.mean() * 30 / np.pi)
+
+
+@dataclass(frozen=True)
+class Logged:
+    """What the logger of a rig leaves: columns of one clock; and the truth beside them.
+
+    Nothing in it has been read yet, so it may hold what no reader takes.
+    """
+
+    sample_rate: float
+    columns: tuple[Column, ...]
+    truth: Truth = field(repr=False)
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return len(self.columns[0].samples)
+
 
 @dataclass(frozen=True)
 class RigRecord(Record):
@@ -70,6 +92,11 @@ class RigRecord(Record):
 
     columns: tuple[Column, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return len(self.samples)
 
 
 def label(name: str, part: Actuator, kind: str = "i") -> str:
@@ -110,8 +137,8 @@ def _age(theta: float, period: float, delay: float, lag: float) -> float:
     return float(theta + period * np.where(begun, rest, 1.0).sum())
 
 
-def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> RigRecord:
-    """Return the record of a run; the noise of its recording is drawn here."""
+def logged(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
+    """Return what the logger makes of a run; the noise of its recording is drawn here."""
     rate = rig.logger.sample_rate
     time = np.arange(len(log.state)) / rate
     count = len(rig.model.coordinates)
@@ -127,34 +154,54 @@ def record_of(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Rig
         current=log.current,
         force=log.force,
     )
+    columns = _columns(rig, plant, log, time, rng)
+    for spoil, own in zip(rig.spoils, rng.spawn(len(rig.spoils)), strict=True):
+        columns = tuple(spoil(columns, rig, own))
+    return Logged(rate, columns, truth)
+
+
+def read(rig: Rig, found: Logged) -> RigRecord:
+    """Return the record that a reader makes of a rig's columns, told what the rig is."""
+    by_name = {column.name: column for column in found.columns}
+    mark = by_name.get("encoder", by_name.get("keyphasor"))
+    samples = None if mark is None else mark.samples
+    angle = read_mark(rig.logger.angle, samples, found.sample_rate)
+    if angle is None:
+        time = np.arange(found.count) / found.sample_rate
+        known = rig.rotation.constant and rig.rotation.phase == 0
+        turned = None if known else rig.rotation.angle_at(time)
+        speed = float(rig.rotation.speed_at(time).mean())
+    else:
+        turned, speed = angle.angle, angle.speed
+    record = _as_read(rig, found.columns, turned, speed)
+    return RigRecord(**vars(record), columns=found.columns, truth=found.truth)
+
+
+def _columns(
+    rig: Rig, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
+) -> tuple[Column, ...]:
+    """Return the logger's columns: currents or forces, positions, the mark of the angle."""
     positions = [
         Column(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
     drives = _drive_columns(rig, plant, log, rng)
     mark = _mark_column(rig, time, rng)
-    columns = (*drives, *positions, *([] if mark is None else [mark]))
-    angle = read_mark(rig.logger.angle, None if mark is None else mark.samples, rate)
-    if angle is None:
-        known = rig.rotation.constant and rig.rotation.phase == 0
-        turned, speed = None if known else truth.angle, float(truth.speed.mean())
-    else:
-        turned, speed = angle.angle, angle.speed
-    record = _as_read(rig, plant, columns, turned, speed)
-    return RigRecord(**vars(record), columns=columns, truth=truth)
+    return (*drives, *positions, *([] if mark is None else [mark]))
 
 
 def _drive_columns(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
     """Return the columns of forces or currents, and of flux densities."""
     found = []
-    shown = log.command if rig.logger.current == "command" else log.current
+    described = rig if rig.described is None else rig.described
+    shown = log.command if rig.logger.current == "command" else log.recorded
     position = log.state[:, : plant.displacement.shape[1]] @ plant.displacement.T
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
-        hold, delay = how_recorded(rig, part)
+        hold, delay = how_recorded(described, described.parts[j])
         samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
         found.append(Column(label(name, part), part.unit, samples, hold, delay))
         if part.flux is not None and isinstance(part.law, Differential):
-            densities = part.flux.law.densities(part.law, log.current[:, j], position[:, j])
+            densities = part.flux.law.densities(part.law, log.effective[:, j], position[:, j])
             for kind, flux in zip(("b1", "b2"), densities, strict=True):
                 samples = flux + part.flux.noise * rng.normal(size=len(flux))
                 found.append(Column(label(name, part, kind), "T", samples))
@@ -193,10 +240,9 @@ def sensor_channels(rig: Rig) -> list[Channel]:
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 
 
-def _as_read(
-    rig: Rig, plant: Plant, columns: tuple[Column, ...], angle: Floats | None, speed: float
-) -> Record:
-    """Return the record that a reader makes of the columns."""
+def _as_read(rig: Rig, columns: tuple[Column, ...], angle: Floats | None, speed: float) -> Record:
+    """Return the record that a reader makes of the columns, told of the rig."""
+    plant = rig.plant(1.0)
     by_name = {column.name: column for column in columns}
     channels: list[Channel] = []
     readings: dict[str, ForceReading] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.record import Floats
 from rotorid.rig.errors import check
 from rotorid.rig.rotation import Encoder, Keyphasor
 
@@ -35,6 +36,30 @@ class FluxSensors:
 
 
 @dataclass(frozen=True)
+class Coil:
+    """A coil behind a current controller, with the voltage that the moving rotor induces.
+
+    ``L i' = v - R i - k_i x'``, ``v = w (L e + R int e dt)``, e the error of the current: without
+    motion the current follows its command as a first-order lag of bandwidth w / 2 pi. The induced
+    voltage is k_i times the velocity: what the magnet takes from the current it gives to the force.
+
+    Parameters
+    ----------
+    resistance, inductance : float
+        ohm and H, as the control current sees them.
+    bandwidth : float
+        Of the current controller, Hz.
+    """
+
+    resistance: float
+    inductance: float
+    bandwidth: float
+
+    def __post_init__(self) -> None:
+        check(self, positive=("inductance", "bandwidth"), zero=("resistance",))
+
+
+@dataclass(frozen=True)
 class Actuator:
     """One axis of a magnetic bearing with its amplifier.
 
@@ -51,6 +76,16 @@ class Actuator:
     noise : float
         Standard deviation of the recorded current in A (of the force in N without law).
     flux : FluxSensors, optional
+    coil : Coil, optional
+        In place of the bandwidth.
+    eddy : float
+        tau in s of the eddy currents in the iron: the force follows the current as
+        1 / (1 + sqrt(i omega tau)).
+    hysteresis : float
+        Half the width in A of the loop of the iron: the current that the force follows stays
+        where it is until the coil's is that far away (a play operator).
+    heating : float
+        Growth of the gaps in 1/s, from the first sample on.
 
     Raises
     ------
@@ -70,12 +105,27 @@ class Actuator:
     slew: float = np.inf
     noise: float = 0.0
     flux: FluxSensors | None = None
+    coil: Coil | None = None
+    eddy: float = 0.0
+    hysteresis: float = 0.0
+    heating: float = 0.0
 
     def __post_init__(self) -> None:
-        check(self, positive=("limit", "bandwidth", "slew"), zero=("noise",))
-        if isinstance(self.law, Differential) and self.law.bias < self.limit < np.inf:
+        check(
+            self,
+            positive=("limit", "bandwidth", "slew"),
+            zero=("noise", "eddy", "hysteresis"),
+        )
+        if self.coil is not None and (self.bandwidth is not None or self.hysteresis):
             raise InputError(
-                f"a current limit of {self.limit:g} A beyond the bias of {self.law.bias:g} A",
+                "a coil beside a bandwidth or hysteresis",
+                "one of them",
+                "give the coil its own bandwidth, and leave the others out",
+                place="coil",
+            )
+        if isinstance(self.law, Differential) and self.law.most < self.limit < np.inf:
+            raise InputError(
+                f"a current limit of {self.limit:g} A beyond the bias of {self.law.most:g} A",
                 "a limit of the bias at most",
                 "beyond it one magnet would have to push; lower the limit or raise the bias",
                 place="limit",
@@ -113,6 +163,12 @@ class Actuator:
         """Lag of the amplifier in s."""
         return 0.0 if self.bandwidth is None else 1 / (2 * np.pi * self.bandwidth)
 
+    @property
+    def linear(self) -> bool:
+        """Whether its steps between events can be exact."""
+        slow = np.isfinite(self.slew) or self.hysteresis > 0 or self.heating != 0
+        return not slow and not isinstance(self.law, Differential)
+
 
 @dataclass(frozen=True)
 class Runout:
@@ -140,6 +196,14 @@ class PositionSensor:
     noise, bias, quantum : float
         Standard deviation, offset and least step in m (rad for an angle).
     runout : sequence of Runout
+    bandwidth : float
+        Of the sensor, first order, in Hz.
+    cubic : float
+        Its reading r is bent to r (1 + cubic r^2); in 1/m^2.
+    heating : float
+        Growth of its gain in 1/s, from the first sample on.
+    hum : float
+        Amplitude of the mains in its reading, in m.
 
     Raises
     ------
@@ -153,9 +217,13 @@ class PositionSensor:
     bias: float = 0.0
     quantum: float = 0.0
     runout: tuple[Runout, ...] = ()
+    bandwidth: float = np.inf
+    cubic: float = 0.0
+    heating: float = 0.0
+    hum: float = 0.0
 
     def __post_init__(self) -> None:
-        check(self, zero=("noise", "quantum"))
+        check(self, positive=("bandwidth",), zero=("noise", "quantum"))
 
     @property
     def combination(self) -> Mapping[str, float]:
@@ -181,11 +249,18 @@ class Logger:
         The controller's command, or the coil's current.
     angle : Encoder or Keyphasor, optional
         Without one the speed is taken as known.
+    filter : float
+        Corner in Hz of the filter before the converter: second order, after Butterworth, on
+        positions and measured currents.
     """
 
     sample_rate: float
     current: Literal["command", "measured"] = "command"
     angle: Encoder | Keyphasor | None = None
+    filter: float = np.inf
+
+    def __post_init__(self) -> None:
+        check(self, positive=("filter",))
 
 
 @dataclass(frozen=True)
@@ -204,3 +279,21 @@ class ProcessNoise:
         for name, value in self.std.items():
             if not value >= 0:
                 raise InputError(f"{value}", "0 or more", "correct it", place=name)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """A force, or an acceleration of the frame, that nobody measures.
+
+    Held over each period of the controller, at its value in the middle.
+
+    Parameters
+    ----------
+    on : mapping of str to float
+        Input (N), or coordinate (acceleration in m/s^2, rad/s^2), to its factor.
+    size : callable
+        From times in s, the record's first sample at 0, to the size there.
+    """
+
+    on: Mapping[str, float]
+    size: Callable[[Floats], Floats]

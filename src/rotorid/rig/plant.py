@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy import linalg
 
 from rotorid.errors import ModelError
 from rotorid.models.linear import LinearForm
 from rotorid.models.model import Model
 from rotorid.record import Floats, Integers
 from rotorid.rig.rotation import Rotation
-from rotorid.rig.schedule import Schedule
 
 _DEGREE = 4
 _ANGLES = 64
@@ -60,6 +58,17 @@ class Plant:
             motion=np.tensordot(powers, self.motion, 1)[None],
             load=np.tensordot(load_powers, self.load, 1)[None],
         )
+
+    def with_work(self, work: Floats) -> Plant:
+        """Return the plant with other actuators: B, whose transpose is their displacement."""
+        force = np.asarray(np.linalg.solve(self.mass, work), dtype=float)
+        return replace(self, force=force, displacement=np.ascontiguousarray(work.T))
+
+    def with_stiffness(self, at_actuators: Floats) -> Plant:
+        """Return the plant with a stiffness more, shape (input, input), at the actuators."""
+        motion = self.motion.copy()
+        motion[0, :, : len(self.mass)] -= self.force @ at_actuators @ self.displacement
+        return replace(self, motion=motion)
 
 
 def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
@@ -179,62 +188,3 @@ def _load_harmonics(
     weight = np.where(harmonics == 0, 1.0, 2.0)[:, None]
     kept = stacked[:, harmonics] * weight
     return harmonics.astype(np.int64), np.stack([kept.real, -kept.imag], axis=-1)
-
-
-@dataclass(frozen=True)
-class Transitions:
-    """Exact steps of the linear rig from each event of the pattern to the next.
-
-    ``x[+] = state x + command c + noise w + load e`` with x = [q, q', lagging currents], c the
-    held commands, w the held random forces, e = [cos h phi, sin h phi, ...] at the event.
-
-    Parameters
-    ----------
-    state : array, shape (event, state, state)
-    command : array, shape (event, state, input)
-    noise : array, shape (event, state, noise)
-    load : array, shape (event, state, 2 harmonic)
-    """
-
-    state: Floats
-    command: Floats
-    noise: Floats
-    load: Floats
-
-
-def transitions(
-    plant: Plant,
-    schedule: Schedule,
-    speed: float,
-    ki: Floats,
-    ks: Floats,
-    time_constant: Floats,
-    noise: Floats,
-) -> Transitions:
-    """Return the exact steps of the rig at constant speed (matrix exponential)."""
-    n, inputs = plant.force.shape
-    lagging = np.flatnonzero(time_constant > 0)
-    states, harmonics = 2 * n + len(lagging), len(plant.harmonics)
-    size = states + inputs + noise.shape[1] + 2 * harmonics
-    a = np.zeros((size, size))
-    a[:n, n : 2 * n] = np.eye(n)
-    a[n : 2 * n, : 2 * n] = plant.motion[0]
-    a[n : 2 * n, :n] += (plant.force * ks) @ plant.displacement
-    per_current = plant.force * ki
-    a[n : 2 * n, 2 * n : states] = per_current[:, lagging]
-    rates = 1.0 / time_constant[lagging]
-    a[2 * n : states, 2 * n : states] = -np.diag(rates)
-    command = np.zeros((states, inputs))
-    command[n : 2 * n] = np.where(time_constant > 0, 0.0, per_current)
-    command[2 * n + np.arange(len(lagging)), lagging] = rates
-    first, last = states + inputs, size - 2 * harmonics
-    a[:states, states:first] = command
-    a[n : 2 * n, first:last] = noise
-    a[n : 2 * n, last:] = plant.load[0].transpose(1, 0, 2).reshape(n, -1)
-    for h, multiple in enumerate(plant.harmonics):
-        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) * multiple * speed
-        a[last + 2 * h : last + 2 * h + 2, last + 2 * h : last + 2 * h + 2] = turn
-    step = {length: linalg.expm(a * length) for length in set(schedule.length)}
-    steps = np.array([step[length] for length in schedule.length])[:, :states]
-    cuts = np.split(steps, [states, first, last], axis=2)
-    return Transitions(*(np.ascontiguousarray(block) for block in cuts))

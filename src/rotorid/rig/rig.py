@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from rotorid.actuators.laws import Differential
 from rotorid.errors import InputError
 from rotorid.models.model import Model
 from rotorid.record import Floats
 from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.controller import Controller
-from rotorid.rig.logger import RigRecord, record_of
-from rotorid.rig.parts import Actuator, Logger, PositionSensor, ProcessNoise
+from rotorid.rig.lags import build_lags
+from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
+from rotorid.rig.parts import Actuator, Disturbance, Logger, PositionSensor, ProcessNoise
 from rotorid.rig.plant import Plant, rotor_plant
 from rotorid.rig.rotation import Rotation
 from rotorid.rig.schedule import Schedule, merge_clocks
 from rotorid.signals.multisine import Multisine
+
+Spoil = Callable[[Sequence[Column], "Rig", np.random.Generator], Sequence[Column]]
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,19 @@ class Rig:
         Time in s that the rig runs before the record begins.
     tolerance : float
         Relative error of a step, for what is integrated.
+    work : array, shape (row, input), optional
+        B as it really is, where the magnets do not stand as the model says.
+    cross : float
+        Cross stiffness at each actuator in N/m: F_x = -cross y, F_y = cross x, as of a seal.
+    disturbances : sequence of Disturbance
+    contact : float
+        Stiffness in N/m of the auxiliary bearings; 0 ends the run where the rotor touches.
+    gain : callable, optional
+        From times in s of the record to a factor on the controller's answer.
+    described : Rig, optional
+        What the experiment file takes the rig for; itself by default.
+    spoils : sequence of callable
+        What happens to the logger's columns, (columns, rig, rng) -> columns, one after the other.
 
     Raises
     ------
@@ -79,6 +94,13 @@ class Rig:
     delay: float = 0.0
     settling: float = 1.0
     tolerance: float = 1e-8
+    work: Floats | None = None
+    cross: float = 0.0
+    disturbances: tuple[Disturbance, ...] = ()
+    contact: float = 0.0
+    gain: Callable[[Floats], Floats] | None = None
+    described: Rig | None = None
+    spoils: tuple[Spoil, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -91,6 +113,8 @@ class Rig:
             )
         _known("actuators", self.actuators, inputs)
         _known("feedback", self.feedback, [sensor.name for sensor in self.sensors])
+        for part in self.disturbances:
+            _known("disturbances", part.on, inputs + coordinates)
         _known("process_noise", self.process_noise.std, inputs + coordinates)
         for sensor in self.sensors:
             _known(f"sensors.{sensor.name}", sensor.combination, coordinates)
@@ -127,16 +151,20 @@ class Rig:
     @property
     def linear(self) -> bool:
         """Whether every step between events can be exact."""
-        magnets = any(isinstance(part.law, Differential) for part in self.parts)
-        slow = any(np.isfinite(part.slew) for part in self.parts)
-        return self.rotation.constant and not magnets and not slow
+        exact = all(part.linear for part in self.parts)
+        return exact and self.rotation.constant and self.contact == 0
 
     def plant(self, duration: float) -> Plant:
         """Return the rotor's accelerations for a run of a duration in s."""
-        return rotor_plant(self.model, self.parameters, self.rotation, duration)
+        plant = rotor_plant(self.model, self.parameters, self.rotation, duration)
+        if self.work is not None:
+            plant = plant.with_work(self.work)
+        if self.cross:
+            plant = plant.with_stiffness(self.cross * assembly.quarter_turn(self.model.inputs))
+        return plant
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
-        """Run the rig and record it.
+        """Run the rig, record it, and read the record.
 
         Parameters
         ----------
@@ -156,8 +184,13 @@ class Rig:
             For a loop that is unstable, a rotor that touches its auxiliary bearing, a current
             beyond the bias: what, when, and where.
         InputError
-            For a duration of less than one sample, or an excitation that does not fit the clocks.
+            For a duration of less than one sample, an excitation that does not fit the clocks, and
+            columns that cannot be read.
         """
+        return read(self.described or self, self.record(duration, rng))
+
+    def record(self, duration: float, rng: np.random.Generator) -> Logged:
+        """Run the rig and record it, as `run`, but leave the columns as they are."""
         samples = round(duration * self.logger.sample_rate)
         if samples < 1:
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
@@ -165,11 +198,13 @@ class Rig:
         self._require_stable(plant, duration)
         events = assembly.event_table(self, samples)
         log = assembly.log_table(self, samples)
+        lags = build_lags(self, plant, assembly.sensor_matrix(self))
         code, axis, time, size = kernel.run(
             events,
-            assembly.step_table(self, plant),
+            assembly.step_table(self, plant, lags),
             bearings := assembly.bearing_table(self, plant),
             assembly.rotor_table(self, plant),
+            lags,
             assembly.loop_table(self, events, samples, rng),
             assembly.load_table(self, plant, events),
             log,
@@ -182,7 +217,7 @@ class Rig:
             raise errors.beyond_bias(name, since, size, float(bearings.bias[axis]))
         if code == kernel.STUCK:
             raise errors.stuck(since, self.tolerance)
-        return record_of(self, plant, log, rng)
+        return logged(self, plant, log, rng)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
         """Refuse a loop that grows at any speed of the run."""

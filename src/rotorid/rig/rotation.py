@@ -95,10 +95,17 @@ class Encoder:
         Counts per revolution.
     jitter : float
         Standard deviation of each reading before it is counted, in rad.
+    lost : int
+        Lines that the counter loses in the record, each at a time of its own; negative where it
+        counts them twice.
+    index : bool
+        The counter is set to 0 at every revolution, so that what is lost is found again.
     """
 
     lines: int
     jitter: float = 0.0
+    lost: int = 0
+    index: bool = False
 
     def __post_init__(self) -> None:
         check(self, positive=("lines",), zero=("jitter",))
@@ -108,7 +115,8 @@ class Encoder:
 class Keyphasor:
     """A mark that passes a sensor once per revolution, at phi = 0.
 
-    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them.
+    The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them;
+    a logic level has no samples on its flanks.
 
     Parameters
     ----------
@@ -118,14 +126,21 @@ class Keyphasor:
         Standard deviation of the samples; a pulse is 1 high.
     width : float
         Part of a revolution that the mark lasts.
+    logic : bool
+        The pulse is a logic level.
+    missing, double : int
+        Pulses that are not seen, or come twice, in the record.
     """
 
     jitter: float = 0.0
     noise: float = 0.0
     width: float = 0.1
+    logic: bool = False
+    missing: int = 0
+    double: int = 0
 
     def __post_init__(self) -> None:
-        check(self, positive=("width",), zero=("jitter", "noise"))
+        check(self, positive=("width",), zero=("jitter", "noise", "missing", "double"))
 
 
 def encoder_counts(
@@ -133,7 +148,18 @@ def encoder_counts(
 ) -> Floats:
     """Return the counter at times in s, afresh at every revolution."""
     angle = rotation.angle_at(time) + encoder.jitter * rng.normal(size=len(time))
-    return np.asarray(np.floor(angle * (encoder.lines / (2 * np.pi))) % encoder.lines)
+    lines = np.floor(angle * (encoder.lines / (2 * np.pi)))
+    if not encoder.lost:
+        return np.asarray(lines % encoder.lines)
+    (own,) = rng.spawn(1)
+    at = np.sort(own.choice(len(time), abs(encoder.lost), replace=False))
+    lost = np.sign(encoder.lost) * np.searchsorted(at, np.arange(len(time)), side="right")
+    if encoder.index:
+        # What was lost before this revolution began does not count any more.
+        turn = np.floor_divide(lines, encoder.lines)
+        first = np.searchsorted(np.maximum.accumulate(turn), turn)
+        lost = lost - lost[first]
+    return np.asarray((lines - lost) % encoder.lines)
 
 
 def keyphasor_pulses(
@@ -143,24 +169,51 @@ def keyphasor_pulses(
     step = time[1] - time[0]
     turns = rotation.angle_at(time[[0, -1]]) / (2 * np.pi)
     speeds = rotation.speed_at(time)
-    if speeds.min() <= 0:
+    if speeds.min() <= 0 <= speeds.max():
         raise InputError(
-            f"a keyphasor at {speeds.min():.4g} rad/s", "a rotor that turns", "leave it out"
+            f"a keyphasor at {speeds.min():.4g} rad/s",
+            "a rotor that turns one way",
+            "choose another speed, or leave the keyphasor out",
         )
-    shortest = 2 * np.pi * min(mark.width, 1 - mark.width) / speeds.max()
-    if shortest < 4 * step:
+    shortest = 2 * np.pi * min(mark.width, 1 - mark.width) / np.abs(speeds).max()
+    if shortest < (1 if mark.logic else 4) * step:
         raise InputError(
             f"pulses of {shortest / step:.3g} samples",
-            "four or more, so that their flanks can be seen",
+            "four or more, so that their flanks can be seen; one of a logic level",
             "sample faster, or make the mark wider",
             place="keyphasor",
         )
-    numbers = np.arange(np.floor(turns[0]) - 1, np.ceil(turns[1]) + 2)
+    numbers = np.arange(np.floor(turns.min()) - 1, np.ceil(turns.max()) + 2)
     rise = _times_of(numbers, rotation, time) + mark.jitter * rng.normal(size=len(numbers))
     fall = _times_of(numbers + mark.width, rotation, time)
-    knots = np.stack([rise - step, rise + step, fall - step, fall + step], axis=1).ravel()
-    level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(numbers)))
+    first, last = np.minimum(rise, fall), np.maximum(rise, fall)
+    if mark.missing or mark.double:
+        (own,) = rng.spawn(1)
+        first, last = _misread(mark, first, last, own)
+    order = np.argsort(first)
+    first, last = first[order], last[order]
+    if mark.logic:
+        pulse = np.maximum(np.searchsorted(first, time, side="right") - 1, 0)
+        level = np.where((time >= first[pulse]) & (time < last[pulse]), 1.0, 0.0)
+    else:
+        knots = np.stack([first - step, first + step, last - step, last + step], axis=1).ravel()
+        level = np.interp(time, knots, np.tile([0.0, 1.0, 1.0, 0.0], len(first)))
     return np.asarray(level + mark.noise * rng.normal(size=len(level)))
+
+
+def _misread(
+    mark: Keyphasor, first: Floats, last: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Leave pulses out, and add others half a revolution after one."""
+    inner = np.arange(3, len(first) - 3)
+    chosen = rng.choice(inner, mark.missing + mark.double, replace=False)
+    twice = chosen[mark.missing :]
+    half = (first[twice + 1] - first[twice]) / 2
+    kept = np.delete(np.arange(len(first)), chosen[: mark.missing])
+    return (
+        np.concatenate([first[kept], first[twice] + half]),
+        np.concatenate([last[kept], last[twice] + half]),
+    )
 
 
 def _times_of(turns: Floats, rotation: Rotation, time: Floats) -> Floats:

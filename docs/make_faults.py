@@ -1,0 +1,176 @@
+"""Run every fault of the levitated rig through `simulate` and `identify`; write docs/faults.md.
+
+    python docs/make_faults.py [--runs N] [--jobs N] [FAULT ...]
+
+With names of faults it prints their rows and leaves the page alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from rotorid.cli import run
+from rotorid.rig.faults import FAULTS, Fault
+
+PAGE = Path(__file__).parent / "faults.md"
+FIRST = 3  # suspects that a reader looks at
+WRONG = 5.0  # deviations; the largest of ten right ones is beyond 4 in one record of 1600
+PAIRS = (("xi", "zeta"), ("mu", "eta"))  # directions, x and y, of the shipped models' unbalance
+
+HEAD = """# Faults, and what `identify` says of them
+
+What real machines and loggers do that an experiment file does not say. `rotorid simulate RIG
+--fault NAME[=SIZE]` makes a record with any of them, several if need be, and `rotorid simulate
+--faults` lists them; a fault acts in the closed loop, where it does so in a machine, and the
+experiment file is that of the faultless rig. A new one is one entry in `rotorid/rig/faults.py`.
+
+This page is written by `python docs/make_faults.py`: {runs} records of each, at the size shown, of
+the shipped rig named, by the default method. *Error* is the largest error of a physical parameter
+in its stated deviations. *Wanted*: `right`, the answer within its deviations; `warned`, such a one
+with a warning that names the fault; `rejected`, or refused, and the fault named among the first
+{first} suspects or in a message. *Answer*:
+
+- right: `ok`, no parameter off by more than {wrong:g} deviations
+- said: right, and the fault is named
+- named: rejected or refused, and the fault is named
+- not named: rejected, or refused, for other reasons
+- **wrong**: `ok`, and a parameter off by more than {wrong:g} deviations
+
+{summary}
+
+| fault | what | size | rig | wanted | answer | status | error | first named |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What `identify` said of one record."""
+
+    fault: str
+    status: str
+    error: float
+    worst: str
+    said: tuple[str, ...]
+    kind: str
+
+
+def truth_of(path: Path, fault: Fault) -> dict[str, float]:
+    """Return the parameters of a record; directions as they count from the mark."""
+    with h5py.File(path) as data:
+        found = {name: float(value) for name, value in data["truth/parameters"].attrs.items()}
+    if fault.turns:
+        for x, y in PAIRS:
+            both = (found[x] + 1j * found[y]) * np.exp(1j * fault.size)
+            found[x], found[y] = both.real, both.imag
+    return found
+
+
+def answer_of(name: str, seed: int) -> Answer:
+    """Simulate a fault, identify the record, and judge the answer."""
+    fault = FAULTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        out, result = Path(folder) / "run.h5", Path(folder) / "result.json"
+        said, errors = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
+            made = ["simulate", fault.rig, "--out", str(out), "--seed", str(seed)]
+            if run([*made, "--fault", name]) != 0:
+                return Answer(name, "no record", np.nan, "", (errors.getvalue().strip(),), "none")
+            code = run(["identify", str(out.with_suffix(".toml")), "--json", str(result)])
+        if code == 2:
+            message = errors.getvalue().strip().removeprefix("error: ")
+            named = any(word.lower() in message.lower() for word in fault.names)
+            kind = "named" if named else "not named"
+            return Answer(name, "refused", np.nan, "", (message.replace(f"{folder}/", ""),), kind)
+        return judge(fault, json.loads(result.read_text()), truth_of(out, fault))
+
+
+def judge(fault: Fault, found: dict, truth: dict[str, float]) -> Answer:
+    """Hold an estimate against the truth, and its words against the fault's name."""
+    off = {
+        p["name"]: abs(p["value"] - truth[p["name"]]) / p["std"]
+        for p in found["parameters"]
+        if p["name"] in truth and not p["fixed"] and p["std"]
+    }
+    worst = max(off, key=lambda name: off[name], default="")
+    error = off.get(worst, np.nan)
+    terms = [suspect["term"] for suspect in found["suspects"][:FIRST]]
+    checks = [
+        f"{c['check']} {c['channel'] or ''}: {c['found']}"
+        for c in found.get("checks", ())
+        if c["verdict"] in ("warning", "refused")
+    ]
+    words = [*checks, *found["warnings"]]
+    named = any(
+        any(term.startswith(name) for term in terms)
+        or any(name.lower() in text.lower() for text in words)
+        for name in fault.names
+    )
+    if found["status"] == "ok":
+        kind = "wrong" if error > WRONG else "said" if named else "right"
+    else:
+        kind = "named" if named else "not named"
+    return Answer(fault.name, found["status"], error, worst, (*terms, *words), kind)
+
+
+def good(wanted: str, kind: str) -> bool:
+    """Whether an answer is what is wanted of it: being right is always enough."""
+    return kind in {"right": ("right", "said"), "warned": ("said", "named", "right")}.get(
+        wanted, ("right", "said", "named")
+    )
+
+
+def row(fault: Fault, answers: list[Answer]) -> str:
+    """Return a row of the table: the worst of the answers stands for all."""
+    order = ("wrong", "none", "not named", "named", "said", "right")
+    worst = min(answers, key=lambda a: (order.index(a.kind), -np.nan_to_num(a.error)))
+    error = "" if np.isnan(worst.error) else f"{worst.error:.3g} ({worst.worst})"
+    said = "; ".join(text.replace("|", "/")[:70] for text in worst.said[:2])
+    kind = f"**{worst.kind}**" if worst.kind == "wrong" else worst.kind
+    cells = (fault.name, fault.what, fault.shown, fault.rig, fault.wanted, kind, worst.status)
+    return "| " + " | ".join((*cells, error, said)) + " |"
+
+
+def table(names: list[str], runs: int, jobs: int) -> dict[str, list[Answer]]:
+    """Return the answers to some faults, so many records of each."""
+    tasks = [(name, seed) for name in names for seed in range(1, runs + 1)]
+    found: dict[str, list[Answer]] = {name: [] for name in names}
+    with ProcessPoolExecutor(jobs) as pool:
+        for answer in pool.map(answer_of, *zip(*tasks, strict=True)):
+            found[answer.fault].append(answer)
+            print(answer.fault, answer.kind, answer.status, f"{answer.error:.3g}", answer.said[:3])
+    return found
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("faults", nargs="*", default=[], metavar="FAULT")
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    names = options.faults or list(FAULTS)
+    found = table(names, options.runs, options.jobs)
+    rows = [row(FAULTS[name], answers) for name, answers in found.items()]
+    if options.faults:
+        print("\n".join(rows))
+        return
+    kinds = [answer.kind for answers in found.values() for answer in answers]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    summary = f"Of {len(kinds)} records with {len(names)} faults: {counts}."
+    head = HEAD.format(runs=options.runs, first=FIRST, wrong=WRONG, summary=summary)
+    PAGE.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,792 @@
+"""Faults by name: what real machines and loggers do that the experiment file does not say.
+
+A fault is one entry here: a function from a rig and a size to the rig as it really is. What the
+experiment file says, `Rig.described`, stays that of the faultless rig, unless the fault is known to
+everybody (an option, such as a notch). At the size `none` nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.errors import InputError
+from rotorid.record import Floats
+from rotorid.rig.controller import Controller
+from rotorid.rig.logger import Column
+from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, Runout
+from rotorid.rig.rig import Rig
+from rotorid.rig.rotation import Encoder, Keyphasor
+from rotorid.signals.shift import shifted
+from rotorid.units import to_si
+
+Wanted = Literal["right", "warned", "rejected"]
+Apply = Callable[[Rig, float], Rig]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that a rig has and its experiment file does not say.
+
+    Parameters
+    ----------
+    name, unit, shown : str
+        The unit is of SI; shown is the size by default, as one would write it.
+    size : float
+        By default, in SI.
+    what : str
+        One line.
+    wanted : {"right", "warned", "rejected"}
+        Of `identify`: an answer within its deviations; such a one with a warning that names the
+        fault; or a rejection whose suspects name it.
+    names : sequence of str
+        Beginnings of the suspects and checks that name it.
+    apply : callable
+        From a rig and a size in SI to the rig with the fault.
+    none : float
+        The size at which there is no fault.
+    rig : str
+        The shipped rig that the table of faults shows it on.
+    turns : bool
+        The size is an angle by which the mark stands off: directions count from the mark.
+    """
+
+    name: str
+    unit: str
+    shown: str
+    size: float
+    what: str
+    wanted: Wanted
+    names: tuple[str, ...]
+    apply: Apply
+    none: float = 0.0
+    rig: str = "three-mass"
+    turns: bool = False
+
+
+FAULTS: dict[str, Fault] = {}
+
+
+_SI = {"um": "m", "mm": "m", "kHz": "Hz", "deg": "rad", "us": "s", "mA": "A", "kN": "N"}
+
+
+def _fault(
+    size: str,
+    wanted: Wanted,
+    *names: str,
+    none: float = 0.0,
+    rig: str = "three-mass",
+    turns: bool = False,
+) -> Callable[[Apply], Apply]:
+    """Enter a function as the fault of its name, its docstring being what it is."""
+
+    def enter(apply: Apply) -> Apply:
+        name = apply.__name__.strip("_").replace("_", "-")
+        what = (apply.__doc__ or "").rstrip(".")
+        number, _, unit = size.partition(" ")
+        value = to_si(size, _SI.get(unit, unit)) if unit else float(number)
+        si = _SI.get(unit, unit) or "1"
+        FAULTS[name] = Fault(name, si, size, value, what, wanted, names, apply, none, rig, turns)
+        return apply
+
+    return enter
+
+
+def find_fault(text: str) -> tuple[Fault, float]:
+    """Return the fault and the size of ``name`` or ``name=size``; a number is in its unit.
+
+    Raises
+    ------
+    InputError
+        For a name that there is not, or a size of another unit.
+
+    Examples
+    --------
+    >>> fault, size = find_fault("runout-1=3 um")
+    >>> fault.name, round(size * 1e6, 9)
+    ('runout-1', 3.0)
+    """
+    name, _, size = text.partition("=")
+    fault = FAULTS.get(name.strip())
+    if fault is None:
+        raise InputError(
+            f"the fault {name[:60]!r}",
+            f"one of {', '.join(FAULTS)}",
+            "see rotorid simulate --faults",
+            place="--fault",
+        )
+    if not size.strip():
+        return fault, fault.size
+    try:
+        value = float(size)
+    except ValueError:
+        value = to_si(size, fault.unit, place=f"--fault {fault.name}")
+    else:
+        value = to_si(f"{value!r} {fault.unit}" if fault.unit != "1" else value, fault.unit)
+    return fault, value
+
+
+def with_faults(rig: Rig, faults: Sequence[tuple[Fault, float]]) -> Rig:
+    """Return a rig with faults of given sizes, one after the other, described as without them."""
+    faulty = rig if rig.described is not None else replace(rig, described=rig)
+    for fault, size in faults:
+        if size != fault.none:
+            try:
+                faulty = fault.apply(faulty, size)
+            except InputError as error:
+                raise error.at(place=f"--fault {fault.name}") from None
+    return faulty
+
+
+# What the entries below are made of.
+
+
+def _actuators(rig: Rig, change: Callable[[Actuator], Actuator]) -> Rig:
+    return replace(rig, actuators={name: change(part) for name, part in rig.actuators.items()})
+
+
+def _laws(rig: Rig, change: Callable[[Differential], Differential]) -> Rig:
+    """Change the magnets; the limits of the currents stay within the bias."""
+
+    def changed(part: Actuator) -> Actuator:
+        if not isinstance(part.law, Differential):
+            raise InputError(
+                "an actuator without magnets", "law = 'differential'", "try it on the rig rigid"
+            )
+        law = change(part.law)
+        return replace(part, law=law, limit=min(part.limit, law.most))
+
+    return _actuators(rig, changed)
+
+
+def _sensors(rig: Rig, change: Callable[[PositionSensor, int], PositionSensor]) -> Rig:
+    return replace(rig, sensors=tuple(change(sensor, j) for j, sensor in enumerate(rig.sensors)))
+
+
+def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
+    """Change a rig and what is said of it."""
+    described = rig if rig.described is None else rig.described
+    return replace(change(rig), described=change(described))
+
+
+def _spoil(rig: Rig, change: Callable[[dict[str, Column], Rig, np.random.Generator], None]) -> Rig:
+    """Have the logger's columns changed, by name, in the order in which they stand."""
+
+    def spoil(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> tuple[Column, ...]:
+        by_name = {column.name: column for column in columns}
+        change(by_name, rig, rng)
+        return tuple(by_name.values())
+
+    return replace(rig, spoils=(*rig.spoils, spoil))
+
+
+def _each(
+    columns: dict[str, Column], names: Sequence[str], change: Callable[[Floats], Floats]
+) -> None:
+    for name in names:
+        columns[name] = replace(columns[name], samples=change(columns[name].samples))
+
+
+def _positions(rig: Rig) -> list[str]:
+    return [sensor.name for sensor in rig.sensors]
+
+
+def _swapped(name: str) -> str:
+    return name.translate(str.maketrans("xy", "yx"))
+
+
+def _turned(parts: Mapping[str, float], angle: float) -> dict[str, float]:
+    """Return a combination of coordinates, its axes turned: x becomes x cos + y sin."""
+    found: dict[str, float] = {}
+    for name, factor in parts.items():
+        side = 1.0 if "x" in name else -1.0
+        found[name] = found.get(name, 0.0) + factor * np.cos(angle)
+        found[_swapped(name)] = found.get(_swapped(name), 0.0) + side * factor * np.sin(angle)
+    return found
+
+
+def _work(rig: Rig) -> Floats:
+    """Return B as it stands."""
+    if rig.work is not None:
+        return rig.work
+    return np.asarray(rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B)
+
+
+def _translations(rig: Rig, axis: str) -> list[str]:
+    """Return the coordinates along an axis."""
+    units = rig.model.units
+    return [n for n in rig.model.coordinates if n.startswith(axis) and units[n] == "m"]
+
+
+# The amplifiers and magnets.
+
+
+@_fault("1 kHz", "rejected", "bandwidth", "delay[force]", "amplifier", none=np.inf)
+def _current_loop(rig: Rig, size: float) -> Rig:
+    """Amplifiers as current loops with coil and induced voltage, this bandwidth."""
+    coil = Coil(resistance=1.5, inductance=25e-3, bandwidth=size)
+    return _actuators(rig, lambda part: replace(part, coil=coil, bandwidth=None, slew=np.inf))
+
+
+@_fault("25 V", "right", none=np.inf, rig="rigid")
+def _voltage_limit(rig: Rig, size: float) -> Rig:
+    """Amplifiers that saturate at this voltage (coils of 25 mH)."""
+
+    def limited(part: Actuator) -> Actuator:
+        return replace(part, slew=size / 25e-3, bandwidth=part.bandwidth or 2e3)
+
+    return _actuators(rig, limited)
+
+
+@_fault("20 mA", "right", rig="rigid")
+def _pwm_ripple(rig: Rig, size: float) -> Rig:
+    """Ripple of the switching amplifiers, 19.937 kHz, in the measured currents."""
+
+    # The motion that it causes, k_i size / (m (2 pi 20 kHz)^2), is below 1e-10 m: left out.
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        def rippled(samples: Floats) -> Floats:
+            turns = 19937.0 * np.arange(len(samples)) / rig.logger.sample_rate + rng.uniform()
+            return np.asarray(samples + size * (4 * np.abs(turns % 1.0 - 0.5) - 1))
+
+        _each(columns, [name for name in columns if name.startswith("i_")], rippled)
+
+    return _spoil(rig, change)
+
+
+@_fault("30 us", "rejected", "eddy", "delay[force]", "bandwidth", "amplifier")
+def _eddy(rig: Rig, size: float) -> Rig:
+    """Eddy currents: the force follows as 1 / (1 + sqrt(i omega tau))."""
+    return _actuators(rig, lambda part: replace(part, eddy=size))
+
+
+@_fault("10 mA", "rejected", "hysteresis", "nonlinear", "ki", "delay[force]")
+def _hysteresis(rig: Rig, size: float) -> Rig:
+    """Iron with a loop of half this width."""
+    return _actuators(rig, lambda part: replace(part, hysteresis=size))
+
+
+@_fault("20 um", "rejected", "gap", "ki", "ks", "force law", "common gain", rig="rigid")
+def _iron_path(rig: Rig, size: float) -> Rig:
+    """Iron whose path is worth so much of a gap more."""
+    return _laws(rig, lambda law: replace(law, iron=size))
+
+
+@_fault(
+    "1.8",
+    "rejected",
+    "nonlinear",
+    "saturation",
+    "force law",
+    "common gain",
+    "ki",
+    none=np.inf,
+    rig="rigid",
+)
+def _saturation(rig: Rig, size: float) -> Rig:
+    """Iron whose knee is at so many times the flux of the bias."""
+    return _laws(rig, lambda law: replace(law, saturation=size * law.bias / law.gap))
+
+
+@_fault("0.05", "rejected", "bias", "force law", "nonlinear", "ki", "ks", rig="rigid")
+def _bias_mismatch(rig: Rig, size: float) -> Rig:
+    """Bias of opposed magnets apart by twice this part."""
+    return _laws(rig, lambda law: replace(law, bias_difference=size * law.bias))
+
+
+@_fault("0.05", "rejected", "bias", "force law", "ki", "ks", "common gain", rig="rigid")
+def _bias_low(rig: Rig, size: float) -> Rig:
+    """Bias lower than stated by this part."""
+    return _laws(rig, lambda law: replace(law, bias=law.bias * (1 - size)))
+
+
+@_fault("0.3", "right", rig="rigid")
+def _low_bias(rig: Rig, size: float) -> Rig:
+    """A machine that runs at a bias lower by this part, as its file says."""
+    return _known(rig, lambda known: _bias_low(known, size))
+
+
+@_fault("10 um", "rejected", "gap", "force law", "ki", "ks", "common gain", rig="rigid")
+def _gap(rig: Rig, size: float) -> Rig:
+    """Gaps wider than stated."""
+    return _laws(rig, lambda law: replace(law, gap=law.gap + size))
+
+
+def _linear(part: Actuator, ki: float, ks: float) -> Actuator:
+    if not isinstance(part.law, Linear):
+        raise InputError("another law", "law = 'linear'", "try it on the rig three-mass")
+    return replace(part, law=Linear(part.law.ki * (1 + ki), part.law.ks * (1 + ks)))
+
+
+@_fault("0.02", "rejected", "ki", "common gain")
+def _force_gain(rig: Rig, size: float) -> Rig:
+    """All forces per current larger than stated by this part."""
+    return _actuators(rig, lambda part: _linear(part, size, 0.0))
+
+
+@_fault("0.02", "rejected", "ki", "gain[F")
+def _force_gain_one(rig: Rig, size: float) -> Rig:
+    """Force per current of the first axis larger by this part."""
+    name = rig.model.inputs[0]
+    part = _linear(rig.actuators[name], size, 0.0)
+    return replace(rig, actuators={**rig.actuators, name: part})
+
+
+@_fault("0.1", "rejected", "ks", "stiffness")
+def _negative_stiffness(rig: Rig, size: float) -> Rig:
+    """K_s larger than stated by this part."""
+    return _actuators(rig, lambda part: _linear(part, 0.0, size))
+
+
+@_fault("0.004 1/s", "rejected", "drift")
+def _gap_drift(rig: Rig, size: float) -> Rig:
+    """Gaps that grow by this part in a second."""
+    return _actuators(rig, lambda part: replace(part, heating=size))
+
+
+# Where magnets and sensors stand.
+
+
+@_fault("3 deg", "rejected", "rotation", "cross")
+def _actuators_rotated(rig: Rig, size: float) -> Rig:
+    """Magnets turned against the sensors about the shaft."""
+    B, inputs = _work(rig), rig.model.inputs
+    columns = {name: B[:, j] for j, name in enumerate(inputs)}
+    turned = [
+        np.cos(size) * columns[name]
+        + (1 if "x" in name else -1) * np.sin(size) * columns[_swapped(name)]
+        for name in inputs
+    ]
+    return replace(rig, work=np.column_stack(turned))
+
+
+@_fault("3 deg", "rejected", "rotation", "cross")
+def _sensors_rotated(rig: Rig, size: float) -> Rig:
+    """Sensors turned against the magnets about the shaft."""
+    return _sensors(rig, lambda s, _: replace(s, reads=_turned(s.combination, size)))
+
+
+@_fault("5 mm", "rejected", "sensor plane", "plane", "L_", rig="rigid")
+def _sensor_plane(rig: Rig, size: float) -> Rig:
+    """Sensors so much further along the shaft than stated."""
+
+    def moved(sensor: PositionSensor, _: int) -> PositionSensor:
+        reads = dict(sensor.combination)
+        for name, factor in sensor.combination.items():
+            angle = "theta_" + _swapped(name)
+            if angle in rig.model.coordinates:
+                side = 1.0 if name.startswith("x") else -1.0
+                reads[angle] = reads.get(angle, 0.0) + side * factor * size
+        return replace(sensor, reads=reads)
+
+    return _sensors(rig, moved)
+
+
+@_fault("5 mm", "rejected", "L_", "prior L_", "plane", rig="rigid")
+def _actuator_plane(rig: Rig, size: float) -> Rig:
+    """The first bearing so much further out than stated."""
+    if "L_a" not in rig.values:
+        raise InputError("a model without L_a", "the model rigid", "try it on the rig rigid")
+    moved = rig.model.values({**rig.values, "L_a": rig.values["L_a"] + size})
+    return replace(rig, work=rig.model.require_linear().matrices(moved, rig.rotation.speed).B)
+
+
+@_fault("2e4 N/m", "rejected", "cross", "rotating damping")
+def _cross_force(rig: Rig, size: float) -> Rig:
+    """Cross stiffness of a seal at each bearing."""
+    return replace(rig, cross=size)
+
+
+def _weight(rig: Rig, size: float, coordinates: Sequence[str]) -> Rig:
+    """Let gravity act against some coordinates; the rotor is let down slowly while it settles."""
+    time_of = rig.settling / 2
+
+    def grown(time: Floats) -> Floats:
+        begun = (time + rig.settling) / time_of if time_of else np.ones_like(time)
+        return np.asarray(-size * np.clip(begun, 0.0, 1.0))
+
+    weight = Disturbance(dict.fromkeys(coordinates, 1.0), grown)
+    return replace(rig, disturbances=(*rig.disturbances, weight))
+
+
+@_fault("9.81 m/s^2", "right")
+def _gravity(rig: Rig, size: float) -> Rig:
+    """A horizontal shaft, gravity along -y."""
+    return _weight(rig, size, _translations(rig, "y"))
+
+
+@_fault("9.81 m/s^2", "right", rig="rigid")
+def _gravity_45(rig: Rig, size: float) -> Rig:
+    """A horizontal shaft, both axes at 45 degrees to gravity."""
+    down = [*_translations(rig, "x"), *_translations(rig, "y")]
+    return _weight(rig, size / np.sqrt(2), down)
+
+
+# The sensors.
+
+
+@_fault("3 kHz", "rejected", "bandwidth", "delay", none=np.inf)
+def _sensor_bandwidth(rig: Rig, size: float) -> Rig:
+    """Position sensors of first order with this bandwidth."""
+    return _sensors(rig, lambda s, _: replace(s, bandwidth=size))
+
+
+@_fault("0.02", "rejected", "gain[")
+def _sensor_gain(rig: Rig, size: float) -> Rig:
+    """The first sensor reads too much by this part."""
+
+    def scaled(sensor: PositionSensor, j: int) -> PositionSensor:
+        reads = {name: factor * (1 + size) for name, factor in sensor.combination.items()}
+        return replace(sensor, reads=reads) if j == 0 else sensor
+
+    return _sensors(rig, scaled)
+
+
+@_fault("0.05", "rejected", "nonlinear", "gain[", rig="rigid")
+def _sensor_bend(rig: Rig, size: float) -> Rig:
+    """Sensors that read too much by this part at 50 um, as the cube."""
+    return _sensors(rig, lambda s, _: replace(s, cubic=size / 50e-6**2))
+
+
+@_fault("0.004 1/s", "rejected", "drift")
+def _gain_drift(rig: Rig, size: float) -> Rig:
+    """Sensors whose gain grows by this part in a second."""
+    return _sensors(rig, lambda s, _: replace(s, heating=size))
+
+
+@_fault("0.02", "rejected", "cross", "rotation", "gain[")
+def _cross_talk(rig: Rig, size: float) -> Rig:
+    """Each sensor reads this part of the other axis's one."""
+    by_name = {sensor.name: sensor for sensor in rig.sensors}
+
+    def mixed(sensor: PositionSensor, _: int) -> PositionSensor:
+        other = by_name.get(_swapped(sensor.name))
+        reads = dict(sensor.combination)
+        for name, factor in other.combination.items() if other else ():
+            reads[name] = reads.get(name, 0.0) + size * factor
+        return replace(sensor, reads=reads)
+
+    return _sensors(rig, mixed)
+
+
+def _runout(rig: Rig, order: int, size: float) -> Rig:
+    """Add runout of an order: a quarter turn on from axis to axis, another angle in each plane."""
+
+    def rough(sensor: PositionSensor, j: int) -> PositionSensor:
+        angle = order * np.pi / 2 * (j % 2) + 0.7 * (j // 2)
+        part = Runout(order, size * np.cos(angle), size * np.sin(angle))
+        return replace(sensor, runout=(*sensor.runout, part))
+
+    return _sensors(rig, rough)
+
+
+@_fault("5 um", "rejected", "runout", "load")
+def _runout_1(rig: Rig, size: float) -> Rig:
+    """Runout once per revolution on all sensors."""
+    return _runout(rig, 1, size)
+
+
+@_fault("5 um", "right")
+def _runout_2(rig: Rig, size: float) -> Rig:
+    """Runout twice per revolution on all sensors."""
+    return _runout(rig, 2, size)
+
+
+@_fault("5 um", "right")
+def _runout_3(rig: Rig, size: float) -> Rig:
+    """Runout three times per revolution on all sensors."""
+    return _runout(rig, 3, size)
+
+
+@_fault("2 um", "rejected", "hum", "line 50", rig="rigid")
+def _hum(rig: Rig, size: float) -> Rig:
+    """50 Hz of the mains in all sensors."""
+    return _sensors(rig, lambda s, _: replace(s, hum=size))
+
+
+@_fault("2 um", "right")
+def _quantization(rig: Rig, size: float) -> Rig:
+    """Sensors with steps of this size."""
+    return _sensors(rig, lambda s, _: replace(s, quantum=size))
+
+
+# What acts on the rotor.
+
+
+@_fault("2 um", "rejected", "base motion", "line 70", rig="rigid")
+def _base_motion(rig: Rig, size: float) -> Rig:
+    """A foundation that shakes along x at 70 Hz."""
+    # Seen from the housing the rotor is accelerated by the housing's acceleration, reversed.
+    w = 2 * np.pi * 70.0
+    shaking = Disturbance(
+        dict.fromkeys(_translations(rig, "x"), 1.0),
+        lambda time: np.asarray(size * w**2 * np.cos(w * time)),
+    )
+    return replace(rig, disturbances=(*rig.disturbances, shaking))
+
+
+@_fault("20 N", "warned", "transient", "settling", "drift")
+def _transient(rig: Rig, size: float) -> Rig:
+    """A force on the first axis that dies away within five periods."""
+    constant = 5.0 / (rig.excitation.fundamental if rig.excitation else 10.0)
+    dying = Disturbance(
+        {rig.model.inputs[0]: 1.0},
+        lambda time: np.asarray(size * np.exp(-np.maximum(time, 0.0) / constant)),
+    )
+    return replace(rig, disturbances=(*rig.disturbances, dying))
+
+
+@_fault("3 kN", "rejected", "touch", "shock", "outlier", "nonlinear")
+def _touch_down(rig: Rig, size: float) -> Rig:
+    """A shock of 4 ms after 3 s that throws the rotor into its bearings."""
+
+    def push(time: Floats) -> Floats:
+        part = (time - 3.0) / 4e-3
+        return np.where((part > 0) & (part < 1), size * np.sin(np.pi * part), 0.0)
+
+    shock = Disturbance({rig.model.inputs[0]: 1.0}, push)
+    return replace(rig, disturbances=(*rig.disturbances, shock), contact=2e7)
+
+
+# The rotation and its marks.
+
+
+@_fault("1e-3", "rejected", "speed")
+def _speed_variation(rig: Rig, size: float) -> Rig:
+    """A speed that wanders by this part in 7 s, stated as constant."""
+    turn = replace(rig.rotation, drift=size * rig.rotation.speed, drift_period=7.0)
+    return replace(rig, rotation=turn)
+
+
+@_fault("1e-4", "rejected", "speed")
+def _speed_off(rig: Rig, size: float) -> Rig:
+    """A speed higher than stated by this part."""
+    turn = replace(rig.rotation, speed=rig.rotation.speed * (1 + size))
+    return replace(rig, rotation=turn)
+
+
+@_fault("5 deg", "right", turns=True)
+def _phase_mark(rig: Rig, size: float) -> Rig:
+    """A mark that stands off its place; directions count from it."""
+    return replace(rig, rotation=replace(rig.rotation, phase=rig.rotation.phase + size))
+
+
+@_fault("1", "right", rig="rigid")
+def _backward(rig: Rig, size: float) -> Rig:
+    """A rotor that turns the other way, as its encoder shows."""
+
+    def reversed_(known: Rig) -> Rig:
+        return replace(known, rotation=replace(known.rotation, speed=-known.rotation.speed))
+
+    return _known(rig, reversed_)
+
+
+def _marked(rig: Rig, kind: type[Encoder] | type[Keyphasor]) -> Rig:
+    """Return the rig with a mark of a kind, known to the file."""
+    if isinstance(rig.logger.angle, kind):
+        return rig
+    mark = Encoder(1024) if kind is Encoder else Keyphasor()
+    return _known(rig, lambda known: replace(known, logger=replace(known.logger, angle=mark)))
+
+
+def _mark(rig: Rig, kind: type[Encoder] | type[Keyphasor], **changes: Any) -> Rig:
+    marked = _marked(rig, kind)
+    mark = marked.logger.angle
+    if mark is None:
+        return marked
+    return replace(marked, logger=replace(marked.logger, angle=replace(mark, **changes)))
+
+
+@_fault("1", "right")
+def _keyphasor_logic(rig: Rig, size: float) -> Rig:
+    """A keyphasor's pulse as a logic level, no sample on its flanks."""
+    return _mark(rig, Keyphasor, logic=True)
+
+
+@_fault("3", "warned", "pulse", "missing")
+def _keyphasor_missing(rig: Rig, size: float) -> Rig:
+    """So many pulses of the keyphasor missing."""
+    return _mark(rig, Keyphasor, missing=round(size))
+
+
+@_fault("3", "warned", "pulse", "double", "too many")
+def _keyphasor_double(rig: Rig, size: float) -> Rig:
+    """So many pulses of the keyphasor twice."""
+    return _mark(rig, Keyphasor, double=round(size))
+
+
+@_fault("20", "warned", "encoder", "counts", "angle", rig="rigid")
+def _encoder_lost(rig: Rig, size: float) -> Rig:
+    """An encoder without index that loses so many lines."""
+    return _mark(rig, Encoder, lost=round(size))
+
+
+@_fault("20", "warned", "encoder", "counts", "angle", rig="rigid")
+def _encoder_double(rig: Rig, size: float) -> Rig:
+    """An encoder without index that counts so many lines twice."""
+    return _mark(rig, Encoder, lost=-round(size))
+
+
+@_fault("20", "right", rig="rigid")
+def _encoder_index(rig: Rig, size: float) -> Rig:
+    """An encoder that loses so many lines, set right by its index."""
+    return _mark(rig, Encoder, lost=round(size), index=True)
+
+
+# The logger.
+
+
+@_fault("2 kHz", "right", "delay[angle]", "phase", "lag", none=np.inf, rig="rigid")
+def _anti_alias(rig: Rig, size: float) -> Rig:
+    """Filters before the logger, second order, but not on the angle."""
+    return replace(rig, logger=replace(rig.logger, filter=size))
+
+
+@_fault("5 us", "rejected", "delay", "skew")
+def _skew(rig: Rig, size: float) -> Rig:
+    """A multiplexer: each position so much later than the one before."""
+
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        for j, name in enumerate(_positions(rig)):
+            steps = j * size * rig.logger.sample_rate
+            _each(columns, [name], partial(shifted, steps=steps))
+
+    return _spoil(rig, change)
+
+
+@_fault("1", "rejected", "sign[")
+def _sensor_sign(rig: Rig, size: float) -> Rig:
+    """The first sensor's column with the other sign."""
+    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], lambda s: -s))
+
+
+@_fault("1", "rejected", "swap[")
+def _sensors_swapped(rig: Rig, size: float) -> Rig:
+    """The first two sensors' columns exchanged."""
+
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        one, other = _positions(rig)[:2]
+        first, second = columns[one].samples, columns[other].samples
+        columns[one] = replace(columns[one], samples=second)
+        columns[other] = replace(columns[other], samples=first)
+
+    return _spoil(rig, change)
+
+
+@_fault("25.4", "rejected", "unit[", none=1.0)
+def _unit(rig: Rig, size: float) -> Rig:
+    """The first sensor's column so many times too small: mil, said to be um."""
+    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], lambda s: s / size))
+
+
+@_fault("0.5", "rejected", "dead", "stuck", "constant")
+def _dead_sensor(rig: Rig, size: float) -> Rig:
+    """The first sensor stands still for this part of the record."""
+
+    def dead(samples: Floats) -> Floats:
+        at = round((1 - size) * len(samples))
+        return np.concatenate([samples[:at], np.full(len(samples) - at, samples[at - 1])])
+
+    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], dead))
+
+
+@_fault("0.8", "rejected", "clip", "nonlinear", none=1.0)
+def _clipping(rig: Rig, size: float) -> Rig:
+    """The first sensor's column clipped at this part of its peak."""
+
+    def clipped(samples: Floats) -> Floats:
+        most = size * np.abs(samples).max()
+        return np.clip(samples, -most, most)
+
+    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], clipped))
+
+
+@_fault("3", "rejected", "nan", "finite")
+def _nan(rig: Rig, size: float) -> Rig:
+    """So many readings of the first sensor that are no numbers."""
+
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        def holed(samples: Floats) -> Floats:
+            gaps = samples.copy()
+            gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
+            return gaps
+
+        _each(columns, _positions(rig)[:1], holed)
+
+    return _spoil(rig, change)
+
+
+def _lost(rig: Rig, size: float) -> Rig:
+    """Leave samples out of all columns, in the middle of the record."""
+
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        def shorter(samples: Floats) -> Floats:
+            at = len(samples) // 2 + 37
+            return np.delete(samples, slice(at, at + round(size)))
+
+        _each(columns, list(columns), shorter)
+
+    return _spoil(rig, change)
+
+
+@_fault("1", "rejected", "lost", "dropped", "phase", "clock")
+def _lost_sample(rig: Rig, size: float) -> Rig:
+    """One sample lost in the middle of the record."""
+    return _lost(rig, size)
+
+
+@_fault("20", "rejected", "lost", "dropped", "phase", "clock")
+def _lost_samples(rig: Rig, size: float) -> Rig:
+    """So many samples lost in the middle of the record."""
+    return _lost(rig, size)
+
+
+@_fault("20e-6", "rejected", "clock", "drift")
+def _two_clocks(rig: Rig, size: float) -> Rig:
+    """Positions on a clock that is fast by this part."""
+
+    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
+        def late(samples: Floats) -> Floats:
+            """Interpolate from blocks of constant shift, a thousandth of a sample apart."""
+            steps = size * np.arange(len(samples))
+            grid = np.round(steps * 1e3) / 1e3
+            found = samples.copy()
+            for shift in np.unique(grid):
+                rows = np.flatnonzero(grid == shift)
+                first, last = max(rows[0] - 64, 0), min(rows[-1] + 65, len(samples))
+                moved = shifted(samples[first:last], float(-shift))
+                found[rows] = moved[rows - first]
+            return found
+
+        _each(columns, _positions(rig), late)
+
+    return _spoil(rig, change)
+
+
+# The controller, as everybody knows it.
+
+
+@_fault("4 Hz", "right")
+def _notch(rig: Rig, size: float) -> Rig:
+    """Unbalance control: a notch of this width on the rotation."""
+    period = rig.controller.period
+    angle, radius = rig.rotation.speed * period, 1 - np.pi * size * period
+    # (z^2 - 2 z cos + 1) / (z^2 - 2 r z cos + r^2), scaled to 1 at rest, on every position.
+    c = np.cos(angle)
+    a1, a2 = -2 * radius * c, radius**2
+    gain = (1 + a1 + a2) / (2 - 2 * c)
+    A = np.array([[-a1, 1.0], [-a2, 0.0]])
+    B = gain * np.array([[-2 * c - a1], [1 - a2]])
+    notch = Controller(A, B, np.array([[1.0, 0.0]]), np.array([[gain]]), period)
+    before = notch.on_each(rig.controller.positions)
+    return replace(rig, controller=rig.controller.after(before))
+
+
+@_fault("0.2", "right")
+def _gain_schedule(rig: Rig, size: float) -> Rig:
+    """A controller whose gains rise by this part in the fifth second."""
+    return replace(rig, gain=lambda time: 1 + size * np.clip(time - 4.0, 0.0, 1.0))

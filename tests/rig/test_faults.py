@@ -1,0 +1,418 @@
+"""Faults by name: each is one entry, vanishes as its size does, and acts where it belongs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy import integrate as ode
+
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.cli import run
+from rotorid.errors import InputError
+from rotorid.rig import assembly
+from rotorid.rig.controller import Controller
+from rotorid.rig.faults import FAULTS, find_fault, with_faults
+from rotorid.rig.file import load_rig
+from rotorid.rig.kernel import _played
+from rotorid.rig.lags import build_lags, eddy_weights
+from rotorid.rig.parts import Actuator, Coil
+from rotorid.rig.rig import Rig
+from rotorid.rig.rotation import Encoder, Keyphasor, Rotation, encoder_counts, keyphasor_pulses
+
+RIGS = {name: load_rig(name).rig for name in ("three-mass", "rigid")}
+# Their size is a number of events, or they are there or not.
+WHOLE = {
+    "backward", "clipping", "dead-sensor", "encoder-double", "encoder-index", "encoder-lost",
+    "keyphasor-double", "keyphasor-logic", "keyphasor-missing", "lost-sample", "lost-samples",
+    "nan", "quantization", "sensor-sign", "sensors-swapped",
+}  # fmt: skip
+
+
+def columns(rig: Rig, duration: float = 0.1, seed: int = 5) -> dict[str, np.ndarray]:
+    found = rig.record(duration, np.random.default_rng(seed))
+    return {column.name: column.samples for column in found.columns}
+
+
+def short(rig: Rig) -> Rig:
+    return replace(rig, settling=0.1)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
+    rig = short(RIGS[FAULTS[name].rig])
+    faulty = with_faults(rig, [(FAULTS[name], FAULTS[name].none)])
+    assert replace(faulty, described=None) == replace(rig, described=None)
+    assert faulty.described is rig
+
+
+@pytest.mark.parametrize("name", [name for name in FAULTS if name not in WHOLE])
+def test_a_fault_vanishes_with_its_size(name: str) -> None:
+    """A millionth of the size changes the columns by about a millionth of what the size does."""
+    fault = FAULTS[name]
+    rig = short(RIGS[fault.rig])
+    if np.isinf(fault.none):
+        tiny = fault.size * (1e6 if rig.linear else 30.0)  # a lag is stiff where it is integrated
+    else:
+        tiny = fault.none + 1e-6 * (fault.size - fault.none)
+    plain = columns(rig)
+    small = columns(with_faults(rig, [(fault, tiny)]))
+    for column, samples in plain.items():
+        if column != "encoder":
+            size = np.abs(samples - samples.mean()).max()
+            most = 2e-2 if np.isinf(fault.none) and not rig.linear else 2e-4
+            np.testing.assert_allclose(small[column], samples, atol=most * size, err_msg=column)
+
+
+LATE = {"touch-down", "gain-schedule"}  # after 3 s and more
+
+
+@pytest.mark.parametrize("name", [name for name in FAULTS if name not in LATE])
+def test_a_fault_changes_the_record(name: str) -> None:
+    fault = FAULTS[name]
+    rig = RIGS[fault.rig] if name == "gravity" else short(RIGS[fault.rig])
+    plain, faulty = columns(rig), columns(with_faults(rig, [(fault, fault.size)]))
+    changed = [
+        name
+        for name in faulty
+        if name not in plain or not np.array_equal(plain[name], faulty[name], equal_nan=True)
+    ]
+    assert changed
+
+
+def test_the_list_is_long_enough_and_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(FAULTS) >= 50
+    assert run(["simulate", "--faults"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name, fault in FAULTS.items():
+        (line,) = [line for line in lines if line.split()[:1] == [name]]
+        assert fault.what in line
+        assert fault.shown in line
+
+
+def test_sizes_with_and_without_unit() -> None:
+    assert find_fault("hum")[1] == pytest.approx(2e-6)
+    assert find_fault("hum=3 um")[1] == pytest.approx(3e-6)
+    assert find_fault("sensors-rotated=45 deg")[1] == pytest.approx(np.pi / 4)
+    assert find_fault("sensor-gain=-0.03")[1] == -0.03
+    assert find_fault("lost-samples=7")[1] == 7.0
+    with pytest.raises(InputError, match=r"--fault: found the fault 'humm'; expected one of"):
+        find_fault("humm")
+    with pytest.raises(InputError, match=r"--fault hum: found unit 'kg'"):
+        find_fault("hum=3 kg")
+    with pytest.raises(InputError, match=r"--fault gap: found an actuator without magnets"):
+        with_faults(RIGS["three-mass"], [find_fault("gap")])
+
+
+def test_faults_through_the_command(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
+    for name, more in (("plain", []), ("faulty", ["--fault", "unit", "--fault", "nan=2"])):
+        assert run(["simulate", str(rig), "--out", str(tmp_path / f"{name}.h5"), *more]) == 0
+    plain = (tmp_path / "plain.toml").read_text().replace("plain", "faulty")
+    assert (tmp_path / "faulty.toml").read_text() == plain
+    with h5py.File(tmp_path / "plain.h5") as one, h5py.File(tmp_path / "faulty.h5") as other:
+        assert np.isnan(other["x1"][:]).sum() == 2
+        np.testing.assert_allclose(np.nanmax(other["x1"][:] * 25.4), one["x1"][:].max())
+        assert list(other["truth"].attrs["faults"]) == ["unit", "nan=2"]
+    assert run(["simulate", "three-mass"]) == 2
+
+
+def test_a_current_loop_without_motion_is_a_lag_of_first_order() -> None:
+    rig = RIGS["three-mass"]
+    coil = Coil(resistance=2.0, inductance=0.03, bandwidth=800.0)
+    held = replace(
+        rig, actuators={name: replace(part, coil=coil) for name, part in rig.actuators.items()}
+    )
+    plant = held.plant(1.0)
+    lags = build_lags(held, plant, assembly.sensor_matrix(held))
+    motion, electric, state = lags.rate
+    omega = 2 * np.pi * np.array([10.0, 400.0, 3000.0])
+    inputs = len(rig.model.inputs)
+    for w in omega:
+        z = np.linalg.solve(1j * w * np.eye(len(state)) - state, electric[:, :inputs])
+        found = lags.effective[2] @ z
+        expected = np.eye(inputs) / (1 + 1j * w / (2 * np.pi * 800.0))
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    # L i' loses k_i x': what the force gains.
+    np.testing.assert_allclose(
+        motion[::2, len(plant.force) :], -120.0 / 0.03 * plant.displacement, atol=1e-6
+    )
+
+
+def test_the_induced_voltage_takes_the_power_that_the_force_gives() -> None:
+    """A short-circuited coil: all that the moving magnet takes is turned to heat, R i^2."""
+    ki, mass, resistance, inductance = 50.0, 2.0, 3.0, 0.02
+
+    def rate(_: float, y: np.ndarray) -> np.ndarray:
+        _, v, i, _ = y
+        return np.array(
+            [v, ki * i / mass, (-resistance * i - ki * v) / inductance, resistance * i**2]
+        )
+
+    end = ode.solve_ivp(rate, (0.0, 0.05), [0.0, 1.0, 0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
+    before = mass / 2
+    after = mass * end[1] ** 2 / 2 + inductance * end[2] ** 2 / 2 + end[3]
+    assert after == pytest.approx(before, rel=1e-8)
+    rig = RIGS["three-mass"]
+    part = replace(rig.parts[0], law=Linear(ki, 0.0), coil=Coil(resistance, inductance, 500.0))
+    coiled = replace(rig, actuators={**rig.actuators, "F_x1": part})
+    plant = coiled.plant(1.0)
+    motion, _, state = build_lags(coiled, plant, assembly.sensor_matrix(coiled)).rate
+    n = len(plant.force)
+    np.testing.assert_allclose(motion[0, n:] * inductance, -ki * plant.displacement[0])
+    assert state[0, 0] == pytest.approx(-(resistance + 2 * np.pi * 500.0 * inductance) / inductance)
+
+
+def test_eddy_currents_are_the_half_order_lag() -> None:
+    tau = 40e-6
+    rates, weights, rest = eddy_weights(tau)
+    omega = np.logspace(-3, np.log10(0.3), 60) / tau
+    found = (weights * rates / (1j * omega[:, None] + rates)).sum(axis=1) + rest
+    np.testing.assert_allclose(found, 1 / (1 + np.sqrt(1j * omega * tau)), atol=5e-4)
+    assert weights.sum() + rest == pytest.approx(1.0, abs=1e-12)
+
+
+def exact_and_integrated(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions by exact steps, and by integration of the same rig."""
+    exact = rig.record(0.05, np.random.default_rng(2))
+    assert rig.linear
+    # A bearing that is never touched is enough to have all steps integrated.
+    other = replace(rig, contact=1.0, tolerance=1e-10).record(0.05, np.random.default_rng(2))
+    return exact.truth.position, other.truth.position
+
+
+@pytest.mark.parametrize(
+    "name", ["current-loop", "sensor-bandwidth", "cross-force", "gravity", "base-motion"]
+)
+def test_linear_faults_take_exact_steps(name: str) -> None:
+    ideal = RIGS["three-mass"] if name == "gravity" else short(RIGS["three-mass"])
+    rig = with_faults(ideal, [find_fault(name)])
+    exact, integrated = exact_and_integrated(rig)
+    np.testing.assert_allclose(exact, integrated, atol=1e-7 * np.abs(exact).max())
+
+
+def test_the_filter_before_the_logger_leaves_the_loop_alone() -> None:
+    rig = short(RIGS["three-mass"])
+    rig = replace(rig, logger=replace(rig.logger, current="measured"))
+    quiet = replace(
+        rig,
+        sensors=tuple(replace(s, noise=0.0) for s in rig.sensors),
+        actuators={n: replace(p, noise=0.0) for n, p in rig.actuators.items()},
+    )
+    plain = quiet.record(0.5, np.random.default_rng(1))
+    filtered = with_faults(quiet, [find_fault("anti-alias")]).record(0.5, np.random.default_rng(1))
+    np.testing.assert_allclose(filtered.truth.position, plain.truth.position, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(filtered.truth.current, plain.truth.current, rtol=0, atol=1e-12)
+    # Butterworth of second order: gain and phase of a line.
+    size = 500
+    line = 11
+    s = 1j * line * 20.0 / 2000.0
+    expected = 1 / (1 + np.sqrt(2) * s + s**2)
+
+    def spectrum(record: object, column: str) -> complex:
+        samples = {c.name: c.samples for c in record.columns}[column][-9 * size :]
+        return complex(
+            (samples * np.exp(-2j * np.pi * line * np.arange(len(samples)) / size)).sum()
+        )
+
+    for column in ("x1", "y3"):
+        assert spectrum(filtered, column) / spectrum(plain, column) == pytest.approx(
+            expected, abs=2e-3
+        )
+
+
+def test_gravity_is_carried_by_the_currents() -> None:
+    rig = with_faults(RIGS["three-mass"], [find_fault("gravity")])
+    truth = rig.record(1.0, np.random.default_rng(0)).truth
+    mass = sum(rig.values[name] for name in ("m1", "m2", "m3"))
+    vertical = truth.force[:, [1, 3]].sum(axis=1).mean()
+    assert vertical == pytest.approx(9.81 * mass, rel=0.01)
+    assert abs(truth.force[:, [0, 2]].sum(axis=1).mean()) < 0.02 * 9.81 * mass
+
+
+def test_base_motion_accelerates_the_rotor_as_seen_from_the_housing() -> None:
+    """Far above the loop's bandwidth the rotor stands still in space: it moves against the base."""
+    rig = replace(short(RIGS["rigid"]), excitation=None)
+    size = 5e-6
+    shaken = with_faults(rig, [(FAULTS["base-motion"], size)])
+    free = replace(shaken, controller=replace(rig.controller, D=rig.controller.D))
+    part = free.disturbances[0]
+    np.testing.assert_allclose(
+        part.size(np.array([0.0, 1 / 140.0])), size * (2 * np.pi * 70) ** 2 * np.array([1, -1])
+    )
+    matrix = assembly.noise_matrix(free, free.plant(1.0))
+    np.testing.assert_allclose(matrix[:, -1], [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_play_operator() -> None:
+    held = 0.0
+    seen = []
+    for current in (1.0, 0.95, 0.5, -1.0, -0.9, 0.0):
+        held = _played(held, 0.1, current)
+        seen.append(held)
+    np.testing.assert_allclose(seen, [0.9, 0.9, 0.6, -0.9, -0.9, -0.1])
+
+
+def test_hysteresis_takes_energy_in_each_cycle() -> None:
+    """The loop of the play operator encloses 4 w (amplitude - w) in the plane of the currents."""
+    turn = np.linspace(0, 4 * np.pi, 4001)
+    current, width = np.sin(turn), 0.2
+    held, seen = 0.0, []
+    for i in current:
+        held = _played(held, width, i)
+        seen.append(held)
+    one = slice(2000, 4001)
+    area = -np.trapezoid(np.array(seen)[one], current[one])
+    assert abs(area) == pytest.approx(4 * width * (1 - width), rel=1e-3)
+
+
+def test_a_magnet_with_iron_is_one_with_wider_gaps() -> None:
+    law = Differential(constant=1e-5, bias=2.0, gap=4e-4, angle=0.3)
+    iron = replace(law, iron=3e-5)
+    i, x = np.array([0.3, -1.2]), np.array([2e-5, -9e-5])
+    wider = replace(law, gap=4.3e-4)
+    np.testing.assert_allclose(iron.force(i, x), wider.force(i, x), rtol=1e-14)
+    assert iron.linearize().ki == pytest.approx(wider.linearize().ki)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"saturation": 6000.0}, {"bias_difference": 0.2, "iron": 1e-5}]
+)
+def test_slopes_of_bent_magnets_against_differences(changes: dict[str, float]) -> None:
+    law = replace(Differential(constant=1e-5, bias=2.0, gap=4e-4, angle=0.3), **changes)
+    i, x, di, dx = 0.3, -2e-5, 1e-6, 1e-11
+    slope = law.linearize(i, x)
+    assert slope.ki == pytest.approx((law.force(i + di, x) - law.force(i - di, x)) / (2 * di), 1e-6)
+    assert slope.ks == pytest.approx((law.force(i, x + dx) - law.force(i, x - dx)) / (2 * dx), 1e-5)
+
+
+def test_saturation_bounds_the_force() -> None:
+    law = Differential(constant=1e-5, bias=2.0, gap=4e-4, saturation=6000.0)
+    assert law.force(1.99, 0.0) < 1e-5 * 6000.0**2
+    ahead, behind = law.fluxes(0.5, 0.0)
+    b = 2.5 / 4e-4
+    assert ahead == pytest.approx(b / (1 + (b / 6000.0) ** 4) ** 0.25)
+    assert law.force(0.5, 0.0) == pytest.approx(1e-5 * (ahead**2 - behind**2))
+
+
+def test_gaps_that_grow_change_the_linear_law_as_the_magnets() -> None:
+    """k_i goes as 1 / gap^2 and k_s as 1 / gap^3: the slopes' first order."""
+    law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    rate, step = 0.004, 1e-4
+    slope, later = law.linearize(), replace(law, gap=4e-4 * (1 + rate * step)).linearize()
+    part = Actuator(Linear(slope.ki, slope.ks), heating=rate)
+    rig = RIGS["three-mass"]
+    hot = replace(rig, actuators=dict.fromkeys(rig.actuators, part))
+    table = assembly.bearing_table(hot, hot.plant(1.0))
+    np.testing.assert_allclose(
+        table.heating[0, :2] * step, [later.ki - slope.ki, later.ks - slope.ks], rtol=1e-5
+    )
+
+
+def test_a_seal_drives_the_forward_whirl() -> None:
+    """F_x = -k y, F_y = k x does work on a forward orbit: the forward mode loses damping."""
+    rig = RIGS["three-mass"]
+    plain, sealed = rig, replace(rig, cross=3e4)
+    speed = rig.rotation.speed
+    slower = assembly.growth(plain, plain.plant(1.0), speed)[0]
+    assert assembly.growth(sealed, sealed.plant(1.0), speed)[0] > slower
+    plant, other = plain.plant(1.0), sealed.plant(1.0)
+    n = len(plant.force)
+    moved = other.motion[0, :, :n] - plant.motion[0, :, :n]
+    x, y = rig.model.coordinates.index("x1"), rig.model.coordinates.index("y1")
+    assert moved[x, y] < 0 < moved[y, x]
+    assert moved[y, x] * rig.values["m1"] == pytest.approx(3e4)
+
+
+def test_turned_sensors_and_magnets_undo_each_other() -> None:
+    """Both turned by the same angle: the loop of an isotropic rotor is the same, seen turned."""
+    rig = replace(short(RIGS["three-mass"]), excitation=None)
+    quiet = replace(
+        rig,
+        sensors=tuple(replace(s, noise=0.0) for s in rig.sensors),
+        process_noise=replace(rig.process_noise, std={}),
+        actuators={n: replace(p, noise=0.0) for n, p in rig.actuators.items()},
+    )
+    angle = 0.5
+    both = with_faults(
+        quiet, [(FAULTS["actuators-rotated"], angle), (FAULTS["sensors-rotated"], angle)]
+    )
+    # The unbalance, seen from turned axes, is behind by the angle.
+    behind = replace(quiet, rotation=replace(quiet.rotation, phase=-angle))
+    one, other = columns(both), columns(behind)
+    for name in ("x1", "y1", "theta_x", "i_y3"):
+        np.testing.assert_allclose(one[name], other[name], atol=1e-9 * np.abs(other[name]).max())
+
+
+def test_a_notch_takes_the_rotation_out_of_the_commands() -> None:
+    rig = RIGS["three-mass"]
+    notched = with_faults(rig, [find_fault("notch")])
+    response = notched.controller.response([rig.rotation.speed])[0]
+    assert (
+        np.abs(response).max() < 1e-9 * np.abs(rig.controller.response([rig.rotation.speed])).max()
+    )
+    at_rest = notched.controller.response([1e-3]) / rig.controller.response([1e-3])[:, :1, :1]
+    np.testing.assert_allclose(np.diagonal(at_rest[0]), 1.0, atol=1e-4)
+
+
+def test_controllers_in_series() -> None:
+    first = Controller([[0.5]], [[1.0]], [[2.0]], [[0.3]], 1e-4)
+    second = Controller([[0.2]], [[1.5]], [[-1.0]], [[4.0]], 1e-4)
+    omega = [300.0, 9000.0]
+    np.testing.assert_allclose(
+        second.after(first).response(omega), second.response(omega) * first.response(omega)
+    )
+
+
+def test_a_touch_pushes_back_and_rubs() -> None:
+    rig = with_faults(RIGS["three-mass"], [(FAULTS["touch-down"], 3e3)])
+    with pytest.raises(InputError, match=r"the rotor touching"):
+        replace(rig, contact=0.0).record(3.2, np.random.default_rng(1))
+    truth = rig.record(3.2, np.random.default_rng(1)).truth
+    radius = np.hypot(truth.position[:, 0], truth.position[:, 1])
+    assert 250e-6 < radius.max() < 600e-6
+    before = radius[:29_000].max()
+    assert before < 250e-6
+
+
+def test_pulses_of_a_logic_level_backward_missing_and_double() -> None:
+    time = np.arange(4000) / 10e3
+    turn = Rotation(speed=2 * np.pi * 100.0)
+
+    def pulses(mark: Keyphasor, rotation: Rotation = turn) -> np.ndarray:
+        return keyphasor_pulses(mark, rotation, time, np.random.default_rng(4))
+
+    logic = pulses(Keyphasor(logic=True, width=0.095))
+    assert set(np.unique(logic)) == {0.0, 1.0}
+    rises = np.flatnonzero(np.diff(logic) == 1)
+    assert set(np.diff(rises)) <= {99, 100, 101}  # pulses that begin just at a sample
+    missing = pulses(Keyphasor(logic=True, width=0.095, missing=2))
+    assert np.count_nonzero(np.diff(missing) == 1) == len(rises) - 2
+    double = pulses(Keyphasor(logic=True, width=0.095, double=3))
+    assert np.count_nonzero(np.diff(double) == 1) == len(rises) + 3
+    backward = pulses(Keyphasor(logic=True, width=0.095), Rotation(speed=-2 * np.pi * 100.0))
+    # The mark's far edge comes first: the pulse ends where phi is a whole number of turns.
+    falls = np.flatnonzero(np.diff(backward) == -1)
+    assert set(falls % 100) <= {0, 98, 99}
+
+
+def test_counters_that_lose_lines() -> None:
+    time = np.arange(10_000) / 10e3
+    turn = Rotation(speed=2 * np.pi * 20.0)
+
+    def off(mark: Encoder) -> np.ndarray:
+        counts = encoder_counts(mark, turn, time, np.random.default_rng(4))
+        plain = encoder_counts(Encoder(512), turn, time, np.random.default_rng(4))
+        return (plain - counts + 256) % 512 - 256
+
+    lost = off(Encoder(512, lost=7))
+    assert lost[-1] == 7
+    assert (np.diff(lost) >= 0).all()
+    assert off(Encoder(512, lost=-7))[-1] == -7
+    found = off(Encoder(512, lost=7, index=True))
+    assert found.min() >= 0
+    assert 0 < found.max() < 7
+    begins = np.flatnonzero(np.diff(np.floor(turn.angle_at(time) / (2 * np.pi)))) + 1
+    assert (found[begins] <= 1).all()
