@@ -34,6 +34,13 @@ def test_html_escapes_and_marks_numbers():
     assert '<th scope="row">x &amp; y</th><td class="number">3</td>' in html
 
 
+def test_words_that_begin_with_a_number_are_words():
+    rows = [("x1", "3 samples at the limit of 5e-4 m: lower the gain", "4.05 %", "-1.2e-05")]
+    shown = table(("channel", "found", "error", "value"), rows)
+    assert shown.numeric == (False, False, True, True)
+    assert '<td class="flow">3 samples' in shown.html()
+
+
 def test_a_page_sets_tables_apart():
     one = table(("a",), [("b",)])
     assert page_text(["first", one, one, "last", one]) == "first\n\na\nb\n\na\nb\n\nlast\n\na\nb"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "rotorid-estimate/2"
 NOTICED = 0.01  # p-value below which the tables say where the misfit lies
-WORST = 8  # lines or equations that they list: what a screen holds
+WORST = 8  # lines, equations or suspects that they list: what a screen holds
 READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
@@ -333,6 +333,7 @@ class Estimate(ByContent):
             *self.value_tables,
             *_alternative_tables(self),
             *_check_tables(self),
+            *_suspect_tables(self),
             *_misfit_tables(self),
         ]
 
@@ -350,9 +351,6 @@ class Estimate(ByContent):
         if errors:
             shown = ", ".join(f"{name} {error}" for name, error in errors.items())
             notes.append(f"relative error of the prediction: {shown}")
-        if self.suspects:
-            found = ", ".join(f"{s.term} ({s.drop:.3g})" for s in self.suspects[:5])
-            notes.append(f"first suspects (drop of the cost): {found}")
         if self.lines_hz:
             low, high = min(self.lines_hz), max(self.lines_hz)
             notes.append(
@@ -484,6 +482,23 @@ def _check_tables(estimate: Estimate) -> list[Table]:
     """Return what the data showed before any model, where it is not simply right."""
     rows = [(c.check, c.channel, c.found, c.verdict) for c in estimate.checks if c.verdict != "ok"]
     return [table(("check", "channel", "found", "verdict"), rows)] if rows else []
+
+
+def _suspect_tables(estimate: Estimate) -> list[Table]:
+    """Return what the model may lack, the largest drop of the cost first."""
+    rows = [
+        (
+            s.term,
+            f"{s.drop:.3g}",
+            "" if s.share is None else f"{100 * s.share:.3g}",
+            "" if s.value is None else f"{s.value:.4g}",
+            "" if s.unit == "1" else s.unit,
+        )
+        for s in estimate.suspects[:WORST]
+    ]
+    headings = ("suspect", "drop of the cost", "% of the excess", "if freed", "unit")
+    known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
+    return [table(headings[:known], (row[:known] for row in rows))] if rows else []
 
 
 def _misfit_tables(estimate: Estimate) -> list[Table]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
 GAP = "  "
-_NUMBER = tuple("+-.0123456789\N{MINUS SIGN}")
+LONG = 30  # characters, from which a cell of words may be broken
+_NUMBER = re.compile(
+    r"[-+\N{MINUS SIGN}]?(\d|\.\d)[\d.]*(e[-+]?\d+)?( ?[^\s\d]{1,3})?|-|[-+]?(nan|inf)"
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,11 @@ class Table:
 
     def html(self) -> str:
         """Return an HTML table; numbers have the class ``number``."""
-        marks = ['class="number"' if n else "" for n in self.numeric]
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.headings)
+        marks = [
+            'class="number"' if numeric else 'class="flow"' if _is_long(column) else ""
+            for numeric, column in zip(self.numeric, columns, strict=True)
+        ]
         cells = zip(self.headings, marks, strict=True)
         lines = ["<table>", "<thead><tr>", *(_cell("th", text, mark) for text, mark in cells)]
         lines += ["</tr></thead>", "<tbody>"]
@@ -87,7 +95,11 @@ def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
 
 def _is_numeric(cells: Sequence[str]) -> bool:
     said = [cell for cell in cells if cell not in ("", "fixed")]
-    return all(cell.startswith(_NUMBER) for cell in said) and bool(said)
+    return all(_NUMBER.fullmatch(cell) for cell in said) and bool(said)
+
+
+def _is_long(cells: Sequence[str]) -> bool:
+    return any(len(cell) >= LONG for cell in cells)
 
 
 def _aligned(cells: Sequence[str], right: bool) -> list[str]:

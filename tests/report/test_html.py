@@ -197,7 +197,7 @@ def test_misfit_suspects_and_warnings_are_shown(
     )
     words = Page(estimate_report(rejected, model, [periods])).words
     assert "cost 120 where 84.2 is expected" in words
-    assert "damping k (31)" in words
+    assert "damping k31" in words
     assert words.count("the data reject the model") == 1
 
 

@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from rotorid.estimate import Estimate, Misfit, Prediction, Suspect, Value
+from rotorid.estimate import (
+    Alternative,
+    Estimate,
+    LineMisfit,
+    Misfit,
+    Prediction,
+    Suspect,
+    Value,
+)
 from rotorid.models import load_model, shipped_models
+from rotorid.record import Check
 from rotorid.report.model_page import model_page
 from rotorid.report.text import prediction_table
 from rotorid.tables import page_text
@@ -53,7 +62,8 @@ def test_what_there_is_to_say() -> None:
     for note in (
         "cost 1053 where 84.2 is expected (82 degrees of freedom), p = 1e-09",
         "relative error of the prediction: F_x1 0.412 %, F_y1 zero",
-        "first suspects (drop of the cost): damping k1 (9.6e+04), x/y asymmetry of k1 (8.32e+03)",
+        "suspect              drop of the cost",
+        "damping k1                    9.6e+04",
         "260 periods, 3 lines from 20 to 220 Hz",
         "condition number 25.99",
         "inflated: deviations as if all of the misfit were noise",
@@ -70,7 +80,7 @@ def test_inflated_deviations_show_only_where_they_differ() -> None:
 
 def test_notebook() -> None:
     html = ESTIMATE._repr_html_()
-    assert html.count("<table>") == html.count("</table>") == 3
+    assert html.count("<table>") == html.count("</table>") == 4
     assert ">8.836e+05</td>" in html
     assert "&lt;synchronous&gt;" in html
     assert "<synchronous>" not in html
@@ -105,3 +115,43 @@ def test_models_in_words(name: str) -> None:
     for base in model.base.names:
         assert any(line.startswith(base) for line in lines)
     assert any("M q''" in line or "no M, D, G, K" in line for line in lines)
+
+
+def test_suspects_with_what_they_explain() -> None:
+    gain = Suspect("gain[x2]", 260.0, 0.987, 1.02, "1")
+    length = Suspect("prior L1", 3.0, 0.01, 0.305, "m")
+    lines = str(ESTIMATE.with_(suspects=(gain, length))).splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("suspect"))
+    assert lines[start + 1].split() == ["gain[x2]", "260", "98.7", "1.02"]
+    assert lines[start + 2].split() == ["prior", "L1", "3", "1", "0.305", "m"]
+
+
+def test_other_answers_stand_beside_this_one() -> None:
+    other = Alternative(26.0, (("m1", 0.9), ("L1", 0.4)))
+    lines = str(ESTIMATE.with_(alternatives=(other,))).splitlines()
+    start = lines.index("other answers     this  no. 1")
+    assert [line.split() for line in lines[start + 1 : start + 4]] == [
+        ["m1", "0.83339", "0.9"],
+        ["L1", "0.3", "0.4"],
+        ["cost", "1053", "26"],
+    ]
+
+
+def test_checks_that_are_not_simply_right_are_shown() -> None:
+    checks = (
+        Check("dead", "x1", "3 samples alike in 100", "note"),
+        Check("clipping", "y1", "none", "ok"),
+    )
+    text = str(ESTIMATE.with_(checks=checks))
+    assert "dead   x1       3 samples alike in 100  note" in text
+    assert "clipping" not in text
+
+
+@pytest.mark.parametrize(("p_value", "shown"), [(0.009, True), (0.011, False)])
+def test_where_the_misfit_lies_is_told_below_one_in_a_hundred(p_value: float, shown: bool) -> None:
+    lines = tuple(LineMisfit(0, 10.0 * i, 20.0 - i, 12.0) for i in range(1, 12))
+    text = str(ESTIMATE.with_(misfit=Misfit(99.0, 84.2, 82, p_value), line_misfit=lines))
+    assert ("misfit by line" in text) == shown
+    if shown:
+        assert "80 Hz" in text  # eight, what a screen holds
+        assert "90 Hz" not in text

@@ -35,6 +35,9 @@ def run(
             estimate = identify(plan.model, records, estimator)
         except InputError as error:
             raise error.at(file=str(experiment)) from None
+    if not estimate.checks:
+        shown = dict.fromkeys(check for record in records for check in record.checks)
+        estimate = estimate.with_(checks=tuple(shown))
     if targets:
         estimate = estimate.with_(provenance=provenance(plan, given))
 

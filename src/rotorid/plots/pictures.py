@@ -19,10 +19,11 @@ from rotorid.plots.style import (
     PINK,
     RED,
     SKY,
-    decades,
     label,
     new_figure,
     panels,
+    ratios,
+    shown_unit,
     styled,
 )
 
@@ -74,7 +75,8 @@ def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
     """Draw one input over one period, measured and predicted."""
     text, factor = _time_unit(waves)
     time = factor * waves.time
-    measured, predicted = waves.measured[:, index], waves.predicted[:, index]
+    unit, size = shown_unit(waves.units[index])
+    measured, predicted = size * waves.measured[:, index], size * waves.predicted[:, index]
     step = slice(None, None, -(-len(time) // MOST_POINTS))
     dotted: dict[str, Any] = {"marker": "o", "ms": 3.5, "ls": "none"}
     look = dotted if len(time) <= MOST_DOTS else {"lw": 3.0}
@@ -86,7 +88,7 @@ def draw_force(axes: Axes, waves: ForceWaves, index: int) -> None:
     said = f"relative error {100 * error:.2g} %" if np.isfinite(error) else "not driven"
     name = label(waves.names[index])
     axes.set_title(f"{name}: {said}", loc="left")
-    axes.set_ylabel(f"{name} in {label(waves.units[index], 12)}")
+    axes.set_ylabel(f"{name} in {unit}")
     axes.set_xlabel(text)
     axes.margins(x=0.01)
 
@@ -138,7 +140,9 @@ def draw_misfit(
             x, ratio[own], "o", color=colour, ms=4 if own.sum() < MOST_DOTS else 2, label=text
         )
     axes.axhline(1.0, color=INK, lw=0.8)
-    decades(axes, y=True)
+    ratios(axes, y=True)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.5), max(high, 2.0))
     axes.set_xlabel("frequency in Hz")
     axes.set_ylabel("cost / expected")
     if 1 < len(numbers) <= len(COLOURS):
@@ -157,7 +161,7 @@ def draw_estimate(names: Sequence[str], percent: Floats, matrix: Floats) -> Figu
     left.plot(np.where(percent > 0, percent, np.nan), place, "o", color=BLUE, ms=5)
     left.set_yticks(place, names)
     left.set_ylim(len(names) - 0.5, -0.5)
-    decades(left, x=True)
+    ratios(left, x=True)
     left.set_xlabel("standard deviation in %")
     _draw_matrix(figure, right, names, matrix)
     return figure

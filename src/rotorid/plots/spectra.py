@@ -9,7 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from rotorid.plots.style import BLUE, GREY, RED, decades, label, new_figure, panels, styled
+from rotorid.plots.style import (
+    BLUE,
+    GREY,
+    RED,
+    decades,
+    label,
+    new_figure,
+    panels,
+    shown_unit,
+    styled,
+)
 
 MOST_DOTS = 400  # of other lines in a panel
 MOST_STEMS = 40  # kept lines that are drawn one by one
@@ -51,7 +61,7 @@ def draw_line_filter(
     frequency = np.arange(len(amplitude)) * record.sample_rate / count
     low, high = band or (0.0, 1.2 * float(periods.frequency.max()))
     shown = (frequency > low) & (frequency <= high)
-    unit, factor = _shown_unit(record.channels[record.names.index(channel)].unit)
+    unit, factor = shown_unit(record.channels[record.names.index(channel)].unit)
     axes.plot(
         frequency[shown],
         factor * amplitude[shown],
@@ -74,11 +84,6 @@ def draw_line_filter(
     axes.set_ylabel(f"amplitude in {unit}")
 
 
-def _shown_unit(unit: str) -> tuple[str, float]:
-    """Return a handy unit for small motion, and the factor from SI."""
-    return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (label(unit, 12) or "1", 1.0))
-
-
 @styled
 def draw_spectra(record: Periods) -> Figure:
     """Draw the spectrum of the mean period of every channel, kept lines and noise level marked."""
@@ -99,7 +104,7 @@ def draw_spectra(record: Periods) -> Figure:
 
 def _draw_spectrum(axes: Axes, record: Periods, index: int) -> None:
     channel = record.channels[index]
-    unit, factor = _shown_unit(channel.unit)
+    unit, factor = shown_unit(channel.unit)
     axes.set_title(label(channel.name, 36), loc="left")
     axes.set_ylabel(f"amplitude in {unit}")
     amplitude = 2 * factor * np.abs(np.fft.rfft(record.mean[:, index], norm="forward"))

@@ -14,7 +14,7 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 P = ParamSpec("P")
 
@@ -98,6 +98,26 @@ def decades(axes: Axes, *, x: bool = False, y: bool = False) -> None:
             scale("log")
             axis.set_major_formatter(FuncFormatter(_power_of_ten))
             axis.set_minor_formatter(NullFormatter())
+
+
+def ratios(axes: Axes, *, x: bool = False, y: bool = False) -> None:
+    """Make axes logarithmic for numbers that lie within few decades: ticks at 1, 2 and 5."""
+    for wanted, scale, axis in (
+        (x, axes.set_xscale, axes.xaxis),
+        (y, axes.set_yscale, axes.yaxis),
+    ):
+        if wanted:
+            scale("log")
+            low, high = axis.get_view_interval()
+            steps = (1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)
+            axis.set_major_locator(LogLocator(subs=steps))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def shown_unit(unit: str) -> tuple[str, float]:
+    """Return a handy unit for small motion, and the factor from SI."""
+    return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (label(unit, 12) or "1", 1.0))
 
 
 def _power_of_ten(value: float, _: object = None) -> str:

@@ -33,14 +33,14 @@ def demo_report(result: DemoResult) -> str:
 
 def _table_row(result: DemoResult, row: PaperRow) -> dict[str, Any]:
     index = result.names.index(row.base)
-    cells = []
+    cells: list[tuple[str, str]] = []
     for name in result.estimators:
         printed = printed_error(row, name)
+        cells += [] if printed is None else [(f"{printed:.3f}", "first")]
         cells += [
-            "" if printed is None else f"{printed:.3f}",
-            f"{result.median(name)[index]:.3f}",
-            f"{result.rms(name)[index]:.3f}",
-            f"{result.bias(name)[index]:+.3f}".replace("-", "\N{MINUS SIGN}"),
+            (f"{result.median(name)[index]:.3f}", "first" if printed is None else ""),
+            (f"{result.rms(name)[index]:.3f}", "rms"),
+            (f"{result.bias(name)[index]:+.3f}".replace("-", "\N{MINUS SIGN}"), ""),
         ]
     return {
         "name": row.base,
