@@ -73,6 +73,34 @@ class PeriodicClock:
         return replace(self, speed=speed, angle=speed * self.time)
 
 
+@dataclass(frozen=True)
+class WholeClock:
+    """The clock of a whole record: lines of all its samples.
+
+    Parameters
+    ----------
+    time, angle : array, shape (sample,)
+    speed : array
+        rad/s, at each sample or one for all.
+    lines_kept : int array, shape (line,)
+        Numbers of the lines of the record.
+    """
+
+    time: Floats
+    angle: Floats
+    speed: Floats
+    lines_kept: Integers
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals, shape (line, signal)."""
+        values = signal(self.time, self.angle, self.speed)
+        return without_rounding(line_spectra(values, self.lines_kept), values)
+
+    def at_speed(self, speed: float) -> WholeClock:
+        """Return the clock of the same run at another speed in rad/s."""
+        return replace(self, speed=np.asarray(speed), angle=speed * self.time)
+
+
 def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     """Set lines to zero that are rounding of their signal, lines (line, signal)."""
     size = np.sqrt((samples**2).mean(axis=0))
@@ -100,6 +128,9 @@ class Lines:
         Lines of functions of t and phi.
     scatter : complex array, shape (period, line, channel), optional
         The lines of each period, where there are periods.
+    transient : int, optional
+        Order of the polynomial in i omega that a window with loose ends adds to each equation;
+        ``None`` where the record repeats itself.
     phase_known : bool
         False where the rotor angle is known up to a constant only.
     source : str
@@ -115,6 +146,7 @@ class Lines:
     multiplicity: Floats
     clock: Clock
     scatter: Complexes | None = None
+    transient: int | None = None
     phase_known: bool = True
     source: str = ""
     warnings: tuple[str, ...] = field(default=())

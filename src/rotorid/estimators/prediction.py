@@ -102,6 +102,8 @@ def _inputs(record: Observation, at: Evaluation) -> Predicted:
     motion = true[:, p.inputs :] @ p.sensing.right.T
     left = (at.stiffness[:, :equations] @ motion[:, :, None])[:, :, 0]
     left += (at.load @ at.mu)[:, :equations]
+    if at.ends is not None:
+        left += at.loose[:, :equations]
     matrix = at.inputs[:, :equations, :forces]
     names = record.model.inputs
     units = tuple(record.model.units[name] for name in names)

@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.record import Complexes
 
-Kind = Literal["white", "correlated"]
+Kind = Literal["white", "correlated", "references", "quiet", "inputs", "stated", "known"]
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,20 @@ class LineCovariance:
         ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels kept.
     dof : int
         Complex degrees of freedom of the estimate.
-    kind : {"white", "correlated"}
-        Which of the two formulas gave it.
+    kind : {"white", "correlated", "references", "quiet", "inputs", "stated", "known"}
+        Where it came from: the scatter between periods, neighbouring lines of periods, a local
+        polynomial with references, a quiet record, a local polynomial with the measured inputs
+        for references, the user, or a plan.
     """
 
     matrices: Complexes
     dof: int
     kind: Kind
+
+    @property
+    def own(self) -> bool:
+        """Whether each line's own residual is in its covariance, so that E[J] = dof."""
+        return self.kind in ("references", "inputs")
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:

@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Reading, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
+from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.lines import Lines, Signal
 from rotorid.models.evaluation import evaluate
@@ -226,7 +227,22 @@ def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likel
         scales,
         lines.multiplicity,
         len(observation.indirect),
+        _transient(observation),
     )
+
+
+def _transient(observation: Observation) -> Transient | None:
+    """Return what loose ends add: to each equation, and to sensors of derivatives their own.
+
+    Integrating by parts leaves ``q`` at the ends of the window for a velocity, and ``i omega q``
+    beside it for an acceleration.
+    """
+    order = observation.lines.transient
+    if order is None:
+        return None
+    own = [sensor.order - 1 for sensor in observation.indirect]
+    orders = np.array([order] * len(observation.model.texts) + own, dtype=np.int64)
+    return Transient.of(orders, observation.lines.omega)
 
 
 def _entries(terms: Sequence[Term], where: Mapping[Factors, int], omega: Floats) -> Entries:

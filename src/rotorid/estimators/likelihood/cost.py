@@ -37,6 +37,7 @@ from rotorid.estimators.likelihood.calibration import Calibration
 from rotorid.estimators.likelihood.noise import Noise
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.scaling import Scales
+from rotorid.estimators.likelihood.transient import Ends, Transient
 from rotorid.record import Complexes, Floats, Integers
 
 
@@ -122,6 +123,8 @@ class Likelihood:
         c: 2, or 1 for the real lines.
     indirect : int
         How many of the last rows are sensors, each with its channel behind those of the inputs.
+    transient : Transient, optional
+        What the loose ends of the window add.
     """
 
     def __init__(
@@ -137,12 +140,13 @@ class Likelihood:
         scales: Scales,
         multiplicity: Floats,
         indirect: int = 0,
+        transient: Transient | None = None,
     ) -> None:
         self.entries, self.monomials, self.load = entries, monomials, load
         self.sensing, self.calibration = sensing, calibration
         self.data, self.noise, self.multiplicity = data, noise, multiplicity
         self.factor, self.scales = noise.factor, scales
-        self.rows, self.indirect = rows, indirect
+        self.rows, self.indirect, self.transient = rows, indirect, transient
         self.coordinates = sensing.right.shape[0]
         self.inputs = data.shape[1] - sensing.right.shape[1]
         self.all_rows = rows + len(sensing.redundancy)
@@ -199,7 +203,7 @@ class Evaluation:
         self.mu = problem.monomials.values(unknowns)
         self.state = problem.calibration.at(unknowns)
         self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
-        self._set_columns()
+        self._error = self._set_columns()
         self._set_projection()
         gain = self._projected(self.columns) @ problem.factor
         root = gain.conj().transpose(0, 2, 1)
@@ -210,12 +214,31 @@ class Evaluation:
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self._moves = self._affine_directions()
+        self.ends: Ends | None = None
         every = np.concatenate([self._error[:, :, None], self._moves], axis=2)
-        whitened = self._white(self._projected(every))
+        every, whitened = self._without_ends(every, self._white(self._projected(every)))
+        self._error, self._moves = every[:, :, 0], every[:, :, 1:]
         self._whitened_moves = whitened[:, :, 1:]
         self._set_whitened(whitened[:, :, 0])
 
-    def _set_columns(self) -> None:
+    def _without_ends(self, rows: Complexes, whitened: Complexes) -> tuple[Complexes, Complexes]:
+        """Add to rows, and to themselves whitened, what the loose ends of the window do best."""
+        transient = self.problem.transient
+        if transient is None:
+            return rows, whitened
+        ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
+        unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
+        columns = transient.columns(self._white(self._projected(unit)))
+        self.ends = Ends.of(self._stack(columns))
+        tau = self.ends.tau(self._stack(whitened))
+        moved = rows.copy()
+        added = transient.rows(tau, self.problem.rows)
+        moved[:, : self.problem.rows] += added
+        self.loose, self._loose_moves = added[:, :, 0], added[:, :, 1:]
+        return moved, _complex(whitened + columns @ tau)
+
+    def _set_columns(self) -> Complexes:
+        """Set the columns of all rows; return s, the equation error without hidden motion."""
         p, n = self.problem, self.problem.coordinates
         matrix = np.zeros((p.lines, p.all_rows, n + p.inputs), dtype=np.complex128)
         p._matrix.into(matrix.reshape(p.lines, -1), p._matrix_weight * self.mu[p._matrix_monomial])
@@ -227,7 +250,7 @@ class Evaluation:
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.load @ self.mu
         error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
-        self._error = error
+        return error
 
     def _set_projection(self) -> None:
         hidden = self.problem.sensing.hidden
@@ -275,6 +298,8 @@ class Evaluation:
         self.mu = self.problem.monomials.values(self.unknowns)
         self.state = self.problem.calibration.at(self.unknowns)
         self._error = self._error + self._moves @ change
+        if self.ends is not None:
+            self.loose = self.loose + self._loose_moves @ change
         self._set_whitened(self.whitened + self._whitened_moves @ change)
 
     def _set_whitened(self, whitened: Complexes) -> None:
@@ -282,6 +307,11 @@ class Evaluation:
         size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
         self.line_costs = self.problem.multiplicity * size
         self.cost = float(self.line_costs.sum())
+
+    @property
+    def absorbed(self) -> int:
+        """How many real equations the loose ends take up."""
+        return 0 if self.ends is None else int(self.ends.basis.shape[1])
 
     @property
     def equations(self) -> int:
@@ -362,7 +392,8 @@ class Evaluation:
 
     def whiten(self, rows: Complexes) -> Floats:
         """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
-        return self._stack(self._white(self._projected(rows)))
+        whitened = self._stack(self._white(self._projected(rows)))
+        return whitened if self.ends is None else self.ends.rest(whitened)
 
     def jacobian(self) -> Floats:
         """Return the Jacobian of the residual, shape (line * 2 * equation, unknown)."""

@@ -47,6 +47,8 @@ def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Float
     """Return mean and variance of each line's cost."""
     t, c = np.maximum(left, 0.0), multiplicity
     a = c * t
+    if np.isinf(dof).all():  # V as known: chi-squared
+        return a, 2 * a
     b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance
     scale = dof * a / np.maximum(dof - t + 1, 1e-9)
     safe = np.maximum(a, 1e-300)
@@ -128,6 +130,24 @@ def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
     return jacobian * scale @ basis, scale, basis
 
 
+def _of_ends(point: Point) -> Floats:
+    """Return what the loose ends of each record take up of every real equation."""
+    parts = [
+        np.zeros(at.problem.lines * 2 * at.problem.equations)
+        if at.ends is None
+        else (at.ends.basis**2).sum(axis=1)
+        for at in point.records
+    ]
+    return np.concatenate([*parts, np.zeros(len(point.known))])
+
+
+def _misfit_dof(at: Evaluation) -> Floats:
+    """Return the degrees of freedom of V for the misfit: as known where each line's is its own."""
+    if at.problem.noise.own:
+        return np.full(at.problem.lines, np.inf)
+    return effective_dof(at)
+
+
 def projected_jacobian(point: Point) -> Floats:
     """Return the scaled Jacobian of the residual, exact relations eliminated."""
     return _scaled(point, point.problem.exact)[0]
@@ -138,20 +158,22 @@ def infer(point: Point, exact: Relations) -> Inference:
     scaled, scale, basis = _scaled(point, exact)
     left, values, right = np.linalg.svd(scaled, full_matrices=False)
     kept = values > RANK * values.max(initial=0.0)
-    leverage = _line_sums(point, (left[:, kept] ** 2).sum(axis=1))
+    taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)
+    leverage = _line_sums(point, taken_up)
     means, variances, weights = [], [], []
     for at, taken in zip(point.records, leverage, strict=False):
         likelihood = at.problem
         c = likelihood.multiplicity
         t = likelihood.equations - taken / c
-        mean, variance = line_moments(t, effective_dof(at), c)
+        mean, variance = line_moments(t, _misfit_dof(at), c)
         means.append(mean)
         variances.append(float(variance.sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
         weights.append(np.repeat(ratio, 2 * likelihood.equations))
     rest = 1 - leverage[-1]
     weights.append(np.ones(len(rest)))
-    dof = point.problem.real_equations - int(kept.sum())
+    absorbed = sum(at.absorbed for at in point.records)
+    dof = point.problem.real_equations - int(kept.sum()) - absorbed
     determined = right[kept].T
     weighted = np.concatenate(weights)[:, None] * (scaled @ determined)
     _, spread, turned = np.linalg.svd(weighted, full_matrices=False)

@@ -32,6 +32,8 @@ def predicted_readings(at: Evaluation) -> Complexes:
     true = at.state.factors * p.data
     right = (at.inputs[:, :equations, :forces] @ true[:, :forces, None])[:, :, 0]
     right += (at.load @ at.mu)[:, :equations]
+    if at.ends is not None:
+        right += at.loose[:, :equations]
     stiffness = -at.stiffness[:, :equations]
     motion = np.stack(
         [np.linalg.lstsq(z, f, rcond=None)[0] for z, f in zip(stiffness, right, strict=True)]
