@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -97,6 +98,8 @@ class Channel:
         exactly.
     drive : Drive, optional
         The channel holds a current, not the input itself. Maximum likelihood only.
+    dynamics : Dynamics, optional
+        What an amplifier, a filter or the sensor itself does to each line.
     """
 
     name: str
@@ -107,6 +110,7 @@ class Channel:
     delay_std: float = 0.0
     gain_std: float = 0.0
     drive: Drive | None = None
+    dynamics: Dynamics | None = None
 
     @property
     def combination(self) -> Mapping[str, float]:

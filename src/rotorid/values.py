@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[Any]
+
 
 class ByContent:
     """A base of frozen dataclasses (``eq=False``) that hold arrays: ``==`` compares content.

@@ -45,12 +45,15 @@ def transfer_of_recording(
     """Return quantity / recording on each line: what corrects the lines of a record.
 
     A command held over T = 1/sample_rate acts as ``sinc(f T) exp(-i pi f T)`` times its samples;
-    samples that lag by tau are multiplied by ``exp(2 pi i f tau)``.
+    samples that lag by tau are multiplied by ``exp(2 pi i f tau)``; known dynamics divide the
+    lines of a sensor and multiply those of an actuator.
     """
     turns = frequency / sample_rate
     hold = np.sinc(turns) * np.exp(-1j * np.pi * turns)
     columns = [
-        np.exp(2j * np.pi * frequency * channel.delay) * (hold if channel.hold else 1.0)
+        np.exp(2j * np.pi * frequency * channel.delay)
+        * (hold if channel.hold else 1.0)
+        * (1.0 if channel.dynamics is None else channel.dynamics.correction(2 * np.pi * frequency))
         for channel in channels
     ]
     return np.asarray(np.stack(columns, axis=-1))

@@ -15,6 +15,7 @@ from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
 from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
 from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.phase import Phase
+from rotorid.estimators.likelihood.nuisances.response import Response
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.observation import Observation
 
@@ -37,6 +38,7 @@ KINDS: tuple[type[Nuisance], ...] = (
     Gain,
     CommonDelay,
     Delay,
+    Response,
     Phase,
 )
 
