@@ -11,8 +11,16 @@ from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
 from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values
-from rotorid.experiment.recording import Recording, measured, periods_of, recording
+from rotorid.experiment.recording import (
+    Recording,
+    lines_of,
+    measured,
+    periods_of,
+    quiet_record,
+    recording,
+)
 from rotorid.experiment.schema import ExperimentFile, Method
+from rotorid.lines import Lines
 from rotorid.models import Model, load_model
 from rotorid.record import PeriodicRecord, Record
 from rotorid.toml import read_toml
@@ -91,14 +99,25 @@ class Experiment:
         return default_method(self.model, self._likelihood_records)
 
     @cached_property
-    def _likelihood_records(self) -> list[PeriodicRecord]:
-        return [
-            periods_of(record, entry)
-            for record, entry in zip(self._measured(currents=True), self.entry.records, strict=True)
-        ]
+    def _likelihood_records(self) -> list[PeriodicRecord | Lines]:
+        return self._observed(currents=True)
 
-    def records(self, method: Method | None = None) -> list[PeriodicRecord]:
-        """Read every record and cut it into periods.
+    def _observed(self, *, currents: bool) -> list[PeriodicRecord | Lines]:
+        """Read every record: cut into periods, or as the lines of the whole."""
+        found: list[PeriodicRecord | Lines] = []
+        plans = zip(
+            self._measured(currents=currents), self.entry.records, self.channels, strict=True
+        )
+        for record, entry, plan in plans:
+            if entry.periodic:
+                found.append(periods_of(record, entry))
+            else:
+                quiet = quiet_record(self.folder, entry, plan, currents=currents)
+                found.append(lines_of(record, quiet, entry, self.model))
+        return found
+
+    def records(self, method: Method | None = None) -> list[PeriodicRecord | Lines]:
+        """Read every record and cut it into periods, or take the lines of the whole.
 
         Parameters
         ----------
@@ -112,10 +131,7 @@ class Experiment:
         """
         if self.method(method) == "ml":
             return self._likelihood_records
-        return [
-            periods_of(record, entry)
-            for record, entry in zip(self.measured(method), self.entry.records, strict=True)
-        ]
+        return self._observed(currents=False)
 
     def estimator(self, method: Method | None = None) -> Estimator:
         """Return the estimator that the file asks for, or that of another method.
@@ -177,18 +193,20 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     """
     path = Path(path)
     entry = read_toml(path, ExperimentFile)
+    where = path.parent if folder is None else Path(folder)
     model = _model(entry.model, path)
     try:
         channels = []
         for number, record in enumerate(entry.records):
             try:
-                recording(record.channels, model, entry.channels)
+                recording(record.channels, model, entry.channels, where)
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
-            channels.append(recording({**entry.channels, **record.channels}, model))
+            everything = {**entry.channels, **record.channels}
+            channels.append(recording(everything, model, folder=where))
         return Experiment(
             file=str(path),
-            folder=path.parent if folder is None else Path(folder),
+            folder=where,
             entry=entry,
             model=model,
             channels=tuple(channels),

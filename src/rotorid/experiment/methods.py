@@ -14,7 +14,8 @@ from rotorid.estimators import (
     Sequential,
 )
 from rotorid.experiment.names import bounds, stated
-from rotorid.experiment.schema import ExperimentFile, Method
+from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
+from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.record import PeriodicRecord
 
@@ -55,7 +56,7 @@ def _maximum_likelihood(
     )
 
 
-def default_method(model: Model, records: Sequence[PeriodicRecord]) -> Method:
+def default_method(model: Model, records: Sequence[PeriodicRecord | Lines]) -> Method:
     """Return ml where the model is linear and every record has periods enough, else batch.
 
     Enough are those that give the covariance of the equations of a line twice as many degrees of
@@ -65,9 +66,15 @@ def default_method(model: Model, records: Sequence[PeriodicRecord]) -> Method:
         return "batch"
     for record in records:
         sensors = sum(channel.name not in model.inputs for channel in record.channels)
-        if record.periods - 1 < 2 * sensors:
+        if isinstance(record, PeriodicRecord) and record.periods - 1 < 2 * sensors:
             return "batch"
     return "ml"
+
+
+def _uncertain(entry: ChannelEntry) -> bool:
+    """Tell whether the dynamics of a channel, or of a law's column, are not known exactly."""
+    entries = (entry.dynamics, *(column.dynamics for column in entry.columns))
+    return any(d is not None and d.uncertain for d in entries)
 
 
 def _refuse_deviations(entry: ExperimentFile) -> None:
@@ -89,6 +96,7 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
         channels |= {f"records.{i}.channels.{name}": c for name, c in record.channels.items()}
     places += [f"{place}.gain_std" for place, c in channels.items() if c.gain_std]
     places += [f"{place}.delay.std" for place, c in channels.items() if c.delay.std]
+    places += [f"{place}.dynamics" for place, c in channels.items() if _uncertain(c)]
     places += [f"{place}.{key}" for place, c in channels.items() for key in c.uncertain]
     columns = [(place, column) for place, c in channels.items() for column in c.columns]
     places += [f"{place}.{c.column}.gain_std" for place, c in columns if c.gain_std]

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
 
+from rotorid.dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial
 from rotorid.experiment.schema import (
     ChannelEntry,
     ConstraintEntry,
+    DynamicsEntry,
     ParameterEntry,
     RecordEntry,
     TimeEntry,
 )
-from rotorid.io import Source
+from rotorid.io import Source, open_table
 from rotorid.models import Model
-from rotorid.models.combination import linear_combination
+from rotorid.models.combination import sensor_terms
+from rotorid.models.terms import DERIVATIVES
 from rotorid.units import multiply_units, to_si
 
 
@@ -32,8 +37,8 @@ def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputErro
     )
 
 
-def source(name: str, entry: ChannelEntry, model: Model) -> Source:
-    """Return where a channel without force law comes from."""
+def source(name: str, entry: ChannelEntry, model: Model, folder: Path = Path()) -> Source:
+    """Return where a channel without force law comes from; a table is looked for in `folder`."""
     place = f"channels.{name}"
     quantities = (*model.inputs, *model.coordinates)
     if entry.reads is None and name not in quantities:
@@ -46,9 +51,7 @@ def source(name: str, entry: ChannelEntry, model: Model) -> Source:
             place=place,
         )
     reads = (
-        None
-        if entry.reads is None
-        else linear_combination(entry.reads, model.coordinates, place=f"{place}.reads")
+        None if entry.reads is None else combination_of(entry.reads, model, place=f"{place}.reads")
     )
     if reads is not None and entry.unit is None:
         raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
@@ -62,7 +65,50 @@ def source(name: str, entry: ChannelEntry, model: Model) -> Source:
         delay=entry.delay.value,
         delay_std=entry.delay.std or 0.0,
         gain_std=entry.gain_std,
+        dynamics=dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder),
     )
+
+
+def combination_of(text: str, model: Model, *, place: str) -> dict[str, float]:
+    """Return what a sensor reads, by dotted coordinates, or products of them with parameters."""
+    found: dict[str, float] = {}
+    for term in sensor_terms(text, model.coordinates, model.parameter_names, place=place):
+        powers = zip(model.parameter_names, term.powers, strict=True)
+        factors = [name for name, power in powers for _ in range(power)]
+        moving = model.coordinates[term.coordinate] + DERIVATIVES[term.order]
+        found["*".join([*factors, moving])] = term.coefficient
+    return found
+
+
+def dynamics_of(
+    entry: DynamicsEntry | None, *, actuator: bool, folder: Path = Path()
+) -> Dynamics | None:
+    """Return the dynamics of a channel; by default an input's are its actuator's."""
+    if entry is None:
+        return None
+    common: dict[str, Any] = {
+        "actuator": actuator if entry.of is None else entry.of == "actuator",
+        "shared": entry.shared,
+    }
+    if entry.table is not None:
+        table = open_table(folder / entry.table)
+        names = table.names
+        if len(names) != 3:
+            raise InputError(
+                f"{len(names)} columns",
+                "frequency in Hz, real part, imaginary part",
+                "write these three columns",
+                file=str(folder / entry.table),
+            )
+        columns = table.read(names)
+        hertz, real, imaginary = (columns[name].values for name in names)
+        return Measured(frequency=hertz, measured=real + 1j * imaginary, **common)
+    if entry.eddy is not None:
+        return EddyCurrents(eddy=entry.eddy, **common)
+    assert entry.bandwidth is not None  # the schema sees to it
+    if entry.damping is None:
+        return FirstOrder(bandwidth=entry.bandwidth, **common)
+    return SecondOrder(bandwidth=entry.bandwidth, damping=entry.damping, **common)
 
 
 def timing(record: RecordEntry) -> Source | None:

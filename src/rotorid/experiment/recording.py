@@ -11,10 +11,12 @@ import numpy as np
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
+from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
-from rotorid.experiment.names import source, timing
-from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.experiment.names import combination_of, dynamics_of, source, timing
+from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
 from rotorid.io import Source, read_record
+from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.models.combination import linear_combination
 from rotorid.record import Drive, PeriodicRecord, Record
@@ -22,6 +24,7 @@ from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average
 from rotorid.signals.settling import detect_settling
 from rotorid.signals.synchronism import rotation_warnings
+from rotorid.spectra import spectra
 
 _MARK = "the mark of the rotor angle"
 
@@ -56,13 +59,14 @@ def recording(
     entries: Mapping[str, ChannelEntry],
     model: Model,
     others: Mapping[str, ChannelEntry] | None = None,
+    folder: Path = Path(),
 ) -> Recording:
-    """Return where the channels of a record come from."""
+    """Return where the channels of a record come from; tables are looked for in `folder`."""
     sources: dict[str, Source] = {}
     laws: dict[str, InputLaw] = {}
     for name, entry in entries.items():
         if entry.law is None:
-            sources[name] = source(name, entry, model)
+            sources[name] = source(name, entry, model, folder)
             continue
         place = f"channels.{name}"
         if name not in model.inputs:
@@ -92,9 +96,24 @@ def recording(
                 delay=column.delay.value,
                 delay_std=column.delay.std or 0.0,
                 gain_std=column.gain_std,
+                dynamics=_law_dynamics(law, column.dynamics, folder, place),
             )
         laws[name] = InputLaw(law, tuple(labels), position)
     return Recording(sources, laws)
+
+
+def _law_dynamics(
+    law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
+) -> Dynamics | None:
+    """Return the dynamics of a law's column; a law that bends mixes lines, so linear ones only."""
+    if entry is not None and not isinstance(law, Linear):
+        raise InputError(
+            "dynamics of a column in a law that is not linear",
+            "law = 'linear' for a column with dynamics",
+            "take the linear law, or measure the current behind the amplifier",
+            place=f"{place}.dynamics",
+        )
+    return dynamics_of(entry, actuator=True, folder=folder)
 
 
 def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
@@ -116,7 +135,7 @@ def _position(
     if entry.position is None:
         return {}
     reads = {
-        name: linear_combination(sensor.reads, model.coordinates)
+        name: combination_of(sensor.reads, model, place=f"channels.{name}.reads")
         for name, sensor in entries.items()
         if sensor.reads is not None
     }
@@ -137,6 +156,7 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
         )
     elif entry.keyphasor is not None:
         columns[_MARK] = Source(entry.keyphasor)
+    columns |= {reference_name(name): Source(name) for name in entry.references or ()}
     record = read_record(
         [folder / name for name in entry.paths],
         columns=columns,
@@ -157,6 +177,35 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
     return forces(
         record, _readings(record, plan), drives=not currents, period=_period(record, entry)
     )
+
+
+def reference_name(column: str) -> str:
+    """Return the name of the channel of a reference: no name of a model, whatever the column."""
+    return f"reference {column}"
+
+
+def quiet_record(
+    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+) -> Record | None:
+    """Read the record without excitation that goes with another, if there is one."""
+    if entry.quiet is None:
+        return None
+    still = entry.model_copy(update={"file": entry.quiet, "files": None, "quiet": None})
+    return measured(folder, still, plan, currents=currents)
+
+
+def lines_of(record: Record, quiet: Record | None, entry: RecordEntry, model: Model) -> Lines:
+    """Return the lines of a whole record, its noise from what the file names."""
+    assert entry.band is not None  # the schema sees to it
+    lines = spectra(
+        record,
+        entry.band,
+        references=[reference_name(name) for name in entry.references or ()],
+        quiet=quiet,
+        inputs=model.inputs,
+        skip=entry.skip or 0.0,
+    )
+    return replace(lines, warnings=(*record.warnings, *lines.warnings))
 
 
 def _highest(entry: RecordEntry) -> float | None:
@@ -217,7 +266,8 @@ def _with_drives(record: Record, plan: Recording) -> Record:
 
 
 def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
-    sensors = [channel for channel in record.channels if channel.unit in ("m", "rad")]
+    spent = {name for law in plan.laws.values() for name in law.sources}
+    sensors = [c for c in record.channels if c.name in plan.sources and c.name not in spent]
     found = {}
     for name, law in plan.laws.items():
         if isinstance(law.law, Linear):

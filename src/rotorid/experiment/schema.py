@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
 
 from rotorid.actuators.entry import LawEntry, LawName, law_keys
+from rotorid.dynamics import UNKNOWN, Constant
 from rotorid.errors import InputError
 from rotorid.toml import Schema
 from rotorid.units import to_si
@@ -42,6 +43,62 @@ def _delay(value: object) -> object:
 
 
 Delay = Annotated[DelayEntry, BeforeValidator(_delay)]
+
+
+def _constant(name: str, unit: str) -> BeforeValidator:
+    """Read a constant of dynamics: a quantity, value and std, or a start."""
+
+    def read(value: object) -> object:
+        if isinstance(value, Constant):
+            return value
+        if not isinstance(value, dict):
+            return Constant(name, unit, to_si(value, unit))
+        keys = set(value)
+        if keys == {"start"}:
+            return Constant(name, unit, to_si(value["start"], unit, place="start"), UNKNOWN)
+        if keys == {"value", "std"}:
+            number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
+            return Constant(name, unit, number, std)
+        raise InputError(
+            f"the keys {', '.join(sorted(keys)) or '(none)'}",
+            "value and std, or start",
+            f"write {{ value = '1 {unit}', std = '0.1 {unit}' }}, or {{ start = '1 {unit}' }}",
+        )
+
+    return BeforeValidator(read)
+
+
+class DynamicsEntry(Schema):
+    """What an amplifier, a filter or a sensor does to each line of a column.
+
+    ``bandwidth`` alone: first order; with ``damping``: second order; ``eddy``: eddy currents;
+    ``table``: a measured response. Of an input's column it is the actuator's, of a sensor's the
+    sensor's, unless ``of`` says otherwise.
+    """
+
+    bandwidth: Annotated[Constant | None, _constant("bandwidth", "Hz")] = None
+    damping: Annotated[Constant | None, _constant("damping", "1")] = None
+    eddy: Annotated[Constant | None, _constant("eddy", "s")] = None
+    table: str | None = None
+    shared: str = ""
+    of: Literal["actuator", "sensor"] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> DynamicsEntry:
+        given = [k for k in ("bandwidth", "eddy", "table") if getattr(self, k) is not None]
+        if len(given) != 1 or (self.damping is not None and self.bandwidth is None):
+            raise InputError(
+                f"dynamics with {', '.join(sorted(self.model_fields_set)) or 'nothing'}",
+                "one of bandwidth (with damping or without), eddy, table",
+                "write { bandwidth = '1.5 kHz' }, for instance",
+            )
+        return self
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether a constant is not known exactly."""
+        constants = (self.bandwidth, self.damping, self.eddy)
+        return any(c is not None and c.std for c in constants)
 
 
 def _band(value: object) -> tuple[float, float]:
@@ -83,6 +140,7 @@ class ColumnEntry(Schema):
     hold: Literal["none", "zero-order"] = "none"
     delay: Delay = DelayEntry()
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    dynamics: DynamicsEntry | None = None
 
 
 class ChannelEntry(LawEntry):
@@ -95,6 +153,7 @@ class ChannelEntry(LawEntry):
     hold: Literal["none", "zero-order"] = "none"
     delay: Delay = DelayEntry()
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    dynamics: DynamicsEntry | None = None
     reads: str | None = None
     current: ColumnEntry | None = None
     flux: Annotated[list[ColumnEntry] | None, Field(min_length=2, max_length=2)] = None
@@ -108,7 +167,7 @@ class ChannelEntry(LawEntry):
         wanted = {"column"} if self.law is None else needed.get(self.law, {"flux"})
         for key in sorted(wanted - given):
             raise InputError("no such key", "a value", "add it", place=key)
-        as_recorded = {"hold", "delay", "gain_std"}
+        as_recorded = {"hold", "delay", "gain_std", "dynamics"}
         allowed = wanted | (
             {*law_keys(), *as_recorded} if self.law else set(ChannelEntry.model_fields) - of_law
         )
@@ -136,7 +195,7 @@ class ChannelEntry(LawEntry):
         """The columns of a force law, with what the channel says of how they were recorded."""
         said: dict[str, Any] = {
             key: getattr(self, key)
-            for key in ("hold", "delay", "gain_std")
+            for key in ("hold", "delay", "gain_std", "dynamics")
             if key in self.model_fields_set
         }
         return tuple(column.model_copy(update=said) for column in self.columns)
@@ -180,6 +239,8 @@ class RecordEntry(Schema):
     skip: Seconds | None = None
     until: Annotated[float | None, _quantity("s"), Field(gt=0, le=1e9)] = None
     mask: str | None = None
+    references: Annotated[list[str] | None, Field(min_length=1)] = None
+    quiet: str | None = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -209,6 +270,8 @@ class RecordEntry(Schema):
             ("harmonics", "band"),
         ):
             given = [key for key in (first, second) if getattr(self, key) is not None]
+            if not given and first == "fundamental" and self.band is not None:
+                continue  # the lines of the whole record
             if len(given) != 1:
                 raise InputError(
                     "both" if given else "neither",
@@ -224,6 +287,27 @@ class RecordEntry(Schema):
                 place="until",
             )
         return self
+
+    @model_validator(mode="after")
+    def _one_source_of_noise(self) -> RecordEntry:
+        given = [k for k in ("references", "quiet") if getattr(self, k) is not None]
+        if given and self.periodic:
+            raise InputError(
+                f"{given[0]} beside a period",
+                "either: periods tell their noise by themselves",
+                f"remove {given[0]}, or the fundamental to use the whole record",
+                place=given[0],
+            )
+        if len(given) > 1:
+            raise InputError(
+                "references and quiet", "one of them", "remove one", place="references, quiet"
+            )
+        return self
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the record is cut into periods."""
+        return self.fundamental is not None or self.period_samples is not None
 
     @property
     def paths(self) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError, ReadError
 from rotorid.io.opening import open_tables
 from rotorid.io.table import Column, Table
@@ -41,6 +42,8 @@ class Source:
         Relative.
     overrule : bool
         The unit given here holds where the file states another.
+    dynamics : Dynamics, optional
+        See `Channel`.
     """
 
     column: str
@@ -53,10 +56,20 @@ class Source:
     delay_std: float = 0.0
     gain_std: float = 0.0
     overrule: bool = False
+    dynamics: Dynamics | None = None
 
     def channel(self, name: str, unit: str) -> Channel:
         """Return the channel of that name, its samples in `unit`."""
-        return Channel(name, unit, self.reads, self.hold, self.delay, self.delay_std, self.gain_std)
+        return Channel(
+            name,
+            unit,
+            self.reads,
+            self.hold,
+            self.delay,
+            self.delay_std,
+            self.gain_std,
+            dynamics=self.dynamics,
+        )
 
 
 def read_record(
