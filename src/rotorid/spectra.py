@@ -20,8 +20,8 @@ from scipy import fft
 from rotorid.errors import InputError
 from rotorid.lines import Lines, WholeClock
 from rotorid.record import Complexes, Floats, Integers, Record
-from rotorid.signals.covariance import LineCovariance
-from rotorid.signals.local_polynomial import half_width, local_covariance
+from rotorid.signals.covariance import Kind, LineCovariance
+from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.spectrum import transfer_of_recording
 
 TRANSIENT = 2
@@ -127,11 +127,11 @@ def spectra(
     _check_references(record, references)
     every = window.channels(names)
     if quiet is not None:
-        covariance = _quiet_covariance(quiet, names, frequency, window)
+        covariance, told = _quiet_covariance(quiet, names, frequency, window)
     elif references:
-        covariance = _reference_covariance(window, every, window.channels(references), kept)
+        covariance, told = _reference_covariance(window, every, window.channels(references), kept)
     else:
-        covariance = _input_covariance(window, every, names, inputs, kept)
+        covariance, told = _input_covariance(window, every, names, inputs, kept)
     used = slice(window.first, window.first + window.count)
     angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
     speed = (
@@ -154,7 +154,7 @@ def spectra(
         transient=TRANSIENT,
         phase_known=record.phase_known,
         source=record.source,
-        warnings=_warnings(covariance),
+        warnings=told,
     )
 
 
@@ -207,9 +207,15 @@ def _check_references(record: Record, references: Sequence[str]) -> None:
         )
 
 
-def _half(record: Record, every: Complexes, references: int, rotating: bool) -> int:
-    """Return h, or say that the record is too short for it."""
-    half = half_width(every.shape[1], references, rotating)
+def _local(
+    record: Record,
+    every: Complexes,
+    references: Complexes,
+    rotation: Complexes,
+    lines: Integers,
+) -> Local:
+    """Return the covariance by local polynomials, or say that the record is too short for it."""
+    half = half_width(every.shape[1], references.shape[1], rotation.shape[1] > 0, ORDERS[0])
     if 2 * half + 1 > len(every):
         raise InputError(
             f"{len(every)} lines",
@@ -217,16 +223,14 @@ def _half(record: Record, every: Complexes, references: int, rotating: bool) -> 
             "record longer",
             file=record.source,
         )
-    return half
+    return local_covariance(every, references, rotation, lines)
 
 
 def _reference_covariance(
     window: _Window, every: Complexes, references: Complexes, kept: Integers
-) -> LineCovariance:
-    rotation = window.rotation()
-    half = _half(window.record, every, references.shape[1], rotation.shape[1] > 0)
-    matrices, dof = local_covariance(every, references, rotation, kept, half)
-    return LineCovariance(matrices, dof, "references")
+) -> tuple[LineCovariance, tuple[str, ...]]:
+    found = _local(window.record, every, references, window.rotation(), kept)
+    return _covariance(found, "references"), _told(found, window)
 
 
 def _input_covariance(
@@ -235,7 +239,7 @@ def _input_covariance(
     names: Sequence[str],
     inputs: Sequence[str],
     kept: Integers,
-) -> LineCovariance:
+) -> tuple[LineCovariance, tuple[str, ...]]:
     known = [names.index(name) for name in inputs if name in names]
     if not known:
         raise InputError(
@@ -245,22 +249,21 @@ def _input_covariance(
             "without excitation (quiet), or give the inputs",
             file=window.record.source,
         )
-    rotation = window.rotation()
-    half = _half(window.record, every, len(known), rotation.shape[1] > 0)
-    matrices, dof = local_covariance(every, every[:, known], rotation, kept, half)
-    return LineCovariance(matrices, dof, "inputs")
+    found = _local(window.record, every, every[:, known], window.rotation(), kept)
+    warning = (
+        "noise was told from motion by the measured inputs, taken as free of noise: right in open "
+        "loop; in closed loop name the excitation in references or give a quiet record"
+    )
+    return _covariance(found, "inputs"), (warning, *_told(found, window))
 
 
 def _quiet_covariance(
     quiet: Record, names: Sequence[str], frequency: Floats, window: _Window
-) -> LineCovariance:
+) -> tuple[LineCovariance, tuple[str, ...]]:
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
-        found = (
-            f"no channel {missing[0]!r}" if missing else f"a sample rate of {quiet.sample_rate:g}"
-        )
         raise InputError(
-            found,
+            f"no channel {missing[0]!r}" if missing else f"a sample rate of {quiet.sample_rate:g}",
             "the channels and the sample rate of the record with excitation",
             "record the machine as before, only without excitation",
             file=quiet.source,
@@ -269,16 +272,32 @@ def _quiet_covariance(
     still = _Window(quiet, 0, len(quiet.samples))
     every, rotation = still.channels(names), still.rotation()
     none = np.zeros((len(every), 0), dtype=np.complex128)
-    half = _half(quiet, every, 0, rotation.shape[1] > 0)
     nearest = np.clip(np.round(frequency / still.spacing), 0, len(every) - 1).astype(np.int64)
-    matrices, dof = local_covariance(every, none, rotation, nearest, half)
-    return LineCovariance(matrices * (still.count / window.count), dof, "quiet")
+    found = _local(quiet, every, none, rotation, nearest)
+    matrices = found.matrices * (still.count / window.count)
+    return LineCovariance(matrices, found.dof, "quiet"), _told(found, still)
 
 
-def _warnings(covariance: LineCovariance) -> tuple[str, ...]:
-    if covariance.kind != "inputs":
-        return ()
-    return (
-        "noise was told from motion by the measured inputs, taken as free of noise: right in open "
-        "loop; in closed loop name the excitation in references or give a quiet record",
+def _covariance(found: Local, kind: Kind) -> LineCovariance:
+    """Return a covariance in which each line's own residual has a share."""
+    return LineCovariance(found.matrices, found.dof, kind, found.leverage)
+
+
+def _told(found: Local, window: _Window) -> tuple[str, ...]:
+    """Say which lines stand out, and where the window bends more than a polynomial follows."""
+    told = []
+    if len(found.standing_out):
+        where = ", ".join(f"{line * window.spacing:.6g}" for line in found.standing_out[:5])
+        more = f" and {len(found.standing_out) - 5} more" if len(found.standing_out) > 5 else ""
+        told.append(
+            f"the lines at {where} Hz{more} stand out of the noise beside them: hum, or a rotation "
+            "otherwise than stated; check the speed, or take the band beside them"
+        )
+    if not found.bent:
+        return tuple(told)
+    width = (2 * found.half + 1) * window.spacing
+    told.append(
+        f"the response bends within the {width:.3g} Hz in which noise is told from motion, more "
+        f"than a polynomial of order {found.order} follows: deviations are too wide; record longer"
     )
+    return tuple(told)

@@ -28,6 +28,7 @@ MOST_STEMS = 40  # kept lines that are drawn one by one
 # Pictures lie below records, whose types they cannot import.
 Samples = Any  # a Record
 Periods = Any  # a PeriodicRecord
+Whole = Any  # Lines
 
 
 @styled
@@ -82,6 +83,45 @@ def draw_line_filter(
     axes.set_xlim(low, high)
     axes.set_xlabel("frequency in Hz")
     axes.set_ylabel(f"amplitude in {unit}")
+
+
+@styled
+def draw_lines(record: Whole, predicted: Any = None) -> Figure:
+    """Draw every channel's lines of a whole record, their noise, and those that are predicted."""
+    count = len(record.channels)
+    figure, axes = panels(count, 3, 1.8)
+    noise = np.sqrt(np.diagonal(record.covariance.matrices, axis1=1, axis2=2).real)
+    told = (
+        {} if predicted is None else dict(zip(predicted.names, predicted.predicted.T, strict=True))
+    )
+    for index, panel in zip(range(count), axes, strict=False):
+        channel = record.channels[index]
+        unit, factor = _shown_unit(channel.unit)
+        panel.set_title(label(channel.name, 36), loc="left")
+        panel.set_ylabel(f"amplitude in {unit}")
+        for lines, color, width in (
+            (np.abs(record.mean[:, index]), GREY, 0.6),
+            (np.abs(told.get(channel.name, np.zeros(0))), BLUE, 0.6),
+            (noise[:, index], RED, 1.0),
+        ):
+            if len(lines) and (lines > 0).any():
+                amplitude = factor * record.multiplicity * lines
+                panel.plot(
+                    record.frequency,
+                    np.where(amplitude > 0, amplitude, np.nan),
+                    color=color,
+                    lw=width,
+                )
+        decades(panel, y=True)
+        if index >= count - 3:
+            panel.set_xlabel("frequency in Hz")
+    key = [
+        Line2D([], [], color=GREY, label="measured"),
+        *([Line2D([], [], color=BLUE, label="predicted")] if told else []),
+        Line2D([], [], color=RED, label="noise of a line, one standard deviation"),
+    ]
+    figure.legend(handles=key, loc="outside upper left", ncols=len(key))
+    return figure
 
 
 @styled

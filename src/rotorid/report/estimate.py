@@ -7,18 +7,20 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.plots import pictures, spectra
+from rotorid.predict import predict_lines
 from rotorid.record import PeriodicRecord
 from rotorid.report.html import Picture, picture, render
-from rotorid.report.plots import force_waves
+from rotorid.report.plots import force_waves, speaks_of
 from rotorid.tables import Page, Table, table
 
 
 def estimate_report(
     estimate: Estimate,
     model: Model | None,
-    records: Sequence[PeriodicRecord],
+    records: Sequence[PeriodicRecord | Lines],
     remarks: Sequence[str] = (),
 ) -> str:
     """Return the report of an estimate as HTML; without model and records what it holds itself."""
@@ -36,7 +38,7 @@ def estimate_report(
 
 
 def validation_report(
-    estimate: Estimate, model: Model, records: Sequence[PeriodicRecord], page: Page
+    estimate: Estimate, model: Model, records: Sequence[PeriodicRecord | Lines], page: Page
 ) -> str:
     """Return what a validation shows as HTML: its page, and every record as it is predicted."""
     return render(
@@ -73,10 +75,20 @@ def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
 
 
 def _record_pictures(
-    estimate: Estimate, model: Model | None, records: Sequence[PeriodicRecord]
+    estimate: Estimate, model: Model | None, records: Sequence[PeriodicRecord | Lines]
 ) -> Iterator[Picture]:
     for number, record in enumerate(records, start=1):
         where = f", record {number}" if len(records) > 1 else ""
+        if isinstance(record, Lines):
+            known = model is not None and speaks_of(model, estimate, record)
+            found = predict_lines(model, estimate, [record])[0] if model and known else None
+            yield picture(
+                spectra.draw_lines(record, found),
+                f"Lines{where}",
+                f"{len(record.frequency)} lines of the whole record, channel by channel, with the "
+                "noise that the estimate was weighted by.",
+            )
+            continue
         waves = None if model is None else force_waves(model, estimate, record)
         if waves is not None:
             yield picture(
@@ -94,19 +106,28 @@ def _record_pictures(
         )
 
 
-def _records_table(records: Sequence[PeriodicRecord]) -> Table | None:
+def _cut(record: PeriodicRecord | Lines) -> tuple[str, ...]:
+    """Return how a record was cut: periods, their samples, rate, fundamental, lines."""
+    if isinstance(record, Lines):
+        return "-", "-", "-", "-", str(len(record.frequency))
+    return (
+        str(record.periods),
+        str(record.samples),
+        f"{record.sample_rate:g}",
+        f"{record.fundamental:g}",
+        str(len(record.harmonics)),
+    )
+
+
+def _records_table(records: Sequence[PeriodicRecord | Lines]) -> Table | None:
     """Return a row per record: how it was recorded and cut; nothing where there are none."""
     headings = ("record", "periods", "samples per period", "sample rate in Hz")
     more = ("fundamental in Hz", "lines", "speed in rev/s", "channels")
     rows = [
         (
             f"{number}: {record.source}" if record.source else str(number),
-            str(record.periods),
-            str(record.samples),
-            f"{record.sample_rate:g}",
-            f"{record.fundamental:g}",
-            str(len(record.harmonics)),
-            f"{record.speed / (2 * np.pi):.6g}",
+            *_cut(record),
+            f"{np.mean(record.speed) / (2 * np.pi):.6g}",
             ", ".join(record.names),
         )
         for number, record in enumerate(records, start=1)

@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.plots.pictures import ForceWaves
 from rotorid.predict import missing_values, predict_lines
 from rotorid.record import PeriodicRecord
 from rotorid.signals.spectrum import synthesize
+
+
+def speaks_of(model: Model, estimate: Estimate, record: PeriodicRecord | Lines) -> bool:
+    """Tell whether an estimate leaves nothing open that a prediction of this record needs."""
+    known = all(np.isfinite(v.value) for v in estimate.parameters) and record.phase_known
+    return known and not missing_values(model, estimate)
 
 
 def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> ForceWaves | None:
@@ -18,8 +25,7 @@ def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> For
     ``None`` where the estimate leaves a parameter open or is of another model, and where the
     phase of the rotor is not known.
     """
-    known = all(np.isfinite(v.value) for v in estimate.parameters) and record.phase_known
-    if not known or missing_values(model, estimate):
+    if not speaks_of(model, estimate, record):
         return None
     (found,) = predict_lines(model, estimate, [record])
     with np.errstate(divide="ignore", invalid="ignore"):

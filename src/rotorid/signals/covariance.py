@@ -27,16 +27,15 @@ class LineCovariance:
         Where it came from: the scatter between periods, neighbouring lines of periods, a local
         polynomial with references, a quiet record, a local polynomial with the measured inputs
         for references, the user, or a plan.
+    apart : float
+        Share of a line's noise that is not in its own covariance: 1 for the scatter of periods,
+        less where the residual of the line itself is among those that the covariance is made of.
     """
 
     matrices: Complexes
     dof: int
     kind: Kind
-
-    @property
-    def own(self) -> bool:
-        """Whether each line's own residual is in its covariance, so that E[J] = dof."""
-        return self.kind in ("references", "inputs")
+    apart: float = 1.0
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:

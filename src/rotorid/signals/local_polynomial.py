@@ -11,28 +11,70 @@ Vandersteen, Barbe 2010).
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+from scipy import special
 
-from rotorid.record import Complexes, Integers
+from rotorid.record import Booleans, Complexes, Floats, Integers
 
-ORDER = 2
-"""S: a window of a few Hz bends no more than a parabola (held against 3: the same J / dof)."""
+ORDERS = (2, 4, 6, 8)
+"""S, of which the least is taken that leaves no bend: each is held against the next."""
+BENT = 1.03
+"""An order that leaves this much more than the next one leaves motion, not noise; the two differ
+by a percent by chance. Left in, motion makes deviations too wide (a resonance of 4 Hz in a window
+of 6 Hz: 1.3 times)."""
+PROBED = 200
+"""Lines on which orders are compared."""
 PER_CHANNEL = 5
 """n is at least this many times the channels: with fewer, V is estimated too badly to whiten with
 (n = 19 for 8 channels gave J / dof 1.08)."""
+ALONE = 1e-3
+"""Chance with which noise alone makes some line of a record stand out of its window."""
+PASSES = 3
+"""Rounds of leaving lines out: those beside a strong one show once it is gone."""
+LEAST = 12
+"""n is at least this, however few the channels: fewer compare orders by chance."""
 CHUNK = 256
 """Lines at a time, so that memory stays that of the lines."""
 
 
-def half_width(channels: int, references: int, rotating: bool) -> int:
+@dataclass(frozen=True)
+class Local:
+    """Covariances of lines by a local polynomial.
+
+    Parameters
+    ----------
+    matrices : complex array, shape (line, channel, channel)
+    dof : int
+    leverage : float
+        Mean share of a line's noise that the polynomial takes up, missing from its residual.
+    order : int
+    half : int
+    standing_out : int array
+        Lines that noise does not explain: a rotation otherwise than stated, hum.
+    bent : bool
+        Even the highest order leaves motion in the residual.
+    """
+
+    matrices: Complexes
+    dof: int
+    leverage: float
+    order: int
+    half: int
+    standing_out: Integers
+    bent: bool = False
+
+
+def half_width(channels: int, references: int, rotating: bool, order: int) -> int:
     """Return the least h that leaves enough degrees of freedom."""
-    columns = columns_of(references, rotating)
-    return -(-(PER_CHANNEL * channels + columns - 1) // 2)
+    columns = columns_of(references, rotating, order)
+    return -(-(max(PER_CHANNEL * channels, LEAST) + columns - 1) // 2)
 
 
-def columns_of(references: int, rotating: bool) -> int:
+def columns_of(references: int, rotating: bool, order: int) -> int:
     """Return the number of columns of a window's regression."""
-    return (ORDER + 1) * (references + 1) + (2 if rotating else 0)
+    return (order + 1) * (references + 1) + (2 if rotating else 0)
 
 
 def local_covariance(
@@ -40,9 +82,8 @@ def local_covariance(
     references: Complexes,
     rotation: Complexes,
     lines: Integers,
-    half: int,
-) -> tuple[Complexes, int]:
-    """Return C of chosen lines, (line, channel, channel), and its degrees of freedom.
+) -> Local:
+    """Return C of chosen lines by the least order that leaves no bend.
 
     Parameters
     ----------
@@ -50,25 +91,96 @@ def local_covariance(
         All lines of the record from DC on; `rotation` empty at standstill.
     lines : int array, shape (line,)
         The lines that are asked for.
-    half : int
-        h. At the ends of the spectrum a window stands beside its line.
     """
-    width = 2 * half + 1
-    first = np.clip(lines - half, 0, len(channels) - width)
-    window = first[:, None] + np.arange(width)
-    offset = (window - lines[:, None]) / half
-    powers = offset[:, :, None] ** np.arange(ORDER + 1)
-    dof = width - columns_of(references.shape[1], rotation.shape[1] > 0)
-    count = channels.shape[1]
-    found = np.empty((len(lines), count, count), dtype=np.complex128)
-    for start in range(0, len(lines), CHUNK):
-        part = slice(start, start + CHUNK)
-        design = _design(references[window[part]], rotation[window[part]], powers[part])
-        orthogonal, _ = np.linalg.qr(design)
-        data = channels[window[part]]
-        left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
-        found[part] = left.transpose(0, 2, 1) @ left.conj() / dof
-    return found, dof
+    count, driven, turning = channels.shape[1], references.shape[1], rotation.shape[1] > 0
+    fitting = [
+        order
+        for order in ORDERS
+        if 2 * half_width(count, driven, turning, order) + 1 <= len(channels)
+    ]
+    probed = lines[:: max(1, len(lines) // PROBED)]
+    left = [_of_order(channels, references, rotation, probed, order) for order in fitting]
+    power = [np.diagonal(found.matrices, axis1=1, axis2=2).real for found in left]
+    for order, this, following in zip(fitting, power, power[1:], strict=False):
+        typical = np.median(following, axis=0)
+        if (this / np.where(typical > 0, typical, 1.0)).mean() <= BENT * (
+            following / np.where(typical > 0, typical, 1.0)
+        ).mean():
+            return _of_order(channels, references, rotation, lines, order)
+    last = _of_order(channels, references, rotation, lines, fitting[-1])
+    return replace(last, bent=len(fitting) > 1)
+
+
+def _of_order(
+    channels: Complexes, references: Complexes, rotation: Complexes, lines: Integers, order: int
+) -> Local:
+    """Return C of lines; lines that stand out of their window are left out of those beside."""
+    count, driven, turning = channels.shape[1], references.shape[1], rotation.shape[1] > 0
+    half = half_width(count, driven, turning, order)
+    dof = 2 * half + 1 - columns_of(driven, turning, order)
+    every = _Windows(channels, references, rotation, order, half, dof)
+    ordinary = np.ones(len(channels), dtype=bool)
+    for _ in range(PASSES):
+        found, leverage, share = every.covariances(lines, ordinary)
+        fresh = lines[ordinary[lines] & (share > _limit(count, dof, len(lines)))]
+        if not len(fresh):
+            break
+        ordinary[fresh] = False
+    return Local(found, dof, leverage, order, half, lines[~ordinary[lines]])
+
+
+def _limit(channels: int, dof: int, lines: int) -> float:
+    """Return the share of A that a line of noise alone reaches once in a thousand records."""
+    return float(special.betaincinv(channels, max(dof - channels, 1), 1 - ALONE / lines))
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """The regression in the window around each line."""
+
+    channels: Complexes
+    references: Complexes
+    rotation: Complexes
+    order: int
+    half: int
+    dof: int
+
+    def covariances(self, lines: Integers, ordinary: Booleans) -> tuple[Complexes, float, Floats]:
+        """Return C, the mean leverage, and each line's share of A = n C in its own direction."""
+        width, count = 2 * self.half + 1, self.channels.shape[1]
+        first = np.clip(lines - self.half, 0, len(self.channels) - width)
+        found = np.empty((len(lines), count, count), dtype=np.complex128)
+        share, taken = np.zeros(len(lines)), 0.0
+        for start in range(0, len(lines), CHUNK):
+            part = slice(start, start + CHUNK)
+            window = first[part, None] + np.arange(width)
+            middle = lines[part] - first[part]
+            kept = ordinary[window]
+            offset = (window - lines[part, None]) / self.half
+            powers = offset[:, :, None] ** np.arange(self.order + 1)
+            design = _design(self.references[window], self.rotation[window], powers)
+            orthogonal, _ = np.linalg.qr(design * kept[:, :, None])
+            data = self.channels[window] * kept[:, :, None]
+            left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
+            degrees = np.maximum(self.dof - (~kept).sum(axis=1), count)
+            found[part] = left.transpose(0, 2, 1) @ left.conj() / degrees[:, None, None]
+            each = np.arange(len(middle))
+            lever = (np.abs(orthogonal[each, middle]) ** 2).sum(axis=1)
+            taken += float(lever.sum())
+            own = left[each, middle] / np.sqrt(np.maximum(1 - lever, 1e-12))[:, None]
+            share[part] = _share(found[part] * degrees[:, None, None], own)
+        return found, taken / max(len(lines), 1), share
+
+
+def _share(sums: Complexes, own: Complexes) -> Floats:
+    """Return ``e^H A^-1 e``, at most one; zero where A is singular."""
+    scale = np.sqrt(np.diagonal(sums, axis1=1, axis2=2).real)
+    safe = np.where(scale > 0, scale, 1.0)
+    whole = sums / (safe[:, :, None] * safe[:, None, :])
+    whole = whole + 1e-12 * np.eye(sums.shape[1])
+    scaled = own / safe
+    solved = np.linalg.solve(whole, scaled[:, :, None])[:, :, 0]
+    return np.asarray((scaled.conj() * solved).sum(axis=1).real)
 
 
 def _design(references: Complexes, rotation: Complexes, powers: np.ndarray) -> Complexes:

@@ -35,8 +35,9 @@ class Expectation:
             return 1.0
         spread = self.variance / self.mean**2
         excess = spread * self.dof - 2
-        if excess < 1e-9:  # C is known: chi-squared
-            return float(stats.chi2.sf(cost / self.mean * self.dof, self.dof))
+        if excess < 1e-9:  # C is known, or holds part of what it weighs: a gamma distribution
+            shape = min(2 / spread, 1e15)
+            return float(stats.chi2.sf(cost / self.mean * shape, shape))
         nu = (2 * self.dof - 4 + 4 * spread * self.dof) / excess
         if nu <= 4:
             nu = 4.0 + 1e-6
@@ -47,8 +48,6 @@ def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Float
     """Return mean and variance of each line's cost."""
     t, c = np.maximum(left, 0.0), multiplicity
     a = c * t
-    if np.isinf(dof).all():  # V as known: chi-squared
-        return a, 2 * a
     b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance
     scale = dof * a / np.maximum(dof - t + 1, 1e-9)
     safe = np.maximum(a, 1e-300)
@@ -141,13 +140,6 @@ def _of_ends(point: Point) -> Floats:
     return np.concatenate([*parts, np.zeros(len(point.known))])
 
 
-def _misfit_dof(at: Evaluation) -> Floats:
-    """Return the degrees of freedom of V for the misfit: as known where each line's is its own."""
-    if at.problem.noise.own:
-        return np.full(at.problem.lines, np.inf)
-    return effective_dof(at)
-
-
 def projected_jacobian(point: Point) -> Floats:
     """Return the scaled Jacobian of the residual, exact relations eliminated."""
     return _scaled(point, point.problem.exact)[0]
@@ -165,9 +157,12 @@ def infer(point: Point, exact: Relations) -> Inference:
         likelihood = at.problem
         c = likelihood.multiplicity
         t = likelihood.equations - taken / c
-        mean, variance = line_moments(t, _misfit_dof(at), c)
-        means.append(mean)
-        variances.append(float(variance.sum()))
+        mean, variance = line_moments(t, effective_dof(at), c)
+        # What is in a line's own covariance adds its expectation and no scatter: over a window
+        # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
+        apart = likelihood.noise.apart
+        means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
+        variances.append(apart * float(variance.sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
         weights.append(np.repeat(ratio, 2 * likelihood.equations))
     rest = 1 - leverage[-1]

@@ -24,14 +24,14 @@ class Noise:
         Complex degrees of freedom of the estimate of C; infinite where C is known.
     shrunk : float
         Share of the diagonal that was mixed in, 0 where the periods suffice.
-    own : bool
-        Each line's own residual is in its covariance.
+    apart : float
+        Share of a line's noise that is not in its own covariance.
     """
 
     factor: Complexes
     dof: float
     shrunk: float = 0.0
-    own: bool = False
+    apart: float = 1.0
 
 
 def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equations: int) -> Noise:
@@ -46,7 +46,7 @@ def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equat
     if share > 0:
         diagonal = matrices * np.eye(matrices.shape[1])
         matrices = (1 - share) * matrices + share * diagonal
-    return Noise(_factor(matrices, _floor(data, inputs)), dof, share, covariance.own)
+    return Noise(_factor(matrices, _floor(data, inputs)), dof, share, covariance.apart)
 
 
 def _floor(data: Complexes, inputs: int) -> Floats:

@@ -1,0 +1,196 @@
+"""Lines of whole records: transient, loads on no line, noise from references, quiet or inputs.
+
+A disc on a shaft, levitated by a sampled controller with noise in forces and positions, is
+simulated step by step here; nothing of the rig is used.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.estimators import MaximumLikelihood
+from rotorid.identify import identify
+from rotorid.record import Channel, Record
+from rotorid.signals.local_polynomial import columns_of, half_width, local_covariance
+from rotorid.spectra import TRANSIENT, spectra
+
+MODEL = rid.load_model("jeffcott")
+TRUTH = {"m": 5.0, "c": 500.0, "k": 4e5, "xi": 2e-5, "zeta": -1e-5}
+RATE, SPEED = 5000.0, 2 * np.pi * 61.37
+KNOWN = MaximumLikelihood(start={"m": 5.5, "c": 450.0, "k": 4.3e5})
+
+
+def levitated(
+    seed: int, seconds: float = 5.0, excitation: float = 20.0, noise_std: float = 1e-6
+) -> Record:
+    """Return forces (held), positions, and the excitation that was added to the command."""
+    rng = np.random.default_rng(seed)
+    m, c, k = TRUTH["m"], TRUTH["c"], TRUTH["k"]
+    plant = np.zeros((8, 8))  # x, y, their rates, cos phi, sin phi, held forces
+    plant[:2, 2:4] = np.eye(2)
+    plant[2:4, :2], plant[2:4, 2:4] = -k / m * np.eye(2), -c / m * np.eye(2)
+    xi, zeta = TRUTH["xi"] * SPEED**2, TRUTH["zeta"] * SPEED**2
+    plant[2:4, 4:6] = [[xi, -zeta], [zeta, xi]]
+    plant[4, 5], plant[5, 4] = -SPEED, SPEED
+    plant[2:4, 6:8] = np.eye(2) / m
+    step = expm(plant / RATE)
+    count = int(seconds * RATE)
+    added = excitation * rng.standard_normal((count, 2))
+    noise = noise_std * rng.standard_normal((count, 2))
+    state = np.array([0.0, 0, 0, 0, 1, 0, 0, 0])
+    position, force, last = np.empty((count, 2)), np.empty((count, 2)), np.zeros(2)
+    for n in range(count):
+        position[n], force[n] = state[:2] + noise[n], state[6:8]
+        command = -2e5 * position[n] - 100.0 * (position[n] - last) * RATE * 0.2 + added[n]
+        last = position[n]
+        state = step @ state
+        state[6:8] = command
+    force += 0.5 * rng.standard_normal((count, 2))
+    channels = [Channel(name, "N", hold=True) for name in ("F_x", "F_y")]
+    channels += [Channel(name, "m") for name in ("x", "y")]
+    channels += [Channel(name) for name in ("r_x", "r_y")]
+    samples = np.column_stack([force, position, added])
+    return Record(channels, samples, RATE, speed=SPEED)
+
+
+def deviations(estimate) -> np.ndarray:
+    return np.array([(estimate.value(n) - v) / estimate.std(n) for n, v in TRUTH.items()])
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return levitated(1)
+
+
+def lines_of(record, **more):
+    return spectra(record, (2.0, 200.0), references=["r_x", "r_y"], **more)
+
+
+def test_closed_loop_with_references(record):
+    """The rotation fits no line, the ends are loose, the loop feeds noise into the forces."""
+    estimate = identify(MODEL, lines_of(record), KNOWN)
+    assert estimate.status == "ok"
+    assert estimate.misfit.dof == 2 * 2 * 991 - 5 - 6  # three transient terms an equation
+    assert 1e-3 < estimate.misfit.p_value < 1 - 1e-3
+    assert np.abs(deviations(estimate)).max() < 3.5
+    assert estimate.std("k") < 2e-3 * TRUTH["k"]
+
+
+def test_a_quiet_record_tells_the_noise(record):
+    estimate = identify(MODEL, lines_of(record, quiet=levitated(2, excitation=0.0)), KNOWN)
+    assert estimate.status == "ok"
+    assert np.abs(deviations(estimate)).max() < 3.5
+
+
+def test_without_references_the_misfit_sees_the_closed_loop():
+    """Inputs taken as free of noise, where the loop feeds the sensor's noise into them."""
+    loud = levitated(1, excitation=5.0, noise_std=1e-5)
+    strong = replace(loud, channels=loud.channels[:4], samples=loud.samples[:, :4])
+    estimate = identify(MODEL, spectra(strong, (2.0, 200.0), inputs=MODEL.inputs), KNOWN)
+    assert any("free of noise" in warning for warning in estimate.warnings)
+    assert estimate.misfit.p_value < 1e-3
+
+
+@pytest.mark.parametrize(("order", "low"), [(None, 1.5), (0, 1.1)])
+def test_the_transient_is_needed(record, order, low):
+    lines = lines_of(record)
+    assert lines.transient == TRANSIENT == 2
+    without = identify(MODEL, replace(lines, transient=order), KNOWN)
+    assert without.misfit.cost > low * without.misfit.expected
+
+
+def test_a_speed_a_little_off_is_seen(record):
+    estimate = identify(MODEL, lines_of(replace(record, speed=SPEED * 1.003)), KNOWN)
+    assert estimate.status == "rejected"
+    assert any("stand out of the noise" in warning for warning in estimate.warnings)
+    worst = max(estimate.line_misfit, key=lambda line: line.cost / line.expected)
+    assert worst.frequency_hz == pytest.approx(61.37, abs=0.5)
+
+
+def test_only_what_lies_between_skip_and_until_is_used(record):
+    lines = lines_of(record, skip=1.0, until=4.0)
+    assert np.diff(lines.frequency) == pytest.approx(1 / 3)
+    assert np.abs(deviations(identify(MODEL, lines, KNOWN))).max() < 3.5
+
+
+@pytest.mark.slow
+def test_deviations_hold():
+    """40 records: rms of error over deviation, coverage, and the misfit test."""
+    found = [identify(MODEL, lines_of(levitated(seed)), KNOWN) for seed in range(40)]
+    scaled = np.array([deviations(estimate) for estimate in found])
+    p_values = np.array([estimate.misfit.p_value for estimate in found])
+    assert 0.85 < np.sqrt((scaled**2).mean()) < 1.15
+    assert 0.9 < (np.abs(scaled) < 1.96).mean() < 0.99
+    assert (p_values < 0.05).mean() < 0.15
+    assert 0.2 < p_values.mean() < 0.8
+
+
+def test_covariance_of_white_noise_beside_a_smooth_response():
+    """C is that of the noise, though the signal is a thousand times larger."""
+    rng = np.random.default_rng(3)
+    count, channels = 4000, 3
+    reference = rng.standard_normal((count, 2)) @ np.array([1, 1j])
+    omega = np.linspace(0.0, 1.0, count)[:, None]
+    response = 1e3 / (1.5 + 1j * omega) * np.array([1.0, 2.0, -1j])
+    mixing = np.array([[1.0, 0, 0], [0.6, 0.8, 0], [0, 0, 0.1]])
+    noise = (rng.standard_normal((count, channels, 2)) @ np.array([1, 1j])) @ mixing.T / np.sqrt(2)
+    lines = response * reference[:, None] + noise
+    none = np.zeros((count, 0), dtype=complex)
+    found = local_covariance(lines, reference[:, None], none, np.arange(100, 3900))
+    assert found.order == 2
+    assert found.dof == 2 * found.half + 1 - columns_of(1, False, 2) >= 5 * channels
+    np.testing.assert_allclose(found.matrices.mean(axis=0), mixing @ mixing.T, atol=0.04)
+    assert 0 < found.leverage < 0.5
+    assert not found.bent
+
+
+def test_the_order_grows_until_no_bend_is_left():
+    """A resonance as wide as the window: order 2 would take its bend for noise."""
+    rng = np.random.default_rng(4)
+    count = 3000
+    reference = rng.standard_normal((count, 1, 2)) @ np.array([1, 1j])
+    distance = (np.arange(count) - 1500)[:, None]
+    noise = rng.standard_normal((count, 1, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    none = np.zeros((count, 0), dtype=complex)
+    orders = []
+    for width in (1e6, 20.0, 0.5):
+        lines = 1e2 / (1 + 1j * distance / width) * reference + noise
+        orders.append(local_covariance(lines, reference, none, np.arange(1400, 1600)))
+    assert orders[0].order == 2
+    assert orders[1].order > 2
+    np.testing.assert_allclose(orders[1].matrices.real.mean(), 1.0, atol=0.1)
+
+
+def test_the_window_grows_with_channels_and_references():
+    assert half_width(8, 4, True, 2) == 28
+    assert columns_of(4, True, 2) == 17
+    assert columns_of(4, True, 4) == 27
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(band=(100.0, 50.0)), "0 Hz to 2500 Hz"),
+        (dict(band=(10.01, 10.02)), "no line between 10.01 and 10.02 Hz"),
+        (dict(references=["nothing"]), "the reference 'nothing'"),
+        (dict(references=()), "name the columns that hold the excitation"),
+        (dict(skip=9.0), "samples between skip and until"),
+        (dict(skip=0.0, until=0.01), "to tell noise from motion"),
+    ],
+)
+def test_what_cannot_be_done_is_said(record, change, message):
+    given = {"band": (2.0, 200.0), "references": ["r_x", "r_y"], **change}
+    with pytest.raises(InputError, match=message):
+        spectra(record, given.pop("band"), **given)
+
+
+def test_a_quiet_record_of_another_kind_is_refused(record):
+    with pytest.raises(InputError, match="a sample rate of 1000"):
+        lines_of(record, quiet=replace(record, sample_rate=1000.0))
+    few = replace(record, channels=record.channels[:2], samples=record.samples[:, :2])
+    with pytest.raises(InputError, match="no channel 'x'"):
+        lines_of(record, quiet=few)
