@@ -39,6 +39,7 @@ from .results.export import export as export
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state
 from .signals import average as average
+from .spectra import spectra as spectra
 
 __version__: str
 __all__: list[str]
