@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -241,3 +242,35 @@ def test_share_of_bias(demo: DemoResult) -> None:
     result = imagined(demo, runs=2000, batch_100=(0.3, 0.4), ls=(0, 0.4))
     np.testing.assert_allclose(bias_share(result, "batch-100"), 0.09 / 0.25, atol=0.05)
     np.testing.assert_allclose(bias_share(result, "ls"), 0, atol=0.01)
+
+
+def test_ten_records_tell_bias_from_scatter(demo: DemoResult) -> None:
+    few = findings(imagined(demo, runs=9, batch_100=(0, 0.4), batch_10=(0, 0.4)))
+    assert "bias cannot be told from scatter" in few[-1]
+    enough = findings(imagined(demo, runs=10, batch_100=(0, 0.4), batch_10=(0, 0.4)))
+    assert "bias cannot be told from scatter" not in " ".join(enough)
+
+
+@pytest.mark.parametrize(
+    ("mean", "verdict"),
+    [
+        (-0.21, "That is reproduced"),
+        (-0.19, "no more than chance"),
+        (0.19, "no more than chance"),
+        (0.21, "on average it is the other way round"),
+    ],
+)
+def test_a_difference_counts_from_two_standard_errors(
+    demo: DemoResult, monkeypatch: pytest.MonkeyPatch, mean: float, verdict: str
+) -> None:
+    each = np.full(14, mean)
+    told = (each, np.full(14, 0.1), mean, 0.1)
+    monkeypatch.setattr(import_module("rotorid.demo.findings"), "log_ratios", lambda *_: told)
+    result = imagined(demo, runs=20, batch_100=(0, 0.4), batch_10=(0, 0.4))
+    text = " ".join(findings(result))
+    assert verdict in text
+    firm = abs(mean) > 0.2
+    assert (
+        f"smaller in {14 * (firm and mean < 0)} of 14 and larger in {14 * (firm and mean > 0)}"
+        in text
+    )

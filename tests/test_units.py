@@ -147,3 +147,11 @@ def test_any_text_is_a_unit_or_an_input_error(text: str) -> None:
 @given(st.floats(-1e12, 1e12), st.sampled_from(["um", "mm", "m", "km", "inch"]))
 def test_quantities_as_written(number: float, unit: str) -> None:
     assert to_si(f"{number!r} {unit}", "m") == pytest.approx(number * si_factor(unit), rel=1e-12)
+
+
+def test_a_unit_of_64_characters_is_read_and_of_65_is_not():
+    text = "m *" + "m*" * 30 + "m"
+    assert len(text) == 64
+    assert si_factor(text) == 1.0
+    with pytest.raises(InputError, match="no product of units"):
+        si_factor(text.replace("m *", "m * "))

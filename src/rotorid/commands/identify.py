@@ -14,6 +14,7 @@ from rotorid.estimate import Provenance, SourceFile
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
 from rotorid.io.output import check_apart
+from rotorid.record import PeriodicRecord
 
 
 def run(
@@ -36,7 +37,8 @@ def run(
         except InputError as error:
             raise error.at(file=str(experiment)) from None
     if not estimate.checks:
-        shown = dict.fromkeys(check for record in records for check in record.checks)
+        periods = [record for record in records if isinstance(record, PeriodicRecord)]
+        shown = dict.fromkeys(check for record in periods for check in record.checks)
         estimate = estimate.with_(checks=tuple(shown))
     if targets:
         estimate = estimate.with_(provenance=provenance(plan, given))

@@ -164,7 +164,7 @@ def _parameter(name: str, entry: _ParameterEntry) -> Parameter:
         raise ModelError(
             f"{entry.nominal}",
             "a positive number, since positive = true",
-            "correct one of them",
+            "give a nominal above 0, or leave out positive",
             place=f"parameters.{name}.nominal",
         )
     return Parameter(name, unit, nominal, entry.positive)

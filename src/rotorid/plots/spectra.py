@@ -96,7 +96,7 @@ def draw_lines(record: Whole, predicted: Any = None) -> Figure:
     )
     for index, panel in zip(range(count), axes, strict=False):
         channel = record.channels[index]
-        unit, factor = _shown_unit(channel.unit)
+        unit, factor = shown_unit(channel.unit)
         panel.set_title(label(channel.name, 36), loc="left")
         panel.set_ylabel(f"amplitude in {unit}")
         for lines, color, width in (

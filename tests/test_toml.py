@@ -1,0 +1,60 @@
+"""TOML files checked against a schema: limits, and one line for every fault."""
+
+from pathlib import Path
+
+import pytest
+
+from rotorid.errors import ReadError
+from rotorid.toml import Schema, parse_toml, read_toml
+
+
+class Row(Schema):
+    """A table of one number."""
+
+    number: float
+
+
+class File(Schema):
+    """A file of rows."""
+
+    rows: tuple[Row, ...] = ()
+    title: str = ""
+
+
+def test_a_file_of_a_million_bytes_is_read_and_one_of_more_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "long.toml"
+    text = 'title = "a"\n#'
+    path.write_text(text.ljust(1_000_000, "#"))
+    assert read_toml(path, File).title == "a"
+    path.write_text(text.ljust(1_000_001, "#"))
+    with pytest.raises(ReadError, match="found more than 1000 kB; expected a TOML file written by"):
+        read_toml(path, File)
+
+
+def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
+    with pytest.raises(ReadError, match="unknown key 'a'"):
+        parse_toml(b".".join([b"a"] * 32) + b" = 1", File)
+    with pytest.raises(ReadError, match="a key of more than 32 parts"):
+        parse_toml(b".".join([b"a"] * 33) + b" = 1", File)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("title = ", "Invalid value.*write key = value there"),
+        (
+            "rows = [{ nuber = 1 }]",
+            r"rows\.0\.nuber: found the unknown key 'nuber'; .*did you mean",
+        ),
+        ("zzz = 1", "expected one of rows, title; remove it"),
+        ("rows = [{}]", r"rows\.0\.number: found no such key; expected a value; add it"),
+        ("rows = [{ number = 'x' }]", r"found 'x'; expected a valid number.*write such a value"),
+        ("rows = [3]", r"rows\.0: found 3; expected a table, such as \{ key = value \}"),
+        ("title = " + "9" * 5000, "a number of thousands of digits.*with fewer digits"),
+    ],
+)
+def test_faults_are_one_line_with_place_and_cure(text: str, message: str) -> None:
+    with pytest.raises(ReadError, match=message) as found:
+        parse_toml(text.encode(), File, file="a.toml")
+    assert str(found.value).startswith("a.toml: ")
+    assert "\n" not in str(found.value)
