@@ -174,7 +174,7 @@ CASES = {
     ),
     "period of no whole samples": Case(
         "a period of 142.857 samples",
-        file="run.csv",
+        place="records.0.fundamental",
         experiment=("0.5 Hz", "0.7 Hz"),
     ),
     # samples
@@ -277,7 +277,7 @@ CASES = {
     ),
     "a band without end": Case(
         "a band up to 1e.11 Hz",
-        file="run.csv",
+        place="records.0.band",
         experiment=("harmonics = [1]", 'band = ["0 Hz", "1e11 Hz"]'),
     ),
 }

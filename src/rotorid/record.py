@@ -133,6 +133,31 @@ def _index(channels: Sequence[Channel], name: str) -> int:
         ) from None
 
 
+def check_samples(
+    names: Sequence[str],
+    samples: Floats,
+    source: str = "",
+    valid: Booleans | None = None,
+    first: int = 0,
+) -> None:
+    """Refuse samples that are not finite, the first of them being number `first`."""
+    # One pass over the whole: NaN is greater than nothing. What is wrong is sought afterwards.
+    extremes = (samples.max(), samples.min()) if samples.size else (0.0,)
+    if all(abs(extreme) < _LARGEST for extreme in extremes):
+        return
+    for name, column in zip(names, samples.T, strict=True):
+        wrong = ~(np.abs(column) < _LARGEST)
+        bad = np.flatnonzero(wrong if valid is None else wrong & valid)
+        if bad.size:
+            place = f"sample {first + bad[0]} of channel {name!r}"
+            raise InputError(
+                f"{column[bad[0]]} in {place}, {bad.size} in all",
+                "finite samples without gaps",
+                "cut the record before the gap, or fill it where you know the truth",
+                file=source,
+            )
+
+
 @dataclass(frozen=True)
 class Record:
     """Samples as measured, in SI units.
@@ -206,17 +231,7 @@ class Record:
                 f"({len(self.samples)},)",
                 "give one truth value per sample",
             )
-        for name, column in zip(names, self.samples.T, strict=True):
-            if np.abs(column).max(initial=0.0) < _LARGEST:  # one pass; NaN is below nothing
-                continue
-            wrong = ~(np.abs(column) < _LARGEST)
-            bad = np.flatnonzero(wrong if self.valid is None else wrong & self.valid)
-            if bad.size:
-                raise self._error(
-                    f"{column[bad[0]]} in sample {bad[0]} of channel {name!r}, {bad.size} in all",
-                    "finite samples without gaps",
-                    "cut the record before the gap, or fill it where you know the truth",
-                )
+        check_samples(names, self.samples, self.source, self.valid)
         if self.angle is not None and np.shape(self.angle) != (len(self.samples),):
             raise self._error(
                 f"angle of shape {np.shape(self.angle)}",

@@ -104,7 +104,8 @@ def test_a_package_that_is_missing(
 
 
 def test_no_format_is_imported_before_its_file() -> None:
-    code = "import sys, rotorid; print(*{'pyarrow', 'nptdms', 'pyuff', 'asammdf'} & {*sys.modules})"
+    packages = "{'pyarrow', 'nptdms', 'pyuff', 'asammdf', 'h5py'}"
+    code = f"import sys, rotorid.io; print(*{packages} & {{*sys.modules}})"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == ""
 

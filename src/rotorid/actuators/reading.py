@@ -104,6 +104,8 @@ def forces(
     array([80., 80.])
     """
     wanted = {**(drive_readings(record) if drives else {}), **(readings or {})}
+    if not wanted and type(record) is Record:
+        return record
     reader = _Reader(record, period)
     found = {name: reader.force(name, reading) for name, reading in wanted.items()}
     place = {reading.channels[0]: name for name, reading in wanted.items()}

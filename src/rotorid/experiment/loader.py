@@ -13,9 +13,9 @@ from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values
 from rotorid.experiment.recording import (
     Recording,
+    averaged,
     lines_of,
     measured,
-    periods_of,
     quiet_record,
     recording,
 )
@@ -23,6 +23,7 @@ from rotorid.experiment.schema import ExperimentFile, Method
 from rotorid.lines import Lines
 from rotorid.models import Model, load_model
 from rotorid.record import PeriodicRecord, Record
+from rotorid.signals.period_lines import KEYS
 from rotorid.toml import read_toml
 
 
@@ -102,18 +103,31 @@ class Experiment:
     def _likelihood_records(self) -> list[PeriodicRecord | Lines]:
         return self._observed(currents=True)
 
+    @cached_property
+    def _force_records(self) -> list[PeriodicRecord | Lines]:
+        """The records with forces; those read already, where they hold no current."""
+        if "_likelihood_records" in self.__dict__ and not any(p.laws for p in self.channels):
+            return self._likelihood_records
+        return self._observed(currents=False)
+
     def _observed(self, *, currents: bool) -> list[PeriodicRecord | Lines]:
         """Read every record: cut into periods, or as the lines of the whole."""
         found: list[PeriodicRecord | Lines] = []
-        plans = zip(
-            self._measured(currents=currents), self.entry.records, self.channels, strict=True
-        )
-        for record, entry, plan in plans:
-            if entry.periodic:
-                found.append(periods_of(record, entry))
-            else:
+        for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
+            try:
+                if entry.periodic:
+                    found.append(averaged(self.folder, entry, plan, currents=currents))
+                    continue
+                record = measured(self.folder, entry, plan, currents=currents)
                 quiet = quiet_record(self.folder, entry, plan, currents=currents)
                 found.append(lines_of(record, quiet, entry, self.model))
+            except InputError as error:
+                if error.place not in KEYS:
+                    raise
+                place = f"records.{number}.{error.place}"
+                raise InputError(
+                    error.found, error.expected, error.cure, file=self.file, place=place
+                ) from None
         return found
 
     def records(self, method: Method | None = None) -> list[PeriodicRecord | Lines]:
@@ -129,9 +143,8 @@ class Experiment:
         InputError
             As `measured`, and for periods or lines that the record does not have.
         """
-        if self.method(method) == "ml":
-            return self._likelihood_records
-        return self._observed(currents=False)
+        ml = self.method(method) == "ml"
+        return list(self._likelihood_records if ml else self._force_records)
 
     def estimator(self, method: Method | None = None) -> Estimator:
         """Return the estimator that the file asks for, or that of another method.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from rotorid.errors import InputError
 from rotorid.experiment.names import combination_of, dynamics_of, source, timing
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
 from rotorid.io import Source, read_record
+from rotorid.io.blocks import RecordBlocks, open_blocks
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.models.combination import linear_combination
-from rotorid.record import Drive, PeriodicRecord, Record
+from rotorid.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average
+from rotorid.signals.block_average import average_blocks
 from rotorid.signals.settling import detect_settling
 from rotorid.signals.synchronism import rotation_warnings
 from rotorid.spectra import spectra
@@ -160,17 +163,11 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
     record = read_record(
         [folder / name for name in entry.paths],
         columns=columns,
-        sample_rate=entry.sample_rate,
-        time=timing(entry),
-        speed=entry.speed,
-        phase=entry.phase or 0.0,
         skip=entry.skip or 0.0,
-        until=entry.until,
         mask=entry.mask,
-        fundamental=entry.fundamental,
         highest=_highest(entry),
-        header_row=entry.header_row,
-        overrule=entry.overrule,
+        time=timing(entry),
+        **_said(entry),
     )
     record = replace(record, phase_known=entry.phase is not None)
     record = _with_drives(_with_angle(record, entry), plan)
@@ -206,6 +203,57 @@ def lines_of(record: Record, quiet: Record | None, entry: RecordEntry, model: Mo
         skip=entry.skip or 0.0,
     )
     return replace(lines, warnings=(*record.warnings, *lines.warnings))
+
+
+def _said(entry: RecordEntry) -> dict[str, Any]:
+    """Return what an entry says of its files, for a reader of samples or of blocks."""
+    return {
+        "sample_rate": entry.sample_rate,
+        "speed": entry.speed,
+        "phase": entry.phase or 0.0,
+        "until": entry.until,
+        "fundamental": entry.fundamental,
+        "header_row": entry.header_row,
+        "overrule": entry.overrule,
+    }
+
+
+def averaged(
+    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+) -> PeriodicRecord:
+    """Read a record and cut it into periods; a large one in blocks."""
+    blocks = _blocks(folder, entry, plan, currents=currents)
+    if blocks is None:
+        return periods_of(measured(folder, entry, plan, currents=currents), entry)
+    return _settled(
+        lambda skip: average_blocks(
+            blocks, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
+        ),
+        entry,
+    )
+
+
+def _blocks(
+    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+) -> RecordBlocks | None:
+    """Return a record in blocks, where nothing needs its samples side by side."""
+    marked = entry.angle is not None or entry.keyphasor is not None
+    if marked or entry.mask is not None or _needs_samples(plan, currents=currents):
+        return None
+    blocks = open_blocks(
+        [folder / name for name in entry.paths],
+        columns=plan.sources,
+        time=timing(entry),
+        **_said(entry),
+    )
+    if blocks is None:
+        return None
+    return replace(blocks, channels=_driven(blocks.channels, plan))
+
+
+def _needs_samples(plan: Recording, *, currents: bool) -> bool:
+    """Tell whether forces are to be made of currents or fluxes, sample by sample."""
+    return any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
 
 
 def _highest(entry: RecordEntry) -> float | None:
@@ -251,8 +299,13 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
 
 
 def _with_drives(record: Record, plan: Recording) -> Record:
-    channels = []
-    for channel in record.channels:
+    return replace(record, channels=_driven(record.channels, plan)) if plan.laws else record
+
+
+def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
+    """Return the channels, those of linear laws with their drives."""
+    found_channels = []
+    for channel in channels:
         found = plan.laws.get(channel.name)
         if found is not None and isinstance(found.law, Linear):
             law = found.law
@@ -261,8 +314,8 @@ def _with_drives(record: Record, plan: Recording) -> Record:
                 drive=Drive(law.ki, law.ks, found.position),
                 gain_std=float(np.hypot(channel.gain_std, law.ki_std / abs(law.ki))),
             )
-        channels.append(channel)
-    return replace(record, channels=tuple(channels))
+        found_channels.append(channel)
+    return tuple(found_channels)
 
 
 def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
@@ -284,15 +337,24 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
     """Cut a record into periods; drop its transient where the file does not say what to skip."""
 
     def cut(skip: float) -> PeriodicRecord:
-        return average(
-            record,
-            entry.fundamental,
-            period_samples=entry.period_samples,
-            harmonics=entry.harmonics,
-            band=entry.band,
-            skip=skip,
-        )
+        return average(record, skip=skip, **_chosen(entry))
 
+    periods = _settled(cut, entry)
+    return replace(periods, warnings=(*record.warnings, *periods.warnings))
+
+
+def _chosen(entry: RecordEntry) -> dict[str, Any]:
+    """Return the period and the lines of an entry."""
+    return {
+        "fundamental": entry.fundamental,
+        "period_samples": entry.period_samples,
+        "harmonics": entry.harmonics,
+        "band": entry.band,
+    }
+
+
+def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> PeriodicRecord:
+    """Drop the transient of a record where the file does not say what to skip."""
     periods = cut(entry.skip or 0.0)
     found = detect_settling(periods)
     warnings = []
@@ -306,7 +368,4 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
             warnings.append(f"{lasts}: the first {found.drop:g} s are dropped")
         else:
             warnings.append(f"{lasts}, after skip = {entry.skip:g} s: skip {found.drop:g} s more")
-    return replace(
-        periods,
-        warnings=(*record.warnings, *periods.warnings, *warnings, *rotation_warnings(periods)),
-    )
+    return replace(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))

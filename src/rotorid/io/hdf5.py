@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,6 +51,24 @@ class Hdf5Table(NamedArrays):
                 )
                 columns[name] = Column(values, *_stated(data, path, place))
         return columns
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
+        """Yield successive rows of columns, by the names that `find` returned."""
+        places = {name: self.place(name) for name in names}
+        with _opened(self.file) as data:
+            datasets = {p: _dataset(data, p.path, self.file) for p in places.values()}
+            stated = {name: _stated(data, p.path, p) for name, p in places.items()}
+            count = max(max(self.shapes[p.path]) for p in places.values())
+            step = _whole_chunks(data, [p.path for p in datasets], rows)
+            for begin in range(0, count, step):
+                parts: dict[tuple[str, int], Any] = {}
+                for place, dataset in datasets.items():
+                    if (place.path, place.axis) not in parts:
+                        parts[place.path, place.axis] = _rows(dataset, place, begin, step)
+                yield {
+                    name: Column(_picked(parts[p.path, p.axis], p), *stated[name])
+                    for name, p in places.items()
+                }
 
     def scalar(self, name: str) -> float:
         """Return a dataset of one number."""
@@ -102,6 +120,27 @@ def _dataset(data: h5py.File, path: str, file: str) -> Any:
     dataset = data[path]
     check_size(dataset.size, file, dataset.dtype.itemsize)
     return dataset
+
+
+def _whole_chunks(data: h5py.File, paths: Sequence[str], rows: int) -> int:
+    """Return a number of rows near the one asked for that is made of whole chunks of the file."""
+    nodes = [data[path] for path in paths if path in data]
+    longest = max((max(n.chunks) for n in nodes if getattr(n, "chunks", None)), default=1)
+    return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
+
+
+def _rows(dataset: Any, place: Place, begin: int, step: int) -> Any:
+    """Read some rows of a dataset, all its columns."""
+    samples = slice(begin, begin + step)
+    if place.index is not None:
+        return dataset[samples] if place.axis == 1 else dataset[:, samples]
+    if len(dataset.shape) == 1:
+        return dataset[samples]
+    return np.ravel(dataset[samples] if dataset.shape[0] > 1 else dataset[:, samples])
+
+
+def _picked(rows: Any, place: Place) -> Any:
+    return rows if place.index is None else rows.take(place.index, axis=place.axis)
 
 
 def _part(dataset: Any, place: Place) -> Any:

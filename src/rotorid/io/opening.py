@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from rotorid.errors import InputError, ReadError
 from rotorid.io.delimited import open_delimited
-from rotorid.io.hdf5 import open_hdf5
-from rotorid.io.mat import open_mat
-from rotorid.io.mdf import open_mdf
-from rotorid.io.parquet import open_parquet
 from rotorid.io.table import Column, Table, content, head, no_column
-from rotorid.io.tdms import open_tdms
-from rotorid.io.universal import open_universal
 
+
+def _reader(module: str, name: str) -> Callable[[Path], Table]:
+    """Return a reader that is imported, with the package of its format, when it is used."""
+
+    def open_file(path: Path) -> Table:
+        reader: Callable[[Path], Table] = getattr(import_module(f"rotorid.io.{module}"), name)
+        return reader(path)
+
+    return open_file
+
+
+_HDF5, _MDF = _reader("hdf5", "open_hdf5"), _reader("mdf", "open_mdf")
+_UNIVERSAL = _reader("universal", "open_universal")
 READERS: Mapping[str, Callable[[Path], Table]] = {
     ".csv": open_delimited,
     ".txt": open_delimited,
@@ -23,15 +31,15 @@ READERS: Mapping[str, Callable[[Path], Table]] = {
     ".lvm": open_delimited,
     ".asc": open_delimited,
     ".tsv": open_delimited,
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
-    ".mat": open_mat,
-    ".parquet": open_parquet,
-    ".tdms": open_tdms,
-    ".uff": open_universal,
-    ".unv": open_universal,
-    ".mf4": open_mdf,
-    ".mdf": open_mdf,
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".mat": _reader("mat", "open_mat"),
+    ".parquet": _reader("parquet", "open_parquet"),
+    ".tdms": _reader("tdms", "open_tdms"),
+    ".uff": _UNIVERSAL,
+    ".unv": _UNIVERSAL,
+    ".mf4": _MDF,
+    ".mdf": _MDF,
 }
 
 

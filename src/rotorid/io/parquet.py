@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,13 @@ class ParquetTable(NamedArrays):
                 name: Column(_numbers(table.column(path)), _unit(table.schema.field(path)))
                 for name, path in wanted.items()
             }
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
+        """Yield successive rows of columns, by the names that `find` returned."""
+        with reading(self.file, "Parquet data"), _opened(self.file) as data:
+            units = {name: _unit(data.schema_arrow.field(name)) for name in names}
+            for batch in data.iter_batches(batch_size=max(rows, 1024), columns=list(names)):
+                yield {n: Column(_numbers(batch.column(n)), units[n]) for n in names}
 
     def scalar(self, name: str) -> float:
         """Return the value of a file of one row."""
@@ -81,9 +88,13 @@ def _numbers(column: Any) -> Floats:
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type):
-        nanoseconds = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+        nanoseconds = (
+            column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False)
+        )
         return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
-    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+    return np.asarray(
+        column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
+    )
 
 
 def _unit(field: Any) -> str | None:

@@ -227,13 +227,47 @@ def _find(table: Table, source: Source, name: str) -> str:
 
 
 def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
-    found = {name: _find(table, source, name) for name, source in sources.items()}
+    found = find_columns(table, sources)
     columns = table.read(list(dict.fromkeys(found.values())))
     return {name: columns[key] for name, key in found.items()}
 
 
+def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
+    """Return the file's own name of the column of each channel."""
+    return {name: _find(table, source, name) for name, source in sources.items()}
+
+
+def channel_factors(
+    sources: Mapping[str, Source],
+    columns: Mapping[str, Column],
+    table: Table,
+    *,
+    overrule: bool = False,
+) -> tuple[tuple[Channel, ...], list[float]]:
+    """Return the channels, and the number that turns each one's column into SI."""
+    channels, factors = [], []
+    for name, source in sources.items():
+        ruling = replace(source, overrule=source.overrule or overrule)
+        factor, unit = _factor(columns[name], ruling, table, name)
+        channels.append(source.channel(name, unit))
+        factors.append(factor)
+    return tuple(channels), factors
+
+
+def stamps_of(table: Table, timing: Source) -> Floats:
+    """Return the sample times of a table in s."""
+    key = _find(table, timing, _TIME)
+    return _stamps(table.read([key])[key], timing, table)
+
+
 def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats, str]:
     """Return the samples of a channel in SI, and their unit."""
+    factor, unit = _factor(column, source, table, name)
+    return column.values * factor, unit
+
+
+def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[float, str]:
+    """Return the number that turns a column into SI, and the unit that it then has."""
     unit = source.unit or (column.unit if source.scale is None else None)
     place = _place(name, "unit")
     scale = source.scale
@@ -254,8 +288,8 @@ def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats
             place=place,
         )
     factor = 1.0 if unit is None else si_factor(unit, source.expected, place=place)
-    samples = column.values * (factor * (1.0 if scale is None else scale))
-    return samples, source.expected or (check_unit(unit) if unit else "")
+    factor *= 1.0 if scale is None else float(scale)
+    return factor, source.expected or (check_unit(unit) if unit else "")
 
 
 def _place(name: str, key: str) -> str:

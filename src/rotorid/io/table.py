@@ -259,6 +259,11 @@ class NamedArrays:
             raise _not_a_column(name, shape, self.file)
         return Place(base, index, axis)
 
+    def bytes_of(self, names: Sequence[str]) -> int:
+        """Return the size of columns in memory."""
+        shapes = [self.shapes[self.place(name).path] for name in names]
+        return 8 * sum(max(shape, default=0) for shape in shapes)
+
     def find_scalar(self, name: str) -> str:
         """Return the path of an array of one number."""
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +37,17 @@ class TdmsTable(NamedArrays):
         with _opened(self.file) as data:
             found = {name: self._channel(data, name) for name in names}
             return {name: Column(_floats(c[:]), *_stated(c)) for name, c in found.items()}
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
+        """Yield successive rows of columns, by the names that `find` returned."""
+        with _opened(self.file) as data:
+            channels = {name: self._channel(data, name) for name in names}
+            count = max(len(channel) for channel in channels.values())
+            for begin in range(0, count, rows):
+                yield {
+                    name: Column(_floats(c[begin : begin + rows]), *_stated(c))
+                    for name, c in channels.items()
+                }
 
     def scalar(self, name: str) -> float:
         """Return a channel of one number."""

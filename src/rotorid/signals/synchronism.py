@@ -8,6 +8,8 @@ import numpy as np
 
 from rotorid.record import Floats, PeriodicRecord
 
+_FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
+_BLOCK = 1 << 16  # samples at once, so that memory does not grow with the record
 NOTICED = 1e-3
 """Part of the unbalance lost, or leaked into a line, from which on it is worth a warning."""
 
@@ -48,20 +50,25 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
     angle, so they lose the same part. What remains is the answer of the rotor to the part that
     leaks, which is not periodic: an error of about the leakage times the amplification there.
     """
-    angle, time = periods.angle.ravel(), periods.time.ravel()
+    angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
     omega0 = 2 * np.pi * periods.fundamental
-    speed = np.polynomial.polynomial.polyfit(time - time.mean(), angle - angle.mean(), 2)
+    some = slice(None, None, max(1, len(time) // _FITTED))
+    middle, centre = time.mean(), angle.mean()
+    speed = np.polynomial.polynomial.polyfit(time[some] - middle, angle[some] - centre, 2)
     turns = speed[1] / omega0
     nearest = round(turns)
-    marker = np.exp(1j * angle)
-    kept = np.exp(-1j * np.multiply.outer(periods.harmonics * omega0, time)) @ marker / len(time)
-    own = np.abs(np.mean(marker * np.exp(-1j * nearest * omega0 * time)))
+    orders = np.array([*periods.harmonics, nearest]) * omega0
+    sums = np.zeros(len(orders), dtype=complex)
+    for begin in range(0, len(time), _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        sums += np.exp(-1j * np.multiply.outer(orders, time[part])) @ np.exp(1j * angle[part])
+    *kept, own = np.abs(sums / len(time))
     return Synchronism(
         turns=float(turns),
         slip=float((turns - nearest) * omega0 * (time[-1] - time[0])),
         drift=float(2 * speed[2] * (time[-1] - time[0])),
         loss=float(1 - own),
-        leakage=np.where(periods.harmonics == nearest, 0.0, np.abs(kept)),
+        leakage=np.where(periods.harmonics == nearest, 0.0, kept),
     )
 
 
