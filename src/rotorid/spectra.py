@@ -160,8 +160,10 @@ def spectra(
 
 def _window(record: Record, skip: float, until: float | None) -> _Window:
     rate, size = record.sample_rate, len(record.samples)
-    first = int(np.ceil(skip * rate - 1e-6))
-    last = size if until is None else min(size, int(np.floor(until * rate + 1e-6)))
+    first = max(0, int(np.ceil((skip - record.start) * rate - 1e-6)))
+    last = size
+    if until is not None:
+        last = min(size, int(np.floor((until - record.start) * rate + 1e-6)))
     if last - first < 2:
         raise InputError(
             f"{max(last - first, 0)} samples between skip and until",
