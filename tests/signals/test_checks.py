@@ -74,7 +74,7 @@ def test_everything_looked_at_is_named() -> None:
     record = machine()
     periods = cut(record)
     names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
-    assert len(set(names)) == len(names) == 10
+    assert len(set(names)) == len(names) == 11
     assert worst(check_periods(periods)) == "ok"
     assert worst(()) == "ok"
 
@@ -288,6 +288,45 @@ def test_two_periods_show_no_transient_and_it_is_said() -> None:
     (found,) = [c for c in told(machine(2)) if c.check == "settled"]
     assert found.verdict == "note"
     assert "2 periods cannot show a transient" in found.found
+
+
+def turning(frequency: float, given: float, periods: int = 100) -> Record:
+    """A rotor with unbalance at one speed, said to have another."""
+    record = machine(periods, speed=2 * np.pi * given)
+    time = np.arange(len(record.samples)) / RATE
+    wave = np.cos(2 * np.pi * frequency * time)[:, None] * [0, 0, 1e-4, 1e-4]
+    return replace(record, samples=record.samples + wave)
+
+
+@pytest.mark.parametrize("speed", [93.37, 97.1, 140.0, 80.0])
+def test_the_right_speed_is_no_matter(speed: float) -> None:
+    """Off the lines, on one that is excited, on one that is not."""
+    assert not [c for c in told(turning(speed, speed)) if c.check == "speed"]
+
+
+@pytest.mark.parametrize(
+    ("true", "given", "words"),
+    [
+        (93.37, 92.9, "at 93.37"),
+        (93.37, 93.37 * 2 * np.pi / 60, "rad/s given as rpm?"),
+        (93.37, 93.37 / 60, "Hz given as rpm?"),
+        (93.37, 93.37 / (2 * np.pi), "Hz given as rad/s?"),
+        (80.0, 91.0, "at 80 Hz (4800 rpm)"),
+        (93.37, 75.0, "where nothing stands: correct the speed"),
+    ],
+)
+def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(
+    true: float, given: float, words: str
+) -> None:
+    (found,) = [c for c in told(turning(true, given)) if c.check == "speed"]
+    assert found.verdict == "warning"
+    assert words in found.found
+
+
+def test_a_tone_at_standstill_is_a_note() -> None:
+    (found,) = [c for c in told(turning(50.33, 0.0)) if c.check == "speed"]
+    assert found.verdict == "note"
+    assert "a line at 50.33" in found.found
 
 
 def test_masked_samples_are_not_looked_at() -> None:

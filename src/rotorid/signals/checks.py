@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
+from rotorid.signals.checks_rotation import check_speed
 from rotorid.signals.checks_samples import (
     check_clipped,
     check_copied,
@@ -68,6 +69,7 @@ def check_record(record: Record, periods: PeriodicRecord | None = None) -> tuple
         "clipped": check_clipped(record),
         "quantized": check_quantized(record, scatter),
     }
+    found["speed"] = check_speed(record, periods)
     if periods is None:
         centred = record.samples - record.samples.mean(axis=0)
         found["copied"] = check_copied(record.channels, centred)
@@ -136,6 +138,7 @@ _IN_ORDER = {
     "settled": "no transient is left",
     "knock": "no period stands out",
     "drift": "no line drifts",
+    "speed": "no line contradicts the speed",
 }
 
 

@@ -1,0 +1,211 @@
+"""Checks of the speed: whether the record shows the rotation that it is said to have.
+
+Unbalance leaves a line at the speed in every sensor. Off the lines of the excitation it stands
+alone in what the mean over periods leaves; on one of them it is seen only where nothing is excited.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
+from rotorid.signals.checks_samples import is_input
+
+TONE = 200.0
+"""Power of a line over the median around it from which on it is a tone: of 100,000 lines of noise
+chance lifts one to 25."""
+
+STEADY = 0.3
+"""Difference between a tone's amplitudes in the two halves of the record, over their mean, up to
+which it is one: random vibration of a light mode comes and goes."""
+
+ALONE = 5.0
+"""Size of a line on the grid that was not excited over the next one, from which on it is no
+distortion, which spreads over many lines."""
+
+NEAR = 0.03
+"""Part of the speed within which a tone is the rotation with a speed that is off."""
+
+SAME_UNIT = 0.005
+"""Distance of a ratio of speeds from a factor of units up to which that is the mistake."""
+
+SIDEBAND = 6.0
+"""Lines of the whole record on each side of a kept one that a drift of it fills."""
+
+_WIDTH = 101  # lines for the median
+_MOST = 1 << 16  # samples looked at
+_TURN = 2 * np.pi
+_UNITS = (
+    (60 / _TURN, "rad/s given as rpm"),
+    (_TURN / 60, "rpm given as rad/s"),
+    (60.0, "Hz given as rpm"),
+    (1 / 60, "rpm given as Hz"),
+    (_TURN, "Hz given as rad/s"),
+    (1 / _TURN, "rad/s given as Hz"),
+)
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A line that the excitation does not explain: its frequency in Hz and where it is clearest."""
+
+    frequency: float
+    strength: float
+    channel: str
+
+
+def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
+    """Return the tones that sensors show beside the excitation, the clearest first."""
+    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    found: list[Tone] = []
+    for c in sensors:
+        rest, length = _rest(record, periods, c)
+        if len(rest) < 4 * _WIDTH or not np.ptp(rest):
+            continue
+        clear = _off_grid(rest, record.sample_rate, record.names[c])
+        found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
+        if periods is not None and length:
+            found += _on_grid(periods, c)
+    best: list[Tone] = []
+    width = 2 * record.sample_rate / min(len(record.samples), _MOST)
+    for tone in sorted(found, key=lambda t: -t.strength):
+        if all(abs(tone.frequency - other.frequency) > width for other in best):
+            best.append(tone)
+    return best
+
+
+def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Floats, int]:
+    """Return what the mean over periods leaves of a channel, and the samples of a period."""
+    if periods is None:
+        part = record.samples[:_MOST, c]
+        return part - part.mean(), 0
+    size = periods.samples
+    first = round(periods.time[0, 0] * record.sample_rate)
+    count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
+    part = record.samples[first : first + count * size, c].reshape(count, size)
+    return np.asarray((part - part.mean(axis=0)).ravel()), size
+
+
+def _off_grid(rest: Floats, rate: float, name: str) -> list[Tone]:
+    spectrum = np.fft.rfft(rest * np.hanning(len(rest)))
+    power = np.abs(spectrum) ** 2
+    floor = ndimage.median_filter(power, _WIDTH, mode="nearest")
+    # Rounding is no noise: below it nothing stands out.
+    floor = np.maximum(floor, 1e-20 * power.sum())
+    peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    at = 1 + np.flatnonzero(peak & (power[1:-1] > TONE * floor[1:-1]))
+    strongest = at[np.argsort(-(power / floor)[at])][:5]
+    found = []
+    for k in strongest:
+        turns = _steady(rest, _refined(power, int(k)) / len(rest))
+        if turns is not None:
+            found.append(Tone(turns * rate, float(power[k] / floor[k]), name))
+    return found
+
+
+def _is_sideband(tone: Tone, record: Record, periods: PeriodicRecord | None, samples: int) -> bool:
+    """Tell whether a tone lies so close to a kept line that a slow change of that makes it."""
+    if periods is None:
+        return False
+    beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * record.sample_rate / samples
+    own = np.abs(periods.frequency - abs(record.speed) / _TURN) < 0.5 * periods.fundamental
+    return bool((beside & ~own).any())
+
+
+def _refined(power: Floats, k: int) -> float:
+    """Return the place of a peak between the lines: a parabola through the logarithms."""
+    left, here, right = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
+    bend = left - 2 * here + right
+    return k + float(0.5 * (left - right) / bend) if bend < 0 else float(k)
+
+
+def _steady(rest: Floats, turns: float) -> float | None:
+    """Return a tone's turns per sample, from its phases in both halves; None where it wavers."""
+    half = len(rest) // 2
+    wave = np.exp(-2j * np.pi * turns * np.arange(2 * half))
+    window = np.hanning(half)
+    first, second = (wave[at] * window @ rest[at] for at in (slice(half), slice(half, 2 * half)))
+    sizes = np.abs([first, second])
+    if abs(sizes[0] - sizes[1]) > STEADY * sizes.mean():
+        return None
+    return float(turns + np.angle(second * np.conj(first)) / (2 * np.pi * half))
+
+
+def _on_grid(periods: PeriodicRecord, c: int) -> list[Tone]:
+    """Return the line that stands alone among those that are not kept."""
+    size, count = periods.samples, periods.periods
+    power = np.abs(np.fft.rfft(periods.mean[:, c]) / size) ** 2
+    power[0] = 0.0
+    power[periods.harmonics] = 0.0
+    noise = float(periods.variance[:, c].mean()) / (size * count)
+    order = np.argsort(-power)
+    if len(order) < 3 or power[order[0]] < max(ALONE**2 * power[order[1]], TONE * noise):
+        return []
+    frequency = float(order[0] * periods.fundamental)
+    return [Tone(frequency, float(power[order[0]] / max(noise, 1e-300)), periods.names[c])]
+
+
+def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Check]:
+    """Hold the speed against the tones of the sensors.
+
+    Parameters
+    ----------
+    record : Record
+    periods : PeriodicRecord, optional
+        Its periods, where it has them: their mean takes the excitation away.
+    """
+    given = abs(record.speed) / _TURN
+    found = tones(record, periods)
+    if not found:
+        return []
+    samples = min(len(record.samples), _MOST)
+    width = 1.5 * record.sample_rate / samples
+    if given == 0:
+        tone = found[0]
+        text = (
+            f"a line at {tone.frequency:.6g} Hz that is not excited, while the speed is 0: give "
+            "the speed if it is the rotation; else hum, or another machine"
+        )
+        return [Check("speed", tone.channel, text, "note")]
+    if any(abs(tone.frequency - given) <= width for tone in found):
+        return []
+    order = [t for t in found if not _is_order(t.frequency, given, width)]
+    if not order:
+        return []
+    return [_told(order, given, _hidden(periods, given, width))]
+
+
+def _is_order(frequency: float, given: float, width: float) -> bool:
+    multiple = max(1, round(frequency / given))
+    return 1 < multiple <= 10 and abs(frequency - multiple * given) <= multiple * width
+
+
+def _hidden(periods: PeriodicRecord | None, given: float, width: float) -> bool:
+    """Tell whether the line of the rotation is on one that is excited."""
+    if periods is None:
+        return False
+    return bool((np.abs(periods.frequency - given) < 2 * width).any())
+
+
+def _told(found: list[Tone], given: float, hidden: bool) -> Check:
+    near = [t for t in found if abs(t.frequency / given - 1) < NEAR]
+    tone = near[0] if near else found[0]
+    ratio = tone.frequency / given
+    told = (
+        f"the clearest line that is not excited stands at {tone.frequency:.6g} Hz "
+        f"({60 * tone.frequency:.6g} rpm), the speed given is {given:.6g} Hz ({60 * given:.6g} rpm)"
+    )
+    verdict: Verdict = "warning"
+    for factor, mistake in _UNITS:
+        if abs(ratio / factor - 1) < SAME_UNIT:
+            return Check("speed", tone.channel, f"{told}: {mistake}?", verdict)
+    if near:
+        text = f"{told}: give the speed that the record shows"
+    elif hidden:
+        text, verdict = f"{told}: hum, or is that the speed?", "note"
+    else:
+        text = f"{told}, where nothing stands: correct the speed"
+    return Check("speed", tone.channel, text, verdict)
