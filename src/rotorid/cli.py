@@ -78,6 +78,15 @@ def demo(**options: Any) -> int:
 
 @cli.command()
 @click.argument("experiment", type=_FILE)
+@_output_options
+@_debug_option
+def inspect(**options: Any) -> int:
+    """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
+    return _work("inspect", **options)
+
+
+@cli.command()
+@click.argument("experiment", type=_FILE)
 @click.option("--method", type=_METHOD, help="In place of the file's.")
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
 @_output_options

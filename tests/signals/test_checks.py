@@ -74,7 +74,7 @@ def test_everything_looked_at_is_named() -> None:
     record = machine()
     periods = cut(record)
     names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
-    assert len(set(names)) == len(names) == 11
+    assert len(set(names)) == len(names) == 12
     assert worst(check_periods(periods)) == "ok"
     assert worst(()) == "ok"
 
@@ -321,6 +321,15 @@ def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(
     (found,) = [c for c in told(turning(true, given)) if c.check == "speed"]
     assert found.verdict == "warning"
     assert words in found.found
+
+
+@pytest.mark.parametrize("periods", [2, 3, 6])
+def test_a_record_that_does_not_repeat_is_told(periods: int) -> None:
+    record = machine(periods)
+    rough = np.random.default_rng(3).normal(size=(periods, 1, 4)) * SCALE * 3
+    wave = np.cos(2 * np.pi * np.arange(SIZE) / SIZE)[:, None]
+    other = replace(record, samples=record.samples + (rough * wave).reshape(-1, 4))
+    assert "repeats" in [c.check for c in told(other) if c.verdict == "warning"]
 
 
 def test_a_tone_at_standstill_is_a_note() -> None:

@@ -20,6 +20,7 @@ from rotorid.signals.checks_scatter import (
     check_drift,
     check_identical,
     check_knocks,
+    check_repeats,
     check_settled,
     check_silent,
 )
@@ -100,6 +101,7 @@ def check_periods(periods: PeriodicRecord) -> tuple[Check, ...]:
     found = {
         "identical periods": check_identical(periods),
         "copied": check_copied(periods.channels, _deviations(periods)),
+        "repeats": check_repeats(periods),
         "lines below noise": check_silent(periods),
         "lost samples": (timing := check_timing(periods)),
         "settled": (settled := [] if timing else check_settled(periods)),
@@ -133,6 +135,7 @@ _IN_ORDER = {
     "quantized": "no channel is too coarse",
     "copied": "no two channels are the same",
     "identical periods": "the periods scatter, so that deviations can be stated",
+    "repeats": "the periods repeat",
     "lines below noise": "every kept line stands above its noise",
     "lost samples": "every period comes when it should",
     "settled": "no transient is left",

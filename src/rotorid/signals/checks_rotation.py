@@ -32,6 +32,9 @@ NEAR = 0.03
 SAME_UNIT = 0.005
 """Distance of a ratio of speeds from a factor of units up to which that is the mistake."""
 
+SMALL = 1e-6
+"""What the mean leaves, over the channel, below which it is rounding, or of no weight."""
+
 SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
 
@@ -63,7 +66,7 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     found: list[Tone] = []
     for c in sensors:
         rest, length = _rest(record, periods, c)
-        if len(rest) < 4 * _WIDTH or not np.ptp(rest):
+        if len(rest) < 4 * _WIDTH or rest.std() <= SMALL * record.samples[:, c].std():
             continue
         clear = _off_grid(rest, record.sample_rate, record.names[c])
         found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
@@ -93,9 +96,9 @@ def _off_grid(rest: Floats, rate: float, name: str) -> list[Tone]:
     spectrum = np.fft.rfft(rest * np.hanning(len(rest)))
     power = np.abs(spectrum) ** 2
     floor = ndimage.median_filter(power, _WIDTH, mode="nearest")
-    # Rounding is no noise: below it nothing stands out.
     floor = np.maximum(floor, 1e-20 * power.sum())
     peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    peak[: _WIDTH // 2] = False  # noise that rises towards zero has no median around it there
     at = 1 + np.flatnonzero(peak & (power[1:-1] > TONE * floor[1:-1]))
     strongest = at[np.argsort(-(power / floor)[at])][:5]
     found = []

@@ -39,6 +39,10 @@ DRIFT = 7.0
 UNSETTLED = 1e-5
 """Chance of an alarm where a handful of periods must tell: the first against the rest."""
 
+UNLIKE = 0.5
+"""Scatter of a handful of periods over their size from which on they do not repeat: if it is noise
+after all, seven of them leave a fifth of it, too much for parameters."""
+
 SILENT = 3.0
 """Size of a mean line over its own deviation from which on it is there: noise alone exceeds it once
 in 8000 lines."""
@@ -74,6 +78,25 @@ def check_identical(periods: PeriodicRecord) -> list[Check]:
         verdict: Verdict = "note" if command else "warning"
         found.append(Check("identical periods", channel.name, text, verdict))
     return found
+
+
+def check_repeats(periods: PeriodicRecord) -> list[Check]:
+    """Tell whether a few periods are the same at all; many are told by their lines and noise."""
+    if periods.periods >= LEAST_PERIODS:
+        return []
+    inputs = [c for c, channel in enumerate(periods.channels) if is_input(channel)]
+    chosen = inputs or list(range(len(periods.channels)))
+    z = periods.spectra[:, :, chosen]
+    scatter = np.sqrt(z.var(axis=0, ddof=1).mean(axis=0))
+    level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
+    part = float(np.median(scatter / np.where(level > 0, level, np.inf)))
+    if part <= UNLIKE:
+        return []
+    text = (
+        f"{periods.periods} periods that differ by {100 * part:.3g} % of their size: the record "
+        "does not repeat with this period; correct it, or use the record without periods"
+    )
+    return [Check("repeats", "", text, "warning")]
 
 
 def check_silent(periods: PeriodicRecord) -> list[Check]:

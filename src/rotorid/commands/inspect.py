@@ -1,0 +1,81 @@
+"""``rotorid inspect``."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Any
+
+from rotorid.commands import OK
+from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.experiment.inspecting import inspect_experiment
+from rotorid.record import Check
+from rotorid.report.inspection import inspection_page
+from rotorid.signals.checks import worst
+from rotorid.signals.inspection import Inspection
+
+
+def run(experiment: Path, json: Path | None, report: Path | None) -> int:
+    """Say what is in the records of an experiment, before identifying."""
+    check_outputs(json, report)
+    with progress("reading"):
+        found, told = inspect_experiment(experiment)
+    page = [part for one in found for part in inspection_page(one)]
+    if told:
+        page = [told, *page]
+
+    def html() -> str:
+        from rotorid.report.inspection import inspection_report  # pictures take their time to load
+
+        return inspection_report(experiment.name, found, told)
+
+    text = json_format.dumps(as_json(found), indent=2, allow_nan=False)
+    write((json, write_text(lambda: text + "\n")), (report, write_text(html)))
+    show(page)
+    return OK
+
+
+def as_json(found: list[Inspection]) -> dict[str, Any]:
+    """Return what was found, as the interface has it; several records side by side."""
+    parts = [_one(one) for one in found]
+    first = dict(parts[0])
+    first["verdict"] = worst(check for one in found for check in one.checks)
+    return first if len(parts) == 1 else {**first, "records": parts}
+
+
+def _one(one: Inspection) -> dict[str, Any]:
+    periods = one.periods
+    return {
+        "verdict": one.verdict,
+        "checks": [_check(check) for check in one.checks],
+        "period_samples": None if periods is None else periods.samples,
+        "periods": None if periods is None else periods.periods,
+        "harmonics": None if periods is None else periods.harmonics.tolist(),
+        "sample_rate_hz": one.record.sample_rate,
+        "speed_rad_s": one.record.speed,
+        "channels": [
+            {
+                "name": c.name,
+                "unit": c.unit,
+                "snr_db": c.snr_db,
+                "low": c.low,
+                "high": c.high,
+                "rms": c.rms,
+                "crest_factor": c.crest_factor,
+                "coherence": c.coherence,
+                "odd": c.odd,
+                "even": c.even,
+                "orders": list(c.orders),
+            }
+            for c in one.channels
+        ],
+    }
+
+
+def _check(check: Check) -> dict[str, str]:
+    return {
+        "check": check.check,
+        "channel": check.channel,
+        "found": check.found,
+        "verdict": check.verdict,
+    }

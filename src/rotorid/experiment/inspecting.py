@@ -1,0 +1,126 @@
+"""Records of an experiment file to look at: of one that is finished, and of a draft."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rotorid.errors import InputError, ReadError
+from rotorid.experiment.loader import Experiment, load_experiment
+from rotorid.experiment.schema import RecordEntry
+from rotorid.io import Source, read_record
+from rotorid.record import Record
+from rotorid.signals.inspection import Inspection, inspect_record
+from rotorid.units import to_si
+
+OPEN = "?"
+"""What a draft writes where something is left to say."""
+
+_KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
+
+
+def inspect_experiment(path: Path) -> tuple[list[Inspection], str]:
+    """Inspect every record of an experiment file.
+
+    Returns
+    -------
+    inspections : list of Inspection
+    told : str
+        Why the file was read as a draft; empty where it is finished.
+
+    Raises
+    ------
+    InputError
+        For files that cannot be read.
+    """
+    try:
+        plan = load_experiment(path)
+    except InputError as error:
+        entries = _draft_entries(path)
+        if entries is None:
+            raise
+        told = f"read as a draft, every column as it is, because of this: {error}"
+        return [_inspect_draft(path.parent, entry) for entry in entries], told
+    return [
+        _inspect(record, entry)
+        for record, entry in zip(_measured(plan), plan.entry.records, strict=True)
+    ], ""
+
+
+def _measured(plan: Experiment) -> list[Record]:
+    return plan.measured("ml")
+
+
+def _inspect(record: Record, entry: RecordEntry) -> Inspection:
+    size = entry.period_samples
+    if size is None and entry.fundamental is not None:
+        size = round(record.sample_rate / entry.fundamental)
+    return inspect_record(
+        record,
+        period_samples=size,
+        harmonics=entry.harmonics,
+        band=entry.band,
+        skip=entry.skip or 0.0,
+    )
+
+
+def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
+    """Return the records of a file that leaves something open, None where it does not."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        entries = tomllib.loads(text).get("records", [])
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return None
+    if not isinstance(entries, list) or not entries:
+        return None
+    periodic = [
+        isinstance(e, dict) and ("fundamental" in e or "period_samples" in e) for e in entries
+    ]
+    named = all(isinstance(e, dict) and ("file" in e or "files" in e) for e in entries)
+    return entries if named and (f'"{OPEN}"' in text or not all(periodic)) else None
+
+
+def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:
+    """Inspect a record with all its columns, as far as its entry is filled in."""
+    said = {key: entry[key] for key in _KEPT if entry.get(key, OPEN) not in (OPEN, "unknown")}
+    names = entry["files"] if "files" in entry else [entry["file"]]
+    if not all(isinstance(name, str) and name != OPEN for name in names):
+        raise ReadError("no name of a file", "the file of a record", "name it")
+    skip = said.pop("skip", 0.0)
+    record = read_record([folder / name for name in names], time=_time(entry), **said)
+    record = _without_mark(record, entry)
+    size = entry.get("period_samples")
+    fundamental = entry.get("fundamental", OPEN)
+    if fundamental != OPEN:
+        size = round(record.sample_rate / to_si(fundamental, "Hz", place="fundamental"))
+    if isinstance(skip, str):
+        skip = to_si(skip, "s", place="skip")
+    harmonics = entry.get("harmonics")
+    return inspect_record(
+        record,
+        period_samples=size if isinstance(size, int) else None,
+        harmonics=harmonics if isinstance(harmonics, list) else None,
+        skip=skip,
+    )
+
+
+def _without_mark(record: Record, entry: Mapping[str, Any]) -> Record:
+    """Leave out the column of the rotor angle, which is no channel."""
+    angle = entry.get("angle")
+    mark = angle.get("column") if isinstance(angle, dict) else entry.get("keyphasor")
+    kept = [c for c, name in enumerate(record.names) if name != mark]
+    return replace(
+        record,
+        channels=tuple(record.channels[c] for c in kept),
+        samples=record.samples[:, kept],
+    )
+
+
+def _time(entry: Mapping[str, Any]) -> Source | None:
+    time = entry.get("time", OPEN)
+    if time == OPEN:
+        return None
+    return Source(time) if isinstance(time, str) else Source(time["column"], time.get("unit"))

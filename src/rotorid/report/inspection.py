@@ -1,0 +1,130 @@
+"""What is in a record: for a terminal, and as a page with pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.signals.inspection import ChannelFacts, Inspection
+from rotorid.tables import Page, table
+
+_LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "coherence", "crest")
+_HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
+
+
+def inspection_page(found: Inspection) -> Page:
+    """Return verdict, checks and channels of a record."""
+    record = found.record
+    graver = [check for check in found.checks if check.verdict != "ok"]
+    fine = [check.check for check in found.checks if check.verdict == "ok"]
+    return [
+        f"{record.source}: {found.verdict}. {found.sentence}",
+        _recorded(found),
+        *(f"{check.verdict}: {check}" for check in graver),
+        f"in order: {', '.join(fine)}" if fine else "",
+        table(_HEADINGS, map(_row, found.channels)),
+        *_noise(found),
+    ]
+
+
+def _recorded(found: Inspection) -> str:
+    record, periods = found.record, found.periods
+    length = len(record.samples) / record.sample_rate
+    told = [f"{len(record.samples)} samples at {record.sample_rate:.8g} Hz, {length:.6g} s"]
+    if periods is None:
+        told.append("no period")
+    else:
+        how = "found" if found.found else "given"
+        told.append(
+            f"{periods.periods} periods of {periods.samples} samples ({how}: "
+            f"{1 / periods.fundamental:.6g} s, {periods.fundamental:.6g} Hz), "
+            f"{len(periods.harmonics)} lines from {periods.frequency[0]:.5g} to "
+            f"{periods.frequency[-1]:.5g} Hz"
+        )
+    turning = record.speed / (2 * np.pi) * 60
+    told.append(f"speed {turning:.6g} rpm" if turning else "standstill, or no speed given")
+    return "; ".join(told)
+
+
+def _row(facts: ChannelFacts) -> tuple[str, ...]:
+    orders = [f"{a:.3g}" for a in facts.orders] or ["", "", ""]
+    return (
+        facts.name,
+        facts.unit,
+        f"{facts.low:.4g}",
+        f"{facts.high:.4g}",
+        f"{facts.rms:.4g}",
+        _shown(facts.snr_db, 1, ".1f"),
+        _shown(facts.coherence, 1, ".3f"),
+        _shown(facts.crest_factor, 1, ".2f"),
+        _shown(facts.odd, 100, ".2g"),
+        _shown(facts.even, 100, ".2g"),
+        *orders,
+    )
+
+
+def _shown(value: float | None, factor: float, form: str) -> str:
+    return "" if value is None else format(factor * value, form)
+
+
+def _noise(found: Inspection) -> list[str]:
+    """Say which noises go together: in closed loop the controller makes it so."""
+    if found.noise_correlation is None or len(found.channels) < 2:
+        return []
+    size = np.triu(found.noise_correlation, 1)
+    i, j = np.unravel_index(int(np.argmax(size)), size.shape)
+    names = [facts.name for facts in found.channels]
+    return [
+        f"noise of {names[i]} and {names[j]}: correlation {size[i, j]:.2f}"
+        + (" (maximum likelihood uses it)" if size[i, j] > 0.3 else "")
+    ]
+
+
+def inspection_report(name: str, found: list[Inspection], told: str) -> str:
+    """Return the page: one part for each record."""
+    from rotorid.plots.inspection import (
+        draw_correlation,
+        draw_each_period,
+        draw_lines,
+        draw_time,
+    )
+    from rotorid.report.html import picture, render
+
+    parts = []
+    for number, one in enumerate(found):
+        title = f", record {number + 1}" if len(found) > 1 else ""
+        pictures = [
+            picture(
+                draw_time(one),
+                f"Samples{title}",
+                "The whole record as a band from its lowest to its highest sample; a flat edge is "
+                "a limit, a spike a knock, a slope a drift.",
+            )
+        ]
+        if one.periods is not None:
+            pictures += [
+                picture(
+                    draw_lines(one),
+                    f"Lines of the mean period{title}",
+                    "Lines that are kept, other odd and even lines of the mean, and the noise of "
+                    "the mean. What stands above the noise and is not kept is distortion, "
+                    "rotation, or excitation left out.",
+                ),
+                picture(
+                    draw_each_period(one),
+                    f"From period to period{title}",
+                    "Deviation of each period from the mean of all, over its scatter. It falls at "
+                    "the start while the machine settles, stands out where something knocked, and "
+                    "bends like a bow where it drifts.",
+                ),
+            ]
+            if one.noise_correlation is not None:
+                pictures.append(
+                    picture(
+                        draw_correlation(one),
+                        f"Noise that goes together{title}",
+                        "Correlation between the noises of two channels on the kept lines. In "
+                        "closed loop the controller feeds the noise of sensors into the forces.",
+                    )
+                )
+        parts.append((inspection_page(one), one, pictures))
+    return render("inspection.html", name=name, told=told, parts=parts, pictures=[])

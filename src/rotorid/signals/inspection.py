@@ -1,0 +1,298 @@
+"""What is in a record before anything is identified: period, noise, distortion, rotation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Record, Verdict
+from rotorid.signals.average import average
+from rotorid.signals.checks import check_periods, check_record, worst
+from rotorid.signals.checks_samples import is_input
+from rotorid.signals.periodicity import find_period
+
+CREST = 3.0
+"""Crest factor of an input above which it is worth a note: a multisine of good phases has 1.4 to 2,
+noise 4; the same peak then excites less."""
+
+CLEAR = 10.0
+"""Size of a mean line over its deviation from which on a record without a list of lines is said to
+hold it."""
+
+ORDERS = (1, 2, 3)
+"""Multiples of the rotation whose amplitudes are shown."""
+
+MOST_LINES = 400
+"""Lines kept where nothing says which: the strongest."""
+
+
+@dataclass(frozen=True)
+class ChannelFacts:
+    """What one channel holds.
+
+    Parameters
+    ----------
+    name, unit : str
+    low, high, rms : float
+        Extremes, and root mean square about the mean, in SI.
+    crest_factor : float or None
+        Peak over rms of one mean period.
+    snr_db : float or None
+        Power of the kept lines over that of their noise, of one period.
+    coherence : float or None
+        Least share, over the kept lines, of what repeats.
+    odd, even : float or None
+        Size of odd and even lines that are not kept, over that of the kept ones, noise taken off.
+    orders : sequence of float
+        Amplitudes in SI at 1, 2, 3 times the rotation; empty at standstill.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    rms: float
+    crest_factor: float | None = None
+    snr_db: float | None = None
+    coherence: float | None = None
+    odd: float | None = None
+    even: float | None = None
+    orders: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is in a record.
+
+    Parameters
+    ----------
+    record : Record
+    periods : PeriodicRecord or None
+        None where the record does not repeat.
+    found : bool
+        The period was found here, not given.
+    checks : sequence of Check
+    channels : sequence of ChannelFacts
+    noise_correlation : array, shape (channel, channel), or None
+        Of the deviations from the mean over periods.
+    """
+
+    record: Record
+    periods: PeriodicRecord | None
+    found: bool
+    checks: tuple[Check, ...]
+    channels: tuple[ChannelFacts, ...]
+    noise_correlation: Floats | None
+
+    @property
+    def verdict(self) -> Verdict:
+        """The gravest verdict of the checks."""
+        return worst(self.checks)
+
+    @property
+    def sentence(self) -> str:
+        """What to do, in one sentence."""
+        return _SENTENCES[self.verdict]
+
+
+_SENTENCES: dict[Verdict, str] = {
+    "ok": "Nothing stands against identifying with this record.",
+    "note": "The record can be used; read the notes.",
+    "warning": "The answer may be wrong by more than its deviations: see to the warnings first.",
+    "refused": "No answer can come of this record as it is: see to what is refused.",
+}
+
+
+def inspect_record(
+    record: Record,
+    *,
+    period_samples: int | None = None,
+    harmonics: Sequence[int] | None = None,
+    band: tuple[float, float] | None = None,
+    skip: float = 0.0,
+) -> Inspection:
+    """Look at a record as a technician would, before identifying.
+
+    Parameters
+    ----------
+    record : Record
+    period_samples : int, optional
+        Samples of a period; it is looked for where it is not given.
+    harmonics : sequence of int, optional
+        Lines kept; or `band`; without both, those that stand clear of their noise.
+    band : (float, float), optional
+        Hz.
+    skip : float
+        Settling to drop, in s.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    InputError
+        For a period or lines that do not fit the record.
+
+    Examples
+    --------
+    >>> from rotorid.record import Channel
+    >>> wave = np.cos(2 * np.pi * np.arange(4000) / 400) ** 3
+    >>> noise = 0.01 * np.random.default_rng(0).normal(size=4000)
+    >>> found = inspect_record(Record([Channel("x", "m")], (wave + noise)[:, None], 1000.0))
+    >>> found.periods.samples, found.periods.harmonics.tolist()
+    (400, [1, 3])
+    """
+    size = period_samples
+    found = size is None
+    if size is None:
+        size = _period(record, skip)
+    periods = None
+    if size is not None:
+        lines = None if harmonics is None else list(harmonics)
+        if lines is None and band is None:
+            lines = _clear_lines(record, size, skip)
+        if lines is None or lines:
+            periods = average(record, period_samples=size, harmonics=lines, band=band, skip=skip)
+    if periods is None:
+        text = "no period found: see docs/inspect.md for records that do not repeat"
+        checks: tuple[Check, ...] = (*check_record(record), Check("period", "", text, "note"))
+    else:
+        checks = (*periods.checks, *check_periods(periods), *_crests(periods))
+    return Inspection(
+        record=record,
+        periods=periods,
+        found=found,
+        checks=checks,
+        channels=tuple(_facts(record, periods, c) for c in range(len(record.channels))),
+        noise_correlation=None if periods is None else _correlation(periods),
+    )
+
+
+def _period(record: Record, skip: float) -> int | None:
+    """Return the samples of a period: that of most channels, of the one that repeats best."""
+    first = round(skip * record.sample_rate)
+    found = [find_period(column) for column in record.samples[first:].T if np.ptp(column)]
+    clear = [period for period in found if period is not None]
+    if not clear:
+        return None
+    # A counter of the rotor angle repeats best of all, with a period of its own.
+    agree = [
+        sum(abs(other.samples - p.samples) <= other.accuracy + p.accuracy + 1 for other in clear)
+        for p in clear
+    ]
+    most = [p for p, count in zip(clear, agree, strict=True) if count == max(agree)]
+    best = max(most, key=lambda period: period.correlation)
+    nice = best.fundamental(record.sample_rate)
+    size = round(best.samples) if nice is None else round(record.sample_rate / nice)
+    return size if 2 <= size <= (len(record.samples) - first) // 2 else None
+
+
+def _clear_lines(record: Record, size: int, skip: float) -> list[int]:
+    """Return the lines that stand clear of their noise in some channel."""
+    every = average(record, period_samples=size, band=(0.0, record.sample_rate / 2), skip=skip)
+    mean = np.abs(every.mean_spectrum)
+    deviation = np.sqrt(every.spectra.var(axis=0, ddof=1) / every.periods)
+    rounding = 1e-9 * mean.max(axis=0)
+    strength = (mean / np.maximum(CLEAR * deviation, rounding + 1e-300)).max(axis=1)
+    strength[0] = 0.0
+    strongest = np.argsort(-strength)[:MOST_LINES]
+    return sorted(int(k) for k in strongest if strength[k] > 1)
+
+
+def _crests(periods: PeriodicRecord) -> list[Check]:
+    found = []
+    for c, channel in enumerate(periods.channels):
+        crest = _crest(periods.mean[:, c])
+        if is_input(channel) and crest is not None and crest > CREST:
+            text = (
+                f"crest factor {crest:.3g}: other phases (minimize_crest) excite more with the "
+                "same peak"
+            )
+            found.append(Check("crest factor", channel.name, text, "note"))
+    return found
+
+
+def _crest(mean: Floats) -> float | None:
+    moved = mean - mean.mean()
+    size = float(np.sqrt((moved**2).mean()))
+    return float(np.abs(moved).max() / size) if size > 0 else None
+
+
+def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFacts:
+    samples = record.samples[:, c] if record.valid is None else record.samples[record.valid, c]
+    if not len(samples):
+        raise InputError("no samples", "a record", "check the file", file=record.source)
+    channel = record.channels[c]
+    size = float(samples.std())
+    low, high = float(samples.min()), float(samples.max())
+    orders = _orders(record, c)
+    if periods is None:
+        return ChannelFacts(channel.name, channel.unit, low, high, size, orders=orders)
+    z = periods.spectra[:, :, c]
+    noise = z.var(axis=0, ddof=1)
+    mean = np.abs(z.mean(axis=0)) ** 2
+    total = float(noise.sum())
+    signal = max(float((mean - noise / periods.periods).sum()), 0.0)
+    share = mean / np.maximum((np.abs(z) ** 2).mean(axis=0), 1e-300)
+    odd, even = _distortion(periods, c)
+    return ChannelFacts(
+        channel.name,
+        channel.unit,
+        low,
+        high,
+        size,
+        crest_factor=_crest(periods.mean[:, c]),
+        snr_db=float(10 * np.log10(signal / total)) if signal > 0 and total > 0 else None,
+        coherence=float(share.min()) if mean.any() else None,
+        odd=odd,
+        even=even,
+        orders=orders,
+    )
+
+
+def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | None]:
+    """Return the size of odd and even lines that are not kept, over the kept ones."""
+    power = np.abs(np.fft.rfft(periods.mean[:, c], norm="forward")) ** 2
+    noise = float(periods.variance[:, c].mean()) / (periods.samples * periods.periods)
+    lines = np.arange(len(power))
+    highest = int(periods.harmonics.max())
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    near = np.zeros(len(lines), dtype=bool)
+    if turns > 0.5:
+        near = np.abs(lines / turns - np.round(lines / turns)) * turns < 0.5
+    free = (lines > 0) & (lines <= 3 * highest) & ~np.isin(lines, periods.harmonics) & ~near
+    kept = float(power[periods.harmonics].sum())
+    sizes: list[float | None] = []
+    for parity in (1, 0):
+        chosen = free & (lines % 2 == parity)
+        if not chosen.any() or kept == 0:
+            sizes.append(None)
+            continue
+        excess = float((power[chosen] - noise).sum())
+        sizes.append(float(np.sqrt(max(excess, 0.0) / kept)))
+    return sizes[0], sizes[1]
+
+
+def _orders(record: Record, c: int) -> tuple[float, ...]:
+    """Return the amplitudes at multiples of the rotation, by the rotor angle."""
+    if record.speed == 0:
+        return ()
+    angle = record.rotor_angle()
+    column = record.samples[:, c] - record.samples[:, c].mean()
+    if record.valid is not None:
+        angle, column = angle[record.valid], record.samples[record.valid, c]
+    return tuple(float(2 * np.abs(np.mean(column * np.exp(-1j * n * angle)))) for n in ORDERS)
+
+
+def _correlation(periods: PeriodicRecord) -> Floats | None:
+    """Return the correlation between channels of what differs from period to period."""
+    z: Complexes = periods.spectra - periods.mean_spectrum
+    scale = np.sqrt((np.abs(z) ** 2).mean(axis=0))
+    level = np.abs(periods.mean_spectrum).max(axis=0)
+    unit = z / np.where(scale > 1e-9 * level, scale, np.inf)
+    flat = unit.reshape(-1, z.shape[2])
+    return np.asarray(np.abs(flat.conj().T @ flat) / max(len(flat), 1))
