@@ -20,11 +20,6 @@ from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.tangent import RANK, relation_jacobian, tangent_basis
 from rotorid.record import Floats
 
-IDLE = 1e-6
-"""Deviations by which the residual moves with a parameter's whole value: fewer are rounding."""
-ROUNDING = 1e-12
-"""The same as a share of the largest such effect."""
-
 
 @dataclass(frozen=True)
 class Expectation:
@@ -118,11 +113,8 @@ def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
     return [*sums, per_row[first:]]
 
 
-def scaled_jacobian(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
-    """Return the scaled Jacobian along the exact relations, the scale and the basis.
-
-    A column that is rounding is zero: scaled to length one, it would count as information.
-    """
+def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
+    """Return the scaled Jacobian along the exact relations, the scale and the basis."""
     free = point.problem.layout.free
     jacobian = point.jacobian
     with np.errstate(over="ignore"):
@@ -130,10 +122,7 @@ def scaled_jacobian(point: Point, exact: Relations) -> tuple[Floats, Floats, Flo
     if not np.isfinite(size).all():
         raise np.linalg.LinAlgError("a derivative beyond all bounds")
     typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
-    effect = size * typical
-    seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
-    scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
-    jacobian = np.where(seen, jacobian, 0.0)
+    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
     basis = np.eye(len(free))
     if len(exact):
         basis = tangent_basis(relation_jacobian(exact, point) * scale)
@@ -153,12 +142,12 @@ def _of_ends(point: Point) -> Floats:
 
 def projected_jacobian(point: Point) -> Floats:
     """Return the scaled Jacobian of the residual, exact relations eliminated."""
-    return scaled_jacobian(point, point.problem.exact)[0]
+    return _scaled(point, point.problem.exact)[0]
 
 
 def infer(point: Point, exact: Relations) -> Inference:
     """Return covariance, null space and expected cost at a minimum."""
-    scaled, scale, basis = scaled_jacobian(point, exact)
+    scaled, scale, basis = _scaled(point, exact)
     left, values, right = np.linalg.svd(scaled, full_matrices=False)
     kept = values > RANK * values.max(initial=0.0)
     taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rotorid.estimate import Alternative, Estimate, LineMisfit, Misfit, Status, Value
+from rotorid.estimate import Estimate, LineMisfit, Misfit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
@@ -15,7 +15,6 @@ from rotorid.estimators.likelihood.identifiability import (
     find_cures,
     open_combinations,
 )
-from rotorid.estimators.likelihood.information import doubt_warnings
 from rotorid.estimators.likelihood.suspects import find_suspects
 from rotorid.estimators.prediction import by_likelihood, relative_errors
 from rotorid.models import Model
@@ -47,9 +46,7 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         )
         for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
     ]
-    # Where a search failed, nothing follows of what the records determine.
-    arrived = fit.solution.converged
-    combinations = open_combinations(layout, point, inference) if arrived else []
+    combinations = open_combinations(layout, point, inference)
     count = layout.parameters
     held = [
         Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
@@ -82,13 +79,6 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
-        alternatives=tuple(
-            Alternative(
-                other.cost,
-                tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
-            )
-            for other in fit.doubt.alternatives
-        ),
     )
 
 
@@ -123,10 +113,10 @@ def _deviations(fit: Fit) -> Floats:
 
 
 def _status(fit: Fit, p_value: float) -> Status:
+    if fit.inference.null.shape[1]:
+        return "not_identifiable"
     if not fit.solution.converged:
         return "not_converged"
-    if fit.inference.null.shape[1] or fit.doubt:
-        return "not_identifiable"
     return "rejected" if p_value < REJECTED else "ok"
 
 
@@ -191,11 +181,7 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
         text = fit.problem.bounds.texts[bound]
         found.append(f"the bound {text} holds with equality; deviations are those without it")
     if not fit.solution.converged:
-        found.append(
-            "the search did not arrive at a minimum from this start and others about it, so "
-            "nothing is known of what the records determine; give a nearer start"
-        )
-    found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
+        found.append("the iteration did not converge; give a nearer start")
     if p_value < REJECTED:
         found.append(
             f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "

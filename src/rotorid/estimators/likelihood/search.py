@@ -10,7 +10,7 @@ is believed, and put down to the model or to the data, once two different starts
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -81,8 +81,6 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
             costs.append((way.number, solution.point.cost))
         if best[0].converged and (_explained(best) or _agreed(costs, best[0].point.cost)):
             break
-    if best is not None and not _explained(best) and not _agreed(costs, best[0].point.cost):
-        return replace(best[0], converged=False), best[1]
     return best
 
 
