@@ -84,12 +84,15 @@ def test_delay_between_forces_and_positions(demo, bearings, sensors):
         record = demo.noisy(clean, np.random.default_rng(seed))
         estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
         estimate = identify(demo.model, record, estimator)
-        found[estimate.suspects[0].term] += 1
         statuses[estimate.misfit.p_value < 1e-3] += 1
+        assert bool(estimate.suspects) == (estimate.status == "rejected")
+        if estimate.suspects:
+            found[estimate.suspects[0].term] += 1
     # At p < 1e-6 it is 95 % of runs with all sensors, 77 % with four.
     assert statuses[True] >= 19
     # Only the difference of the two counts, but for the angle of the unbalance.
-    assert found["delay[force]"] + found["delay[position]"] >= (18 if sensors else 20)
+    assert found["delay[force]"] + found["delay[position]"] >= found.total() - 2
+    assert found.total() >= (12 if sensors else 17)
 
 
 @pytest.mark.parametrize("sensors", [None, "bearings"])
@@ -99,16 +102,13 @@ def test_gain_of_one_sensor(demo, bearings, sensors):
     assert set(first_suspects(demo, clean, 10, estimator)) == {"gain[x1]"}
 
 
-def test_drops_of_a_true_model_are_those_of_noise(demo):
-    """Chi-squared with one degree of freedom each: rarely above ten."""
-    drops = []
+def test_a_true_model_has_no_suspects(demo):
     for seed in range(20):
         record = demo.noisy(demo.record(), np.random.default_rng(seed))
         estimate = identify(demo.model, record, MaximumLikelihood())
         assert estimate.status == "ok"
-        drops += [suspect.drop for suspect in estimate.suspects]
-    assert max(drops) < 25
-    assert drops[:1] >= drops[1:2]
+        assert estimate.suspects == ()
+        assert not any("suspect" in warning for warning in estimate.warnings)
 
 
 def test_drop_is_what_a_fit_with_the_term_gains(demo, faults):
@@ -144,7 +144,10 @@ def test_structure_of_the_shipped_models():
         names = {tuple(model.coordinates[k] for k in pair) for pair in structure.pairs}
         angles = {("theta_x", "theta_y")} if "theta_x" in model.coordinates else set()
         assert names == pairs | angles
-        terms = [candidate.name for candidate in find_candidates(structure)]
+        terms = [
+            candidate.name
+            for candidate in find_candidates(structure, [model.units[c] for c in model.coordinates])
+        ]
         assert len(terms) == len(set(terms))
         assert ("damping k1" in terms) == (name == "three-mass")
 

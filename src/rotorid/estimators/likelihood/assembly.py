@@ -16,7 +16,7 @@ from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
 from rotorid.estimators.likelihood.noise import noise_factor
-from rotorid.estimators.likelihood.nuisances import Factor, Reading, Turn
+from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
@@ -75,7 +75,18 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
         ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
         for where, share in _displacement(layout, channel):
             terms.append(Term(b.row, where, 0, factors + slope, b.coefficient * ks * share))
-    return [*terms, *_sensor_rows(layout, observation)]
+    return [*terms, *_missing_terms(layout, observation), *_sensor_rows(layout, observation)]
+
+
+def _missing_terms(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the entries that are freed to see what they explain."""
+    speed = observation.lines.speed
+    return [
+        Term(e.row, e.column, e.order, (int(at[0]),), -e.coefficient * speed**e.speed_power)
+        for nuisance, at in layout.places()
+        if isinstance(nuisance, Missing)
+        for e in nuisance.entries
+    ]
 
 
 def _at_speeds(factor: Expression, speed: Floats) -> Floats | float:
@@ -130,6 +141,7 @@ def monomial_table(
 ) -> tuple[Monomials, Mapping[Factors, int]]:
     """Return the monomials in use, and where each product of unknowns stands among them."""
     loads = {f for f in layout.monomial_factors if f is not None}
+    loads |= {load.factors for load in _loads(layout)}
     distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
     exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
     for row, factors in enumerate(distinct):
@@ -138,12 +150,37 @@ def monomial_table(
     return Monomials.from_exponents(exponents), {f: i for i, f in enumerate(distinct)}
 
 
+@dataclass(frozen=True)
+class Load:
+    """``coefficient * product of unknowns * signal`` in a row of g."""
+
+    row: int
+    factors: Factors
+    signal: Expression
+    coefficient: float
+
+
+def _loads(layout: Layout) -> list[Load]:
+    """Return the loads of the model, and those that are freed to see what they explain."""
+    found = []
+    for term in linear_form(layout.model).load_terms:
+        factors = layout.monomial_factors[term.monomial]
+        if factors is not None:
+            found.append(Load(term.row, tuple(sorted(factors)), term.signal, term.coefficient))
+    for nuisance, at in layout.places():
+        if isinstance(nuisance, Missing):
+            for load in nuisance.loads:
+                where = (int(at[load.unknown]),)
+                found.append(Load(load.row, where, load.signal, load.coefficient))
+    return found
+
+
 def load_lines(
     layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g by order of the rotor angle, and the orders."""
-    linear = linear_form(layout.model)
-    signals = list(dict.fromkeys(term.signal for term in linear.load_terms))
+    linear, loads = linear_form(layout.model), _loads(layout)
+    signals = list(dict.fromkeys(load.signal for load in loads))
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = PHASE_STEPS if phase_unknown else 1
     found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
@@ -158,12 +195,9 @@ def load_lines(
         orders = np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
         found = found[used]
     columns = np.zeros((len(found), len(lines.omega), linear.rows, len(where)), np.complex128)
-    for term in linear.load_terms:
-        factors = layout.monomial_factors[term.monomial]
-        if factors is not None:
-            target = where[tuple(sorted(factors))]
-            signal = found[:, :, signals.index(term.signal)]
-            columns[:, :, term.row, target] += term.coefficient * signal
+    for load in loads:
+        signal = found[:, :, signals.index(load.signal)]
+        columns[:, :, load.row, where[load.factors]] += load.coefficient * signal
     return columns, orders
 
 

@@ -8,13 +8,17 @@ which coordinates are a pair: the same displacement in x and in y.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+import sympy as sp
 from scipy.optimize import linear_sum_assignment
 
+from rotorid.estimators.likelihood.nuisances import Missing, MissingEntry, MissingLoad, Unknown
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
+from rotorid.models.expression import Expression, symbol
 from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
 
@@ -26,18 +30,46 @@ class Candidate:
     Parameters
     ----------
     name : str
-    k, k_speed, d, m : array
-        Additions to K, to K per rad/s of speed, to D and to M.
+    k, k_speed, d, d_speed, m : array
+        Additions to K, to K per rad/s of speed, to D, to D per rad/s, and to M.
+    unit : str
+        Of its size.
     rotating : bool
-        It acts in the rotating frame and is the same as a standing one at standstill.
+        It needs a rotor that turns.
+    loads : sequence of MissingLoad
     """
 
     name: str
     k: Floats
     k_speed: Floats
     d: Floats
+    d_speed: Floats
     m: Floats
+    unit: str = "1"
     rotating: bool = False
+    loads: tuple[MissingLoad, ...] = ()
+
+    @property
+    def nuisance(self) -> Missing:
+        """The term as something to be freed."""
+        parts = (
+            (self.k, 0, 0),
+            (self.k_speed, 0, 1),
+            (self.d, 1, 0),
+            (self.d_speed, 1, 1),
+            (self.m, 2, 0),
+        )
+        entries = tuple(
+            MissingEntry(int(r), int(c), order, float(matrix[r, c]), power)
+            for matrix, order, power in parts
+            for r, c in np.argwhere(matrix)
+        )
+        count = 1 + max((load.unknown for load in self.loads), default=0)
+        names = [self.name] if count == 1 else [f"{self.name} ({i})" for i in range(count)]
+        unknowns = tuple(
+            Unknown(name, self.unit, 0.0, nuisance=True, additive=True) for name in names
+        )
+        return Missing(unknowns, entries, self.loads)
 
 
 @dataclass(frozen=True)
@@ -181,20 +213,21 @@ def _oriented(
     return found
 
 
-def find_candidates(structure: Structure) -> list[Candidate]:
-    """Return the terms that may be missing.
+def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+    """Return the terms that may be missing; `units`: of the coordinates.
 
     Damping of each spring and each mass, of all springs together, the same in the rotating frame,
-    x/y asymmetry of each, stiffness and cross-coupling to ground of each pair of coordinates.
+    x/y asymmetry of each; and for each pair of coordinates stiffness and cross-coupling to ground,
+    mass, gyroscopic moment, and a load that turns with the rotor.
     """
     found: list[Candidate] = []
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
-        found.append(_constant(structure, f"damping {name}", d=matrix))
+        found.append(_constant(structure, f"damping {name}", "s", d=matrix))
         found.append(_rotating(structure, name, matrix))
     for name, matrix in masses:
-        found.append(_constant(structure, f"damping {name}", d=matrix))
+        found.append(_constant(structure, f"damping {name}", "1/s", d=matrix))
     for kind, energies in (("k", springs), ("m", masses)):
         for name, matrix in energies:
             parts = _parts(matrix)
@@ -204,45 +237,93 @@ def find_candidates(structure: Structure) -> list[Candidate]:
                 where = structure.coordinates[part[0]]
                 text = f"asymmetry {name}" + (f" at {where}" if len(parts) > 2 else "")
                 found.append(
-                    _constant(structure, text, k=block)
+                    _constant(structure, text, "1", k=block)
                     if kind == "k"
-                    else _constant(structure, text, m=block)
+                    else _constant(structure, text, "1", m=block)
                 )
-    return found + _to_ground(structure)
+    return [*found, *_to_ground(structure, units), *_between(structure, units)]
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
     return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
 
 
-def _to_ground(structure: Structure) -> list[Candidate]:
+def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+    """Return what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
     single = {k for k in range(n)} - {k for pair in structure.pairs for k in pair}
     found = []
     for group in (*structure.pairs, *((k,) for k in sorted(single))):
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
-        stiff = np.zeros((n, n))
-        stiff[list(group), list(group)] = 1.0
-        found.append(_constant(structure, f"stiffness to ground {names}", k=stiff))
+        stiff, mass, rate, load = _units_at(units[group[0]])
+        one = np.zeros((n, n))
+        one[list(group), list(group)] = 1.0
+        found.append(_constant(structure, f"stiffness to ground {names}", stiff, k=one))
+        found.append(_constant(structure, f"mass at {names}", mass, m=one))
+        found.append(_load(structure, f"load at {names}", load, group))
         if len(group) == 2:
-            a, b = group
             cross = np.zeros((n, n))
-            cross[a, b], cross[b, a] = 1.0, -1.0
-            found.append(_constant(structure, f"cross-coupling to ground {names}", k=cross))
+            cross[group[0], group[1]], cross[group[1], group[0]] = 1.0, -1.0
+            name = f"cross-coupling to ground {names}"
+            found.append(_constant(structure, name, stiff, k=cross))
+            found.append(_constant(structure, f"gyroscopic {names}", mass, d_speed=cross))
+            found.append(_constant(structure, f"damping to ground {names}", rate, d=one))
     return found
+
+
+def _units_at(unit: str) -> tuple[str, str, str, str]:
+    """Return the units of stiffness, mass, damping and unbalance at a coordinate."""
+    if unit == "rad":
+        return "N m/rad", "kg m^2", "N m s/rad", "kg m^2"
+    return "N/m", "kg", "N s/m", "kg m"
+
+
+def _between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+    """Return a mass halfway between two places of the shaft, each pair of displacements."""
+    n, found = len(structure.coordinates), []
+    places = [pair for pair in structure.pairs if units[pair[0]] == "m"]
+    for one, other in combinations(places, 2):
+        heavy = np.zeros((n, n))
+        for a, b in zip(one, other, strict=True):
+            half = np.zeros(n)
+            half[[a, b]] = 0.5
+            heavy += np.outer(half, half)
+        names = (structure.coordinates[min(one)], structure.coordinates[min(other)])
+        text = f"mass between {names[0]} and {names[1]}"
+        found.append(_constant(structure, text, "kg", m=heavy))
+    return found
+
+
+def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Candidate:
+    """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
+    phi, squared = symbol("phi"), symbol("Omega") ** 2
+    signals: tuple[Expression, ...] = (squared * sp.cos(phi), squared * sp.sin(phi))
+    loads = tuple(
+        MissingLoad(int(structure.rows[c]), signal, 2 * k + part, float(structure.signs[c]))
+        for k, c in enumerate(group)
+        for part, signal in enumerate(signals)
+    )
+    empty = _constant(structure, name, unit)
+    return replace(empty, rotating=True, loads=loads)
 
 
 def _constant(
     structure: Structure,
     name: str,
+    unit: str,
     k: Floats | None = None,
     d: Floats | None = None,
     m: Floats | None = None,
+    d_speed: Floats | None = None,
 ) -> Candidate:
+    """Return a term from matrices of the coordinates."""
     n = len(structure.coordinates)
     zero = np.zeros((n, n))
-    stiff, damped, heavy = (structure.in_rows(zero if x is None else x) for x in (k, d, m))
-    return Candidate(name, stiff, zero, damped, heavy)
+    stiff, damped, gyro, heavy = (
+        structure.in_rows(zero if x is None else x) for x in (k, d, d_speed, m)
+    )
+    turns = d_speed is not None
+    return Candidate(name, stiff, zero, damped, gyro, heavy, unit, rotating=turns)
 
 
 def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
@@ -250,4 +331,5 @@ def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
     damping = structure.in_rows(matrix)
     circulation = structure.in_rows(matrix @ structure.turn())
     zero = np.zeros_like(matrix)
-    return Candidate(f"rotating damping {name}", zero, -circulation, damping, zero, rotating=True)
+    term = f"rotating damping {name}"
+    return Candidate(term, zero, -circulation, damping, zero, zero, "s", rotating=True)

@@ -15,7 +15,8 @@ from rotorid.estimators.likelihood.identifiability import (
     find_cures,
     open_combinations,
 )
-from rotorid.estimators.likelihood.suspects import find_suspects
+from rotorid.estimators.likelihood.refits import Case
+from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects
 from rotorid.estimators.prediction import by_likelihood, relative_errors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -47,6 +48,7 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
     ]
     combinations = open_combinations(layout, point, inference)
+    suspicion = _suspicion(model, fit, p_value)
     count = layout.parameters
     held = [
         Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
@@ -64,11 +66,12 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         ),
         covariance=inference.covariance,
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
-        suspects=find_suspects(model, _physical(model, fit), records, point),
+        suspects=suspicion.suspects,
         prediction=relative_errors(by_likelihood(records, point.records)),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
         periods=min(r.lines.periods for r in records),
         warnings=(
+            *([suspicion.sentence] if suspicion.sentence else []),
             *model.unit_faults,
             *_warnings(fit, p_value),
             *(f"not identifiable: {combination}" for combination in combinations),
@@ -100,6 +103,14 @@ def nothing_found(
         periods=min(r.lines.periods for r in records),
         warnings=(*(w for r in records for w in r.lines.warnings), message),
     )
+
+
+def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
+    """Look for what is wrong where the data reject the model; where they do not, nothing is."""
+    if p_value >= REJECTED:
+        return Suspicion()
+    case = Case(fit.prepared, fit.records, fit.solution.point)
+    return find_suspects(model, _physical(model, fit), case, fit.inference.expectation.mean)
 
 
 def _deviations(fit: Fit) -> Floats:
@@ -155,6 +166,8 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
         return physical_from_base(layout.model, values, covariance)
     found = base_from_physical(model, values, covariance)
     slopes = model.base_jacobian(values)[:, free[inner]] * inference.scale[inner]
+    largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
+    slopes = slopes / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
     length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
     along = slopes / np.where(length > 0, length, 1.0) @ inference.null[inner]
     unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
@@ -190,6 +203,7 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
     elif p_value < DOUBTFUL:
         found.append(
             f"the model is doubtful: cost {point.cost:.4g} where {expected:.4g} is expected "
-            f"(p = {p_value:.1g}); see the suspects"
+            f"(p = {p_value:.1g}); record more periods, or declare gains and delays of the "
+            "channels as known with a deviation"
         )
     return found

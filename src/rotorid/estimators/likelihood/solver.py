@@ -208,7 +208,7 @@ def _descended(
     elif len(problem.exact):
         moved = retract(start, free, problem.exact, scale)
         x = start if moved is None else moved
-    walk = _Walk(_anchored(problem, start), x, bounded)
+    walk = _Walk(anchored(problem, start), x, bounded)
     for relaxation in stages[:-1]:
         try:
             walk.descend(relaxation, tolerance=1e-2, limit=30)
@@ -237,7 +237,7 @@ ANCHOR = 0.3
 """Relative deviation with which the gains are held while errors are granted."""
 
 
-def _anchored(problem: Problem, start: Floats) -> Problem:
+def anchored(problem: Problem, start: Floats) -> Problem:
     """Hold the gains of the channels loosely to their start.
 
     While errors are granted to the equations in units of force, the cost would fall with the

@@ -1,105 +1,478 @@
-"""The score test: which term, were it in the model, would lower the cost most.
+"""What may be wrong where the data reject the model: a missing term, a channel, a known value.
 
-A candidate adds a column D to the Jacobian J of the whitened residual r. With what J can explain
-taken out of it, d = (1 - J J^+) D, freeing the candidate lowers the cost by (d' r)^2 / d' d, to
-first order: no further fit is needed, so that all candidates can be tried.
+A candidate adds columns D to the Jacobian J of the whitened residual r. With what J can explain
+taken out of them, D' = (1 - J J^+) D, freeing the candidate lowers the cost by the squared length
+of r along D', to first order: no further fit is needed, so that all candidates can be scored. The
+best are then freed in earnest, and so are the mistakes that are no small changes: see `leads`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from rotorid.estimate import Suspect
-from rotorid.estimators.likelihood.calibration import factor_columns
-from rotorid.estimators.likelihood.candidates import (
-    Candidate,
-    find_candidates,
-    find_structure,
-)
-from rotorid.estimators.likelihood.cost import Evaluation
+from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
 from rotorid.estimators.likelihood.inference import projected_jacobian
-from rotorid.estimators.likelihood.nuisances import Factor, every_nuisance
+from rotorid.estimators.likelihood.leads import (
+    Lead,
+    discrete_leads,
+    factor_name,
+    sign,
+    snap,
+    typical_factors,
+    unit,
+)
+from rotorid.estimators.likelihood.nuisances import (
+    Constant,
+    Factor,
+    Multiplier,
+    Nuisance,
+    Reading,
+    every_nuisance,
+)
+from rotorid.estimators.likelihood.nuisances.runout import Runout
+from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.refits import Case, screened
 from rotorid.models import Model
 from rotorid.observation import Observation
-from rotorid.record import Complexes, Floats
+from rotorid.record import Floats
 
 KEPT = 12
 """Suspects that an estimate names."""
 DISTINCT = 1e-10
 """Least share of a candidate that the parameters of the model cannot take over."""
+FIRST = 3
+"""Candidates that are freed before mistakes that are no small changes are thought of: where one of
+these explains the data, no such mistake was made."""
+REFITTED = 8
+"""Candidates that are freed in earnest: the score test errs by less than eight ranks where the
+misfit is small, and where it is large the screening finds them."""
+SCREENED = 5
+"""Mistakes that are followed to the minimum after the screening."""
+GROSS = 3.0
+"""Cost over its expectation from which on mistakes that are no small changes are tried: no swap,
+sign or unit of a channel that says anything costs less."""
+ALIKE = 15.0
+"""Suspects whose costs differ by less cannot be told apart: as for alternatives (theory, 7), times
+the cost over its expectation where even the best leaves a misfit."""
+STANDS_OUT = 1e-2
+"""A screened cost below this share of that of the records as they are is followed at once: the
+right one leaves a hundred thousandth, wrong ones a tenth and more."""
+EXPLAINS = 0.2
+"""Least share of the excess misfit with which a suspect is a lead."""
 
 
-def find_suspects(
-    model: Model, values: Floats, records: Sequence[Observation], point: Point
-) -> tuple[Suspect, ...]:
-    """Rank what may be missing from the model, largest drop first, at most `KEPT`.
+@dataclass(frozen=True)
+class Option:
+    """Something that can be set free: unknowns to add, or a known value to free."""
 
-    `values` are the physical parameters at the estimate, not finite where they are not known.
+    term: str
+    unit: str
+    nuisance: Nuisance | None = None
+    prior: str = ""
+
+    def value(self, case: Case, point: Point) -> float:
+        """Return its size at a point of the case in which it is free."""
+        index = case.prepared.layout.index
+        if self.prior:
+            return float(point.unknowns[index[self.prior]])
+        assert self.nuisance is not None
+        found = np.array([point.unknowns[index[u.name]] for u in self.nuisance.unknowns])
+        return _size(self, found)
+
+    def free(self, case: Case) -> Case:
+        """Return the case in which it is free."""
+        return case.freed(self.prior) if self.prior else case.with_unknowns([self._nuisance])
+
+    @property
+    def _nuisance(self) -> Nuisance:
+        assert self.nuisance is not None
+        return self.nuisance
+
+
+def _term(nuisance: Nuisance) -> str:
+    """Return the name of a nuisance; the parts of a vector share one."""
+    return nuisance.unknowns[0].name.removesuffix(".cos")
+
+
+def _apart(nuisance: Nuisance) -> bool:
+    """Tell whether a nuisance says something that no other does: k_i is the gain of its input."""
+    if isinstance(nuisance, Constant):
+        return nuisance.role == "ks"
+    return isinstance(nuisance, Factor | Reading)
+
+
+def _harmonic_runout(records: Sequence[Observation]) -> list[Nuisance]:
+    """Return the runout of each sensor twice and three times per revolution."""
+    found: list[Nuisance] = []
+    for once in Runout.every(records):
+        for order in (2, 3):
+            unknowns = tuple(
+                replace(u, name=u.name.replace("]", f", order {order}]")) for u in once.unknowns
+            )
+            found.append(replace(once, unknowns=unknowns, order=order))
+    return found
+
+
+def _size(option: Option, values: Floats) -> float:
+    """Return the size of what several unknowns say: a gain, or the amplitude of a turning load."""
+    if isinstance(option.nuisance, Multiplier):
+        return float(1 / values[0]) if values[0] else np.nan
+    if len(values) == 1:
+        return float(values[0])
+    return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A suspect with the cost that is left, and what to say of it."""
+
+    suspect: Suspect
+    left: float
+    said: str
+    cure: str
+    tried: bool = True
+    exact: bool = False
+
+
+_Follow = Callable[[], list[Finding]]
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """What is suspected, and the sentence about it."""
+
+    suspects: tuple[Suspect, ...] = ()
+    sentence: str = ""
+
+
+def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> Suspicion:
+    """Rank what may be wrong, what explains most first, and say what to do about it.
+
+    Parameters
+    ----------
+    model : Model
+    values : array
+        Physical parameters at the estimate, not finite where they are not known.
+    case : Case
+    expected : float
+        Cost that noise alone would leave.
     """
-    terms: list[Candidate] = []
-    fastest = max((float(v) for r in records for v in r.lines.speed), key=abs)
-    if np.isfinite(values).all():
-        structure = find_structure(model, values, fastest)
-        if structure is not None:
-            terms = find_candidates(structure)
-            if fastest == 0:
-                terms = [t for t in terms if not t.rotating]
-    factors = _free_factors(records, point)
+    search = _Search(model, case, _structure(model, values, case.records), expected)
+    findings = search.findings()
+    suspects = tuple(finding.suspect for finding in findings[:KEPT])
+    return Suspicion(suspects, sentence(findings, case.point.cost, expected))
+
+
+def _fastest(records: Sequence[Observation]) -> float:
+    return max((float(v) for r in records for v in r.lines.speed), key=abs)
+
+
+def _structure(model: Model, values: Floats, records: Sequence[Observation]) -> Structure | None:
+    if not np.isfinite(values).all():
+        return None
+    return find_structure(model, values, _fastest(records))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Tries candidates on one estimate."""
+
+    model: Model
+    case: Case
+    structure: Structure | None
+    expected: float
+
+    @property
+    def gross(self) -> bool:
+        """Whether the misfit is so large that a mistake may be no small change."""
+        return self.case.point.cost > GROSS * max(self.expected, 1.0)
+
+    def findings(self) -> list[Finding]:
+        """Return what was found, what leaves the least cost first."""
+        found: list[Finding | None]
+        scored = sorted(self.scored(self.options()), key=lambda pair: -pair[1].drop)
+        found = [self.refitted(option) for option, _ in scored[:FIRST]]
+        if any(self.explained(finding) for finding in found) or not self.gross:
+            found += [self.refitted(option) for option, _ in scored[FIRST:REFITTED]]
+            found += [self.finding(o, s, tried=False) for o, s in scored[REFITTED:]]
+        else:
+            found += self.mistakes()
+            if not any(self.explained(finding) for finding in found):
+                found += [self.finding(o, s, tried=False) for o, s in scored[FIRST:]]
+        return _ranked([f for f in found if f is not None], self.expected)
+
+    def explained(self, finding: Finding | None) -> bool:
+        """Tell whether a finding leaves no more than noise does, or little more."""
+        return finding is not None and finding.left < GROSS * max(self.expected, 1.0)
+
+    def options(self) -> list[Option]:
+        """Return everything that can be set free by itself."""
+        case, records = self.case, self.case.records
+        taken = case.prepared.layout.index
+        found = [
+            Option(_term(n), n.unknowns[0].unit, n)
+            for n in (*every_nuisance(records), *_harmonic_runout(records))
+            if _apart(n) and not {u.name for u in n.unknowns} & taken.keys()
+        ]
+        inputs = [c.name for c in records[0].inputs]
+        if len(inputs) > 1:
+            found.append(Option("gain[force]", "1", Multiplier.of("force", inputs)))
+        if self.structure is not None:
+            units = [self.model.units[name] for name in self.model.coordinates]
+            terms = find_candidates(self.structure, units)
+            still = _fastest(records) == 0
+            found += [
+                Option(t.name, t.unit, t.nuisance) for t in terms if not (t.rotating and still)
+            ]
+        return [*found, *self._priors()]
+
+    def _priors(self) -> list[Option]:
+        layout = self.case.prepared.layout
+        return [
+            Option(f"prior {u.name}", u.unit, prior=u.name)
+            for u in layout.unknowns[: layout.parameters]
+            if u.std is not None
+        ]
+
+    def scored(self, options: Sequence[Option]) -> list[tuple[Option, Suspect]]:
+        """Return the suspects by the score test."""
+        case = self.case
+        whole, names = _columns(case, options)
+        score = _Score.of(case.point)
+        found = []
+        for option in options:
+            wanted = (
+                [option.prior]
+                if option.nuisance is None
+                else [u.name for u in option.nuisance.unknowns]
+            )
+            columns = whole[:, [names.index(name) for name in wanted]]
+            if option.prior:
+                columns = np.column_stack([columns, _slack(case, option.prior)])
+            drop, change = score.drop(columns)
+            if drop > 0:
+                value = self._guessed(option, change[: len(wanted)])
+                suspect = Suspect(option.term, drop, self.share(drop), value, option.unit)
+                found.append((option, suspect))
+        return found
+
+    def _guessed(self, option: Option, change: Floats) -> float:
+        if option.nuisance is None:
+            at = self.case.prepared.layout.index[option.prior]
+            return float(self.case.point.unknowns[at] + change[0])
+        return _size(option, np.array([u.start for u in option.nuisance.unknowns]) + change)
+
+    def share(self, drop: float) -> float:
+        """Return the share of the excess misfit that a drop is."""
+        excess = self.case.point.cost - self.expected
+        return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
+
+    def refitted(self, option: Option, *, far: bool = False) -> Finding | None:
+        """Set an option free and minimize: from the estimate, and from the start if it is far."""
+        free = option.free(self.case)
+        points = [free.near(), free.far() if far else None]
+        point = min((p for p in points if p is not None), key=lambda p: p.cost, default=None)
+        if point is None:
+            return None
+        drop, value = self.case.point.cost - point.cost, option.value(free, point)
+        suspect = Suspect(option.term, drop, self.share(drop), value, option.unit)
+        return self.finding(option, suspect)
+
+    def finding(self, option: Option, suspect: Suspect, *, tried: bool = True) -> Finding:
+        """Return what is said of something set free."""
+        said, cure = _told(option, suspect.value)
+        return Finding(suspect, self.case.point.cost - suspect.drop, said, cure, tried)
+
+    def mistakes(self) -> list[Finding | None]:
+        """Screen mistakes that are no small changes, and follow the best to the minimum.
+
+        Whatever stands out is followed at once, and ends the search where it explains the data.
+        """
+        records, prepared = self.case.records, self.case.prepared
+        level = screened(prepared, records)
+        tries: list[tuple[float, _Follow]] = []
+        found: list[Finding | None] = []
+        for wanted, changed, follow in self._trials():
+            cost = screened(wanted, changed)
+            tries.append((cost, follow))
+            if cost < STANDS_OUT * level:
+                found += follow()
+                if self.explained(found[-1]):
+                    return found
+        tries = [pair for pair in tries if not pair[0] < STANDS_OUT * level]
+        for _, follow in sorted(tries, key=lambda pair: pair[0])[:SCREENED]:
+            found += follow()
+        return found
+
+    def _trials(self) -> Iterator[tuple[Prepared, Sequence[Observation], _Follow]]:
+        """Yield what to screen, the likeliest first, and how to follow it."""
+        records, prepared = self.case.records, self.case.prepared
+        single, several = discrete_leads(records, self.structure, self.speeds())
+        for lead in single:
+            yield prepared, lead.undo(records), partial(self.followed, lead)
+        for name, start in typical_factors(records[0]).items():
+            option = Option(f"gain[{name}]", "1", Multiplier.of(name, [name], start))
+            if option.term not in prepared.layout.index:
+                yield option.free(self.case).prepared, records, partial(self.scaled, name, option)
+        for lead in several:
+            yield prepared, lead.undo(records), partial(self.followed, lead)
+
+    def followed(self, lead: Lead) -> list[Finding]:
+        """Undo a mistake and minimize from the start."""
+        records = tuple(lead.undo(self.case.records))
+        point = Case(self.case.prepared, records, self.case.point).far()
+        if point is None:
+            return []
+        drop = self.case.point.cost - point.cost
+        suspect = Suspect(lead.term, drop, self.share(drop), lead.value, lead.unit)
+        return [Finding(suspect, point.cost, lead.said, lead.cure, exact=True)]
+
+    def scaled(self, name: str, option: Option) -> list[Finding]:
+        """Free the factor of a channel; where it is that of a sign or unit, try that exactly."""
+        free = self.refitted(option, far=True)
+        if free is None or free.suspect.value is None:
+            return []
+        exact = snap(free.suspect.value)
+        if exact is None or abs(exact) == 1.0 == exact:
+            return [free]
+        lead = sign([name]) if exact == -1.0 else unit([name], name, exact)
+        if exact < 0 and exact != -1.0:
+            lead = replace(lead, term=option.term)
+        return [free, *self.followed(lead)]
+
+    def speeds(self) -> list[float]:
+        """Return the speeds of the worst lines, which may be the rotor's own."""
+        worst = []
+        for record, at in zip(self.case.records, self.case.point.records, strict=True):
+            order = np.argsort(-at.line_costs)[:2]
+            worst += [2 * np.pi * float(f) for f in record.lines.frequency[order] if f > 0]
+        return worst
+
+
+def _columns(case: Case, options: Sequence[Option]) -> tuple[Floats, list[str]]:
+    """Return the Jacobian by what is unknown, fixed, or could be set free, and the names.
+
+    A constant of one input and the same of all exclude one another, and take turns.
+    """
+    added = [o.nuisance for o in options if o.nuisance is not None]
+    single = [n for n in added if isinstance(n, Constant) and len(n.inputs) == 1]
     blocks: list[Floats] = []
-    for record, at in zip(records, point.records, strict=True):
-        data, motion = at.corrected()
-        columns = [_term_columns(term, at, motion, record.lines.speed) for term in terms]
-        columns += [_factor_column(factor, record, at, data) for factor in factors]
-        blocks.append(at.whiten(np.stack(columns, axis=2)))
-    names = [*(term.name for term in terms), *(f.unknowns[0].name for f in factors)]
-    blocks.append(np.zeros((len(point.problem.known), len(names))))
-    return _ranked(names, np.concatenate(blocks), point)
+    names: list[str] = []
+    for part in ([n for n in added if n not in single], single):
+        wide = case.with_unknowns(part)
+        point, layout = wide.point, wide.prepared.layout
+        rows = [record.jacobian() for record in point.records]
+        rows.append(point.problem.known.jacobian(point.unknowns))
+        first = len(case.prepared.layout.unknowns) if names else 0
+        blocks.append(np.concatenate(rows)[:, first:])
+        names += [u.name for u in layout.unknowns[first:]]
+    return np.concatenate(blocks, axis=1), names
 
 
-def _free_factors(records: Sequence[Observation], point: Point) -> list[Factor]:
-    """Return gains, delays and the like that are not unknowns already."""
-    known = point.problem.layout.index
-    every = [n for n in every_nuisance(records) if isinstance(n, Factor)]
-    return [n for n in every if not {u.name for u in n.unknowns} & known.keys()]
+def _slack(case: Case, name: str) -> Floats:
+    """Return the columns that take a prior's row out of the residual."""
+    known = case.point.problem.known
+    rows = [i for i, text in enumerate(known.texts) if text == name]
+    first = len(case.point.residual) - len(known)
+    columns = np.zeros((len(case.point.residual), len(rows)))
+    columns[[first + i for i in rows], range(len(rows))] = 1.0
+    return columns
 
 
-def _ranked(names: Sequence[str], columns: Floats, point: Point) -> tuple[Suspect, ...]:
-    own = projected_jacobian(point)
-    left, values, _ = np.linalg.svd(own, full_matrices=False)
-    left = left[:, values > 1e-9 * values.max(initial=0.0)]
-    size = np.sqrt((columns**2).sum(axis=0))
-    scaled = columns / np.where(size > 0, size, 1.0)
-    for _ in range(2):  # once more, against rounding
-        scaled = scaled - left @ (left.T @ scaled)
-    power = (scaled**2).sum(axis=0)
-    distinct = (size > 0) & (power > DISTINCT)
-    drop = (scaled.T @ point.residual) ** 2 / np.where(distinct, power, 1.0)
-    found = [
-        Suspect(name, float(d)) for name, d, ok in zip(names, drop, distinct, strict=True) if ok
-    ]
-    return tuple(sorted(found, key=lambda suspect: -suspect.drop)[:KEPT])
+@dataclass(frozen=True)
+class _Score:
+    """The residual, and what the unknowns can explain of any column."""
+
+    left: Floats
+    residual: Floats
+
+    @classmethod
+    def of(cls, point: Point) -> _Score:
+        left, values, _ = np.linalg.svd(projected_jacobian(point), full_matrices=False)
+        return cls(left[:, values > 1e-9 * values.max(initial=0.0)], point.residual)
+
+    def drop(self, columns: Floats) -> tuple[float, Floats]:
+        """Return the drop of the cost with further columns, and the change of their unknowns."""
+        size = np.sqrt((columns**2).sum(axis=0))
+        scaled = columns / np.where(size > 0, size, 1.0)
+        for _ in range(2):  # once more, against rounding
+            scaled = scaled - self.left @ (self.left.T @ scaled)
+        basis, values, right = np.linalg.svd(scaled, full_matrices=False)
+        kept = values**2 > DISTINCT
+        along = basis[:, kept].T @ self.residual
+        change = -right[kept].T @ (along / values[kept])
+        return float(along @ along), change / np.where(size > 0, size, 1.0)
 
 
-def _term_columns(term: Candidate, at: Evaluation, motion: Complexes, speed: Floats) -> Complexes:
-    """Return ``-dZ q`` in scaled rows, shape (line, row)."""
-    scales, p, equations = at.problem.scales, at.problem, at.equations
-    position = motion * scales.coordinates
-    s = 1j * p.calibration.omega[:, None]
-    force = position @ term.k.T + speed[:, None] * (position @ term.k_speed.T)
-    force += s * (position @ term.d.T) + s**2 * (position @ term.m.T)
-    rows = np.zeros((p.lines, p.all_rows), dtype=np.complex128)
-    rows[:, :equations] = -force / scales.rows[:equations]
-    return rows
+def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
+    """Order findings by the cost that is left, one for each term.
+
+    Those that were tried come first, and of those that the data cannot tell apart the ones that
+    need no further unknown.
+    """
+    best: dict[str, Finding] = {}
+    for finding in sorted(findings, key=lambda f: (not f.tried, f.left)):
+        if finding.suspect.drop > 0:
+            best.setdefault(finding.suspect.term, finding)
+    ordered = list(best.values())
+    group = alike(ordered, expected)
+    channels = {_channel(f) for f in group if f.exact}
+    told = [f for f in group if f.exact]
+    told += [f for f in group if not f.exact and _channel(f) not in channels]
+    return [*told, *(f for f in ordered if f not in group)]
 
 
-def _factor_column(
-    factor: Factor, record: Observation, at: Evaluation, data: Complexes
-) -> Complexes:
-    """Return the column of a factor that is not an unknown, shape (line, row)."""
-    names = [channel.name for channel in record.channels]
-    acting = np.flatnonzero([name in factor.channels for name in names])
-    start = np.array([unknown.start for unknown in factor.unknowns])
-    return factor_columns(factor, start, acting, at, data)[:, :, 0]
+def _channel(finding: Finding) -> str:
+    """Return what a term acts on: a sign and a gain of one channel say the same."""
+    return finding.suspect.term.partition("[")[2] or finding.suspect.term
+
+
+def alike(findings: Sequence[Finding], expected: float) -> list[Finding]:
+    """Return the best finding and those that the data cannot tell from it."""
+    tried = [f for f in findings if f.tried]
+    if not tried:
+        return list(findings[:1])
+    least = min(f.left for f in tried)
+    margin = ALIKE * max(1.0, least / max(expected, 1.0))
+    return [f for f in tried if f.left - least < margin]
+
+
+def _told(option: Option, value: float | None) -> tuple[str, str]:
+    """Say what something set free would be, and what to do about it."""
+    size = (
+        "" if value is None else f" = {value:.4g}{'' if option.unit == '1' else f' {option.unit}'}"
+    )
+    if option.prior:
+        return f"{option.prior}{size} instead of what was given", f"check {option.prior}"
+    if isinstance(option.nuisance, Multiplier) and value is not None:
+        told = f"{option.term}{size}{factor_name(value)}"
+        return told, "check the unit, the sign and the calibration of the channel"
+    if isinstance(option.nuisance, Factor):
+        return f"{option.term}{size}", "check the channel, or declare it unknown"
+    return f"{option.term}{size}", "add the term to the model"
+
+
+def sentence(findings: Sequence[Finding], cost: float, expected: float) -> str:
+    """Say which lead is best, and what to do about it."""
+    first = findings[0] if findings else None
+    share = None if first is None else first.suspect.share
+    if first is None or share is None or share < EXPLAINS:
+        best = (
+            "" if first is None else f"; the best, {first.suspect.term}, {100 * (share or 0):.2g} %"
+        )
+        return (
+            f"the data reject the model, and none of the {len(findings)} suspects explains "
+            f"more than a fifth of it{best}: look at the misfit by line, or for two mistakes"
+        )
+    others = [f.suspect.term for f in alike(findings, expected)[1:]]
+    group = f" (the data cannot tell it from {', '.join(others[:4])})" if others else ""
+    return (
+        f"the data reject the model; first suspect: {first.said}, with which the cost falls from "
+        f"{cost:.4g} to {first.left:.4g} where {expected:.4g} is expected{group}: {first.cure}"
+    )

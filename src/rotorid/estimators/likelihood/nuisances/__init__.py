@@ -14,6 +14,8 @@ from rotorid.estimators.likelihood.nuisances.base import (
 from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
 from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
 from rotorid.estimators.likelihood.nuisances.gain import Gain
+from rotorid.estimators.likelihood.nuisances.missing import Missing, MissingEntry, MissingLoad
+from rotorid.estimators.likelihood.nuisances.multiplier import Multiplier
 from rotorid.estimators.likelihood.nuisances.phase import Phase
 from rotorid.estimators.likelihood.nuisances.response import Response
 from rotorid.estimators.likelihood.nuisances.runout import Runout
@@ -22,6 +24,10 @@ from rotorid.observation import Observation
 __all__ = [
     "Constant",
     "Factor",
+    "Missing",
+    "MissingEntry",
+    "MissingLoad",
+    "Multiplier",
     "Nuisance",
     "Nuisances",
     "Reading",

@@ -1,0 +1,65 @@
+"""What the equations of motion may miss: a term, or a force that turns with the rotor.
+
+No setting asks for these: they are freed one at a time, to see what they explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from rotorid.estimators.likelihood.nuisances.base import Nuisance, Nuisances
+from rotorid.models.expression import Expression
+from rotorid.observation import Observation
+
+
+@dataclass(frozen=True)
+class MissingEntry:
+    """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
+
+    It stands on the left side, as the stiffness does.
+    """
+
+    row: int
+    column: int
+    order: int
+    coefficient: float
+    speed_power: int = 0
+
+
+@dataclass(frozen=True)
+class MissingLoad:
+    """``coefficient * signal(phi, Omega) * unknown`` on the right side of a row.
+
+    `unknown` counts among those of its nuisance.
+    """
+
+    row: int
+    signal: Expression
+    unknown: int
+    coefficient: float = 1.0
+
+
+@dataclass(frozen=True)
+class Missing(Nuisance):
+    """A term that the equations may miss: entries share one unknown, loads have their own.
+
+    Parameters
+    ----------
+    entries : sequence of MissingEntry
+    loads : sequence of MissingLoad
+    """
+
+    entries: tuple[MissingEntry, ...] = ()
+    loads: tuple[MissingLoad, ...] = ()
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return none: no setting asks for one."""
+        return []
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return none: a record alone does not say what its machine may miss."""
+        return []

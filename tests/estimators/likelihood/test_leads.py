@@ -1,0 +1,138 @@
+"""Mistakes that are no small changes: undone, the data fit, and the first suspect names them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood import leads, refits, suspects
+from rotorid.estimators.likelihood.candidates import find_structure
+from rotorid.identify import identify
+from rotorid.observation import bind
+from rotorid.record import Channel
+
+
+@pytest.fixture(scope="module")
+def record(demo):
+    """A record with little noise: what is wrong stands out."""
+    quiet = replace(demo, force_noise=0.05, position_noise=5e-7)
+    return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
+
+
+def with_spectra(record, change):
+    spectra = record.spectra.copy()
+    change(spectra, record.names)
+    return replace(record, spectra=spectra)
+
+
+def exchange(*pairs):
+    def change(spectra, names):
+        for a, b in pairs:
+            i, j = names.index(a), names.index(b)
+            spectra[:, :, [i, j]] = spectra[:, :, [j, i]]
+
+    return change
+
+
+def scale(factor, *channels):
+    def change(spectra, names):
+        for name in channels:
+            spectra[:, :, names.index(name)] *= factor
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "term", "value"),
+    [
+        (exchange(("x1", "y1")), "swap[x1, y1]", None),
+        (exchange(("F_x1", "F_x3")), "swap[F_x1, F_x3]", None),
+        (exchange(("theta_x", "theta_y")), "swap[theta_x, theta_y]", None),
+        (scale(-1.0, "x2"), "sign[x2]", -1.0),
+        (scale(1e-3, "y3"), "unit[y3]", 1e-3),
+        (scale(-1 / 25.4, "x1"), "gain[x1]", -1 / 25.4),
+    ],
+)
+def test_mistakes_are_named(demo, record, change, term, value):
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    assert estimate.status != "ok"
+    first = estimate.suspects[0]
+    assert first.term == term
+    assert first.share > 0.999
+    assert first.value == (None if value is None else pytest.approx(value, rel=1e-3))
+    assert first.term.partition("[")[2].rstrip("]").split(", ")[0] in estimate.warnings[0]
+    assert "first suspect" in estimate.warnings[0]
+
+
+def test_a_gain_is_said_as_unit_and_sign(demo, record):
+    changed = with_spectra(record, scale(-1 / 25.4, "x1"))
+    estimate = identify(demo.model, changed, MaximumLikelihood())
+    assert "mil" in estimate.warnings[0]
+    assert "upside down" in estimate.warnings[0]
+
+
+def test_the_speed(demo, record):
+    wrong = replace(record, speed=record.speed * 30 / np.pi, angle=record.angle * 30 / np.pi)
+    estimate = identify(demo.model, wrong, MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == ("speed", "rad/s")
+    assert first.value == pytest.approx(record.speed)
+
+
+def test_a_known_value(demo, record):
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"m2": 12.0}))
+    first = estimate.suspects[0]
+    assert first.term == "prior m2"
+    assert first.value == pytest.approx(demo.truth["m2"], rel=0.01)
+    known = MaximumLikelihood(known={"L1": (0.31, 0.0005)})
+    assert identify(demo.model, record, known).suspects[0].term == "prior L1"
+
+
+def test_what_undoes_a_mistake_undoes_it(demo, record):
+    seen = bind(demo.model, record)
+    twice = leads.exchanged(leads.exchanged(seen, [("x1", "y2")]), [("x1", "y2")])
+    np.testing.assert_allclose(twice.lines.mean, seen.lines.mean)
+    scaled = leads.multiplied(seen, {"x1": 2.0, "F_y1": -1.0})
+    where = [seen.lines.names.index(n) for n in ("x1", "F_y1")]
+    np.testing.assert_allclose(
+        scaled.lines.covariance.matrices[:, where[0], where[1]],
+        -2 * seen.lines.covariance.matrices[:, where[0], where[1]],
+    )
+    np.testing.assert_allclose(scaled.lines.scatter[:, :, where[0]], 2 * record.spectra[:, :, 4])
+
+
+def test_planes_of_sensors_that_read_combinations(demo):
+    pair = [
+        Channel("s_x", "m", reads={"x2": 1.0, "theta_y": 0.1}),
+        Channel("s_y", "m", reads={"y2": 1.0, "theta_x": -0.1}),
+    ]
+    plan = demo.plan([*pair, "x1", "y1"])
+    seen = bind(demo.model, plan.lines(demo.model))
+    structure = find_structure(demo.model, demo.values, 100.0)
+    found = {frozenset(p) for p in leads.planes(seen, structure)}
+    assert {"s_x", "s_y"} in found
+    assert {"x1", "y1"} in found
+    assert {"F_x1", "F_y1"} in found
+    assert len(found) == 4
+
+
+@pytest.mark.parametrize(
+    ("gain", "exact"),
+    [(-1.01, -1.0), (25.0, 25.4), (-0.0394, -1 / 25.4), (1.07, None), (0.7, 0.5**0.5)],
+)
+def test_factors_of_units(gain, exact):
+    found = leads.snap(gain)
+    assert found == (None if exact is None else pytest.approx(exact))
+
+
+def test_constants():
+    """Each decides what is tried or told; see their reasons."""
+    assert leads.SNAP == 0.03
+    assert (leads.LIKE_CHANNELS, leads.UNLIKE) == (8, 5.0)
+    assert refits.COARSE == (10.0, 1.0)
+    assert refits.STEPS == 6
+    assert refits.SHORTER == (1.0, 0.3, 0.1)
+    assert (suspects.KEPT, suspects.FIRST, suspects.REFITTED, suspects.SCREENED) == (12, 3, 8, 5)
+    assert (suspects.GROSS, suspects.STANDS_OUT) == (3.0, 1e-2)
+    assert (suspects.ALIKE, suspects.EXPLAINS) == (15.0, 0.2)
