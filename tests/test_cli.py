@@ -15,7 +15,7 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
-from rotorid.estimate import Value
+from rotorid.estimate import SourceFile, Value
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -372,3 +372,12 @@ def test_outputs_never_replace_inputs(
     assert cli.run(arguments) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("file", ["/dev/zero", ".", "none.toml", "a\0b", "x" * 5000])
+def test_a_report_reads_nothing_that_is_no_file(folder: Path, file: str) -> None:
+    source = rid.Provenance((SourceFile(file, "00"),), "", "0.1", "")
+    found = rid.Estimate("jeffcott", "ls", "ok", (Value("m", "kg", 1.0, 0.1),), provenance=source)
+    found.save("odd.json")
+    assert cli.run(["report", "odd.json"]) == 0
+    assert "is not there" in (folder / "odd.html").read_text()

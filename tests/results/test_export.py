@@ -69,3 +69,12 @@ def test_an_estimate_of_nothing_has_headings_only(tmp_path):
 def test_an_ending_that_is_unknown(tmp_path):
     with pytest.raises(InputError, match=r"found the ending '\.xls'; expected one of \.csv, \.mat"):
         export(ESTIMATE, tmp_path / "a.xls")
+
+
+@pytest.mark.parametrize("size", [0, 1, 7])
+def test_a_covariance_of_other_size_is_left_out(tmp_path, size):
+    odd = ESTIMATE.with_(covariance=np.zeros((size, size)))
+    for name in ("a.csv", "a.mat", "a.tex"):
+        export(odd, tmp_path / name)
+    assert "cov[" not in (tmp_path / "a.csv").read_text(encoding="utf-8")
+    assert "covariance" not in (tmp_path / "a.tex").read_text(encoding="utf-8")

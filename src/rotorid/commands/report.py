@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from hashlib import file_digest
 from pathlib import Path
@@ -24,7 +25,9 @@ def run(result: Path, out: Path | None) -> int:
     targets = check_outputs(target)
     estimate = load_estimate(result)
     files = [] if estimate.provenance is None else estimate.provenance.files
-    check_apart(targets, [result, *(Path(source.file) for source in files)])
+    check_apart(
+        targets, [result, *(Path(source.file) for source in files if os.path.isfile(source.file))]
+    )
     with progress("reading"):
         missing = moved(estimate)
         model, records = (None, ()) if missing else read_again(estimate)
@@ -39,11 +42,13 @@ def moved(estimate: Estimate) -> str:
     if estimate.provenance is None or not estimate.provenance.files:
         return "the result does not say which files it comes from"
     for source in estimate.provenance.files:
+        if not os.path.isfile(source.file):  # nor a device, which may never end
+            return f"{source.file[:200]} is not there"
         try:
             with Path(source.file).open("rb") as stream:
                 same = file_digest(stream, "sha256").hexdigest() == source.sha256
         except (OSError, ValueError):
-            return f"{source.file} is not there"
+            return f"{source.file} cannot be read"
         if not same:
             return f"{source.file} has changed since"
     return ""
@@ -52,8 +57,10 @@ def moved(estimate: Estimate) -> str:
 def read_again(estimate: Estimate) -> tuple[Model | None, Sequence[PeriodicRecord | Lines]]:
     """Read the model and the records of an estimate; nothing where the method was the user's."""
     assert estimate.provenance is not None
-    plan = load_experiment(estimate.provenance.files[0].file)
+    model = None
     try:
-        return plan.model, plan.records("ml" if estimate.method == "ml" else "batch")
+        plan = load_experiment(estimate.provenance.files[0].file)
+        model = plan.model
+        return model, plan.records("ml" if estimate.method == "ml" else "batch")
     except InputError:
-        return plan.model, ()
+        return model, ()

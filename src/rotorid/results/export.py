@@ -65,9 +65,15 @@ def _quantities(estimate: Estimate) -> Iterable[tuple[str, Value]]:
     return ((kind, value) for kind, values in kinds.items() for value in values)
 
 
+def _covariance_names(estimate: Estimate) -> list[str]:
+    """Return the names of the rows of the covariance; none where they do not match it."""
+    names = [value.name for value in estimate.free]
+    return names if len(names) == len(estimate.covariance) else []
+
+
 def _write_csv(estimate: Estimate, path: Path) -> None:
-    names = [value.name for value in estimate.free][: len(estimate.covariance)]
-    covariance = iter(estimate.covariance.tolist())
+    names = _covariance_names(estimate)
+    covariance = iter(estimate.covariance.tolist() if names else [])
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         columns = ["kind", "name", "unit", "value", "std", "std_inflated", "fixed"]
@@ -98,14 +104,14 @@ def _write_mat(estimate: Estimate, path: Path) -> None:
         "std": numbers(v.std for v in values),
         "fixed": np.array([v.fixed for v in values]),
         "covariance": estimate.covariance,
-        "covariance_name": cells(v.name for v in estimate.free),
+        "covariance_name": cells(_covariance_names(estimate)),
     }
     savemat(str(path), {"estimate": content}, appendmat=False, oned_as="column")
 
 
 def _write_tex(estimate: Estimate, path: Path) -> None:
     tables = [(t.headings, t.rows, t.numeric) for t in estimate.value_tables]
-    names = [value.name for value in estimate.free][: len(estimate.covariance)]
+    names = _covariance_names(estimate)
     if names:
         rows = tuple(
             (name, *(f"{x:.4g}" for x in row))
