@@ -102,7 +102,7 @@ def test_what_is_left_open_is_told_in_one_line(
     assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 0
     found = parse(out.read_text())
     assert found["model"] == "?"
-    assert found["records"][0]["fundamental"] == "?"
+    assert found["records"][0]["band"] == ["?", "?"]
     assert "# not used: 2" in out.read_text()
     assert run(["identify", str(out)]) == 2
     told = capfd.readouterr().err
@@ -164,3 +164,29 @@ def test_hostile_names_stay_in_their_comments(tmp_path: Path) -> None:
     found = parse(draft([path], None, tmp_path))
     assert set(found) == {"model", "records", "channels"}
     assert found["channels"] == {}
+
+
+def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path: Path) -> None:
+    """No period: the lines of the whole record, in the band of the sweep, by its references."""
+    rate, count = 1000.0, 8000
+    time = np.arange(count) / rate
+    sweep = 3 * np.sin(2 * np.pi * (20 + 10 * time) * time)  # 20 to 180 Hz
+    rng = np.random.default_rng(3)
+    for axis in (0, 1):
+        columns = np.zeros((count, 6))
+        columns[:, axis] = columns[:, 2 + axis] = sweep
+        columns[:, 2:] += 0.1 * rng.normal(size=(count, 4))
+        table = np.column_stack([time, columns])
+        header = "t [s],ex_x [N],ex_y [N],Fx [N],Fy [N],x [um],y [um]"
+        np.savetxt(tmp_path / f"{axis}.csv", table, delimiter=",", header=header, comments="")
+    text = draft([tmp_path / "0.csv", tmp_path / "1.csv"], "jeffcott", tmp_path)
+    found = parse(text)
+    for record in found["records"]:
+        low, high = (float(end.removesuffix(" Hz")) for end in record["band"])
+        assert 10 < low < 30
+        assert 165 < high < 195
+        assert record["references"] == ["ex_x", "ex_y"]
+        assert "fundamental" not in record
+    path = tmp_path / "experiment.toml"
+    path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
+    assert rid.load_experiment(path).channels[0].sources["F_x"].column == "Fx"

@@ -336,3 +336,25 @@ def test_a_file_that_is_no_toml(folder: Path) -> None:
     with pytest.raises(InputError, match="line 3") as caught:
         load(folder, 'model = "jeffcott"\n\n[[records]\n')
     assert caught.value.place.startswith("line 3, column")
+
+
+def test_a_deviation_of_a_parameter_with_max_in_its_name_is_no_bound(tmp_path: Path) -> None:
+    model = """
+title = "a spring"
+equations = ["kmax*x = F_x"]
+coordinates = { x = "m" }
+inputs = { F_x = "N" }
+parameters = { kmax = { unit = "N/m" } }
+"""
+    (tmp_path / "model.toml").write_text(model)
+    known = (
+        '\n[parameters]\nkmax = { value = "1 N/m", std = "0.1 N/m" }\n[estimator]\nmethod = "ls"'
+    )
+    text = EXPERIMENT.replace('"jeffcott"', '"model.toml"') + known
+    text = "\n".join(line for line in text.splitlines() if not line.startswith(("F_y", "y =")))
+    with pytest.raises(InputError, match=r"parameters\.kmax\.std: found a deviation"):
+        load(tmp_path, text).estimator()
+    with pytest.raises(InputError, match=r"parameters\.kmax\.min, max: found a bound"):
+        load(
+            tmp_path, text.replace('value = "1 N/m", std = "0.1 N/m"', 'max = "1 N/m"')
+        ).estimator()

@@ -76,3 +76,17 @@ def test_files_of_other_kinds(tmp_path: Path, path: Path) -> None:
     other.write_bytes(path.read_bytes()[:300])
     with pytest.raises(ReadError, match="damaged MAT data"):
         open_mat(other)
+
+
+def test_tags_that_scipy_would_trust(tmp_path: Path) -> None:
+    """Kinds, sizes and shapes that contradict one another are refused before they are read."""
+    path = tmp_path / "c.mat"
+    for packed in (False, True):
+        scipy.io.savemat(path, {"fx": np.arange(60.0), "log": {"y": 1.0}}, do_compression=packed)
+        assert open_mat(path).find("fx") == "fx"
+    scipy.io.savemat(path, {"fx": np.arange(60.0)})
+    data = path.read_bytes()
+    for place, value in ((177, 4), (176, 3), (156, 9), (160, 61), (128, 15), (132, 255)):
+        path.write_bytes(data[:place] + bytes([value]) + data[place + 1 :])
+        with pytest.raises(ReadError, match="damaged MAT data"):
+            open_mat(path)

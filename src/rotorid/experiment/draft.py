@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,11 @@ from rotorid.units import si_factor
 
 _CLOCK_UNITS = ("s", "ms", "us")
 _SLOWEST = 20.0  # Hz; a logger of vibrations is faster, so slower times are no seconds
+_STRIPES, _POWER = 400, 0.03  # of the spectrum, and of its largest: what is above was driven
+_EXCITATION = re.compile(
+    r"(ex|exc\w*|ref\w*|dist\w*|noise|chirp|sweep|inj\w*|add\w*)(_|\d|$)", re.I
+)
+_DRIVES = ("N", "N m", "A", "V")
 _EXCITED = 0.03  # of the largest line: what stands above it was excited
 _MOST_LINES = 30  # that are listed; more make a band
 
@@ -212,10 +218,7 @@ def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
     found = [(c, p) for c in run.channels() if (p := find_period(c.values))]
     rate = None if run.clock.rate is None else run.clock.rate.hertz
     if not found:
-        entry["fundamental"] = OPEN
-        entry["fundamental"].comment('no period found; that of the excitation, as "20 Hz"')
-        entry["harmonics"] = OPEN
-        entry["harmonics"].comment("its multiples that were excited, [1, 3, 5]")
+        _say_whole_record(entry, run, rate)
         return
     column, period = max(found, key=lambda pair: pair[1].correlation)
     told = f"found in {column.name}, correlation {period.correlation:.3g}"
@@ -232,6 +235,38 @@ def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
         entry["harmonics"].comment("with that of the rotation, if the rotor turns")
     else:
         entry["band"] = _band(lines, period, rate)
+
+
+def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
+    """Write the band of a record without period, and the columns that may be its excitation."""
+    channels = run.channels()
+    driving = [c for c in channels if _EXCITATION.match(c.name.rsplit("/", 1)[-1])]
+    forces = [c for c in channels if c.unit and any(converts(c.unit, u) for u in _DRIVES)]
+    entry["band"] = [OPEN, OPEN]
+    if rate is not None and (looked_at := driving or forces or channels):
+        column = max(looked_at, key=lambda c: float(np.ptp(c.values)))
+        entry["band"] = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
+        entry["band"].comment(f"no period found: the whole record, where {column.name} is large")
+    if driving:
+        entry["references"] = [c.name for c in driving]
+        entry["references"].comment("what was added to the commands, free of noise")
+    else:
+        entry.add(
+            tomlkit.comment("references = [..]: columns of the excitation that was added; or")
+        )
+        entry.add(
+            tomlkit.comment('quiet = "..": a record without it; else the inputs hold no noise')
+        )
+
+
+def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
+    """Return the band in Hz in which a signal has its power."""
+    power = np.abs(np.fft.rfft(signal - signal.mean())) ** 2
+    width = max(1, len(power) // _STRIPES)
+    stripes = power[: len(power) // width * width].reshape(-1, width).mean(axis=1)
+    above = np.flatnonzero(stripes > _POWER * np.sort(stripes)[-3:].mean())
+    spacing = rate / len(signal)
+    return max(above[0] * width, 2) * spacing, (above[-1] + 1) * width * spacing
 
 
 def _digits(number: float) -> int:

@@ -105,7 +105,7 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
     places += [f"constraints.{i}.min, max" for i, c in enumerate(entry.constraints) if c.bounded]
     if places:
         raise InputError(
-            "a bound" if "max" in places[0] else "a deviation",
+            "a bound" if places[0].endswith(".min, max") else "a deviation",
             "exact values for this method",
             "use ml",
             place=places[0],

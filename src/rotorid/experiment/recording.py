@@ -108,12 +108,13 @@ def recording(
 def _law_dynamics(
     law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
 ) -> Dynamics | None:
-    """Return the dynamics of a law's column; a law that bends mixes lines, so linear ones only."""
-    if entry is not None and not isinstance(law, Linear):
+    """Return the dynamics of a law's column: of a current; known, where the law bends."""
+    bends = not isinstance(law, Linear)
+    if entry is not None and (isinstance(law, Flux) or (bends and entry.uncertain)):
         raise InputError(
-            "dynamics of a column in a law that is not linear",
-            "law = 'linear' for a column with dynamics",
-            "take the linear law, or measure the current behind the amplifier",
+            "dynamics of a flux" if isinstance(law, Flux) else "unknown dynamics in a bent law",
+            "known dynamics of a current",
+            "take the linear law, measure the current behind the amplifier, or its response",
             place=f"{place}.dynamics",
         )
     return dynamics_of(entry, actuator=True, folder=folder)

@@ -143,7 +143,8 @@ def event_table(rig: Rig, samples: int) -> Events:
     """Return the pattern of events, repeated until the record is complete."""
     plan = rig.schedule
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
-    return Events(plan, settling + -(-samples // plan.logs), settling)
+    readings = samples * rig.logger.oversampling
+    return Events(plan, settling + -(-readings // plan.logs), settling)
 
 
 def step_table(rig: Rig, plant: Plant, lags: Lags) -> Steps:
@@ -318,8 +319,18 @@ def load_table(rig: Rig, plant: Plant, events: Events) -> Floats:
 def log_table(rig: Rig, samples: int) -> Log:
     """Return the empty log."""
     inputs = len(rig.model.inputs)
-    widths = (2 * len(rig.model.coordinates), len(rig.sensors), *[inputs] * 5)
-    return Log(*(np.zeros((samples, width)) for width in widths))
+    every = rig.logger.oversampling
+    states, sensors = 2 * len(rig.model.coordinates), len(rig.sensors)
+    return Log(
+        state=np.zeros((samples, states)),
+        reading=np.zeros((samples, sensors)),
+        command=np.zeros((samples, inputs)),
+        current=np.zeros((samples, inputs)),
+        force=np.zeros((samples, inputs)),
+        recorded=np.zeros((samples * every, inputs)),
+        effective=np.zeros((samples * every, inputs)),
+        every=every,
+    )
 
 
 def loop_matrix(

@@ -217,11 +217,13 @@ def _place(rig: Rig, position: Mapping[str, float]) -> str:
 
 
 def _recorded(column: Column) -> dict[str, Any]:
-    found = {"column": column.name, "unit": column.unit}
+    found: dict[str, Any] = {"column": column.name, "unit": column.unit}
     if column.hold:
         found["hold"] = "zero-order"
     if column.delay:
         found["delay"] = _quantity(round(column.delay * 1e6, 6), "us")
+    if column.dynamics is not None:
+        found["dynamics"] = {"bandwidth": _quantity(column.dynamics.bandwidth.value, "Hz")}
     return found
 
 

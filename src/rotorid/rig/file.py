@@ -272,7 +272,7 @@ def _logger(entry: LoggerEntry) -> Logger:
             angle = Keyphasor(**dict(entry.keyphasor))
     except InputError as error:
         raise error.at(place="logger") from None
-    return Logger(entry.sample_rate, entry.current, angle)
+    return Logger(entry.sample_rate, entry.current, angle, oversampling=entry.oversampling)
 
 
 def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:

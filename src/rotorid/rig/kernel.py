@@ -105,15 +105,20 @@ class Loop(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What is recorded, one row per sample; filled by `run`."""
+    """What is recorded, one row per sample; filled by `run`.
+
+    recorded and effective, the currents as the logger gets them and as the forces follow them,
+    have `every` rows per sample.
+    """
 
     state: Floats
     reading: Floats
     command: Floats
     current: Floats
+    force: Floats
     recorded: Floats
     effective: Floats
-    force: Floats
+    every: int
 
 
 _fluxes = njit(magnet_fluxes, error_model="numpy")
@@ -450,17 +455,6 @@ def _exact_step(
     x[:] = moved
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _record(
-    log: Any, sample: int, x: Any, reading: Any, command: Any, effective: Any, force: Any
-) -> None:
-    log.state[sample] = x[: log.state.shape[1]]
-    log.reading[sample] = reading
-    log.command[sample] = command
-    log.effective[sample] = effective
-    log.force[sample] = force
-
-
 @njit(cache=True, error_model="numpy")
 def _laws_at(bearings: Any, time: float, laws: Any) -> None:
     """Compute the constants of the forces some time after the record began."""
@@ -488,7 +482,7 @@ def run(
     peak = np.concatenate((rotor.floor, lags.floor))
     steady, held, newest = np.zeros(n), np.zeros(inputs), np.zeros(inputs)
     coil, iron, room = np.zeros(inputs), np.zeros(inputs), np.zeros((4, inputs))
-    current, played, effective, force = room[0], room[1], room[2], room[3]
+    current, played = room[0], room[1]
     laws = bearings.law.copy()
     memory, scratch = np.zeros(loop.A.shape[0]), np.zeros(loop.A.shape[0])
     waiting = np.zeros((plan.lag + 2, inputs))
@@ -515,22 +509,26 @@ def run(
             due = pattern * plan.controls + plan.apply[e] - plan.lag
             if plan.apply[e] >= 0 and due >= 0:
                 held[:] = waiting[due % len(waiting)]
-            sample = since * plan.logs + plan.log[e]
-            if plan.log[e] >= 0 and 0 <= sample < len(log.state):
+            fine = since * plan.logs + plan.log[e]
+            if plan.log[e] >= 0 and 0 <= fine < len(log.recorded):
                 currents(bearings, coil, held, 0.0, current)
                 for j in range(inputs):
                     played[j] = _played(iron[j], bearings.hysteresis[j], current[j])
-                shown[:] = reading
-                if plan.control[e] < 0 or loop.filtered:
-                    together = plan.control[e] >= 0
-                    error = loop.error_at_control[tick] if together else loop.error_at_log[sample]
-                    _signal(lags.logged, x, 0, current, played, z, shown)
-                    _read(loop, time, error, shown)
-                _signal(lags.effective, x, 0, current, played, z, effective)
-                _signal(lags.coil, x, 0, current, played, z, log.current[sample])
-                _signal(lags.recorded, x, 0, current, played, z, log.recorded[sample])
-                forces(bearings, laws, x, effective, force)
-                _record(log, sample, x, shown, newest, effective, force)
+                _signal(lags.effective, x, 0, current, played, z, log.effective[fine])
+                _signal(lags.recorded, x, 0, current, played, z, log.recorded[fine])
+                if fine % log.every == 0:
+                    sample = fine // log.every
+                    shown[:] = reading
+                    if plan.control[e] < 0 or loop.filtered:
+                        now = plan.control[e] >= 0
+                        error = loop.error_at_control[tick] if now else loop.error_at_log[sample]
+                        _signal(lags.logged, x, 0, current, played, z, shown)
+                        _read(loop, time, error, shown)
+                    _signal(lags.coil, x, 0, current, played, z, log.current[sample])
+                    forces(bearings, laws, x, log.effective[fine], log.force[sample])
+                    log.state[sample] = x[: 2 * n]
+                    log.reading[sample] = shown
+                    log.command[sample] = newest
             axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
             if axis >= 0:
                 return TOUCH, axis, time, 0.0

@@ -7,13 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import signal
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
+from rotorid.dynamics import Constant, FirstOrder
 from rotorid.record import Channel, Drive, Floats, Record
 from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
 from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
+from rotorid.signals.shift import shifted
 
 if TYPE_CHECKING:
     from rotorid.rig.kernel import Log
@@ -29,6 +32,7 @@ class Column:
     samples: Floats
     hold: bool = False
     delay: float = 0.0
+    dynamics: FirstOrder | None = None
 
 
 @dataclass(frozen=True)
@@ -108,18 +112,22 @@ def how_recorded(rig: Rig, part: Actuator) -> tuple[bool, float]:
     """Return hold and delay of the recorded command or current of an actuator.
 
     The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
-    they are by d + T/2 + lag on average; the column by their mean age at the samples. A column
+    they are by d + T/2 + lag on average; the column by their mean age at the samples. Beside a
+    command, the amplifier's lag stands by itself, as its dynamics. A column
     that changes only when it is sampled is held from sample to sample, exactly: a command logged
     as often as it is computed or a whole number of times more, and so the current of an amplifier
     without lag.
     """
     schedule, period, lag = rig.schedule, rig.controller.period, part.time_constant
-    theta = schedule.offset[schedule.log >= 0] % period  # since the last tick of the controller
     command = rig.logger.current == "command"
+    every = rig.logger.oversampling if command else 1
+    read = (schedule.log >= 0) & (schedule.log % every == 0)
+    theta = schedule.offset[read] % period  # since the last tick of the controller
     age = theta.mean() if command else np.mean([_age(t, period, rig.delay, lag) for t in theta])
-    held = schedule.controls == 1 and (command or lag == 0)
+    oversampled = rig.logger.oversampling > 1
+    held = schedule.controls == 1 and (command or (lag == 0 and not oversampled))
     half = 0.5 / rig.logger.sample_rate if held else 0.0
-    delay = age - (rig.delay + period / 2 + lag) + half
+    delay = age - (rig.delay + period / 2 + (0.0 if command else lag)) + half
     return held, round(float(delay) * 1e12) / 1e12 + 0.0
 
 
@@ -194,18 +202,41 @@ def _drive_columns(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -
     """Return the columns of forces or currents, and of flux densities."""
     found = []
     described = rig if rig.described is None else rig.described
-    shown = log.command if rig.logger.current == "command" else log.recorded
+    command = rig.logger.current == "command"
+    shown = log.command if command else decimated(log.recorded, log.every)
     position = log.state[:, : plant.displacement.shape[1]] @ plant.displacement.T
+    steps = np.arange(log.every) / log.every
+    position = np.array([[shifted(x, step) for step in steps] for x in position.T])
+    position = position.transpose(2, 1, 0).reshape(len(log.effective), -1)
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
         hold, delay = how_recorded(described, described.parts[j])
         samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
-        found.append(Column(label(name, part), part.unit, samples, hold, delay))
+        known = described.parts[j].bandwidth if command else None
+        behind = known and FirstOrder(bandwidth=Constant("bandwidth", "Hz", known), actuator=True)
+        found.append(Column(label(name, part), part.unit, samples, hold, delay, behind or None))
         if part.flux is not None and isinstance(part.law, Differential):
             densities = part.flux.law.densities(part.law, log.effective[:, j], position[:, j])
-            for kind, flux in zip(("b1", "b2"), densities, strict=True):
+            for kind, density in zip(("b1", "b2"), densities, strict=True):
+                flux = decimated(density, log.every)
                 samples = flux + part.flux.noise * rng.normal(size=len(flux))
                 found.append(Column(label(name, part, kind), "T", samples))
     return found
+
+
+def decimated(samples: Floats, every: int) -> Floats:
+    """Return each so many-th sample of columns after a filter without lag.
+
+    Flat to a tenth of the rate that is left, and 120 dB down from nine tenths of it on, whence the
+    images of a held command fold onto its lines.
+    """
+    if every == 1:
+        return samples
+    taps, beta = signal.kaiserord(120.0, 0.8 / (every / 2))
+    half = taps // 2 + 1
+    weights = signal.firwin(2 * half + 1, 0.5, window=("kaiser", beta), fs=every)
+    widths = [(half, half), *[(0, 0)] * (samples.ndim - 1)]
+    padded = np.pad(samples, widths, mode="reflect", reflect_type="odd")
+    return np.asarray(signal.upfirdn(weights, padded, down=1, axis=0)[2 * half : -2 * half : every])
 
 
 def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | None:
@@ -240,6 +271,13 @@ def sensor_channels(rig: Rig) -> list[Channel]:
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 
 
+def _channel(name: str, column: Column) -> Channel:
+    """Return the channel of a column."""
+    return Channel(
+        name, column.unit, hold=column.hold, delay=column.delay, dynamics=column.dynamics
+    )
+
+
 def _as_read(rig: Rig, columns: tuple[Column, ...], angle: Floats | None, speed: float) -> Record:
     """Return the record that a reader makes of the columns, told of the rig."""
     plant = rig.plant(1.0)
@@ -248,11 +286,11 @@ def _as_read(rig: Rig, columns: tuple[Column, ...], angle: Floats | None, speed:
     readings: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
         first = by_name[label(name, part)]
-        channel = Channel(name, first.unit, hold=first.hold, delay=first.delay)
+        channel = _channel(name, first)
         if isinstance(part.law, Differential):
             readings[name] = force_reading(rig, plant, j)
             sources = [by_name[source] for source in readings[name].channels]
-            channels += [Channel(c.name, c.unit, hold=c.hold, delay=c.delay) for c in sources]
+            channels += [_channel(c.name, c) for c in sources]
         elif isinstance(part.law, Linear):
             place = actuator_position(rig, plant, j)
             channels.append(replace(channel, drive=Drive(part.law.ki, part.law.ks, place)))

@@ -252,15 +252,26 @@ class Logger:
     filter : float
         Corner in Hz of the filter before the converter: second order, after Butterworth, on
         positions and measured currents.
+    oversampling : int
+        Measured currents and flux densities are sampled so many times as often, then decimated
+        without lag, as converters do: a current behind a held command has images beside every
+        multiple of the sample rate, which fold onto its lines. Positions are what the controller
+        has read.
     """
 
     sample_rate: float
     current: Literal["command", "measured"] = "command"
     angle: Encoder | Keyphasor | None = None
     filter: float = np.inf
+    oversampling: int = 1
 
     def __post_init__(self) -> None:
-        check(self, positive=("filter",))
+        check(self, positive=("filter", "oversampling"))
+
+    @property
+    def converter_rate(self) -> float:
+        """Rate in Hz at which currents and flux densities are sampled."""
+        return self.sample_rate * self.oversampling
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,7 @@ class Rig:
     @cached_property
     def schedule(self) -> Schedule:
         """The clocks of controller and logger, merged."""
-        return merge_clocks(1 / self.controller.period, self.logger.sample_rate, self.delay)
+        return merge_clocks(1 / self.controller.period, self.logger.converter_rate, self.delay)
 
     @cached_property
     def parameters(self) -> Floats:

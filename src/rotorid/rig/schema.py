@@ -137,6 +137,7 @@ class LoggerEntry(Schema):
 
     sample_rate: Hertz
     current: Literal["command", "measured"] = "command"
+    oversampling: StrictInt = 1
     encoder: EncoderEntry | None = None
     keyphasor: KeyphasorEntry | None = None
 

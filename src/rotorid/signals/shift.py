@@ -21,14 +21,14 @@ def shifted(samples: Floats, steps: float, period: int | None = None) -> Floats:
         offsets = np.zeros(1, dtype=int)
     weights = [np.prod([(part - o) / (k - o) for o in offsets if o != k]) for k in offsets]
     first, last = whole + offsets[0], whole + offsets[-1]
-    extended = _extended(samples, max(-first, 0), max(last, 0), period)
+    whole_signal = extended(samples, max(-first, 0), max(last, 0), period)
     begin = max(first, 0)
-    window = extended[begin : begin + len(samples) + last - first]
+    window = whole_signal[begin : begin + len(samples) + last - first]
     return np.asarray(signal.correlate(window, weights, mode="valid"))
 
 
-def _extended(samples: Floats, before: int, after: int, period: int | None) -> Floats:
-    """Continue a signal beyond its ends."""
+def extended(samples: Floats, before: int, after: int, period: int | None) -> Floats:
+    """Continue a signal beyond its ends: from a period away, or turned about its last value."""
     count = len(samples)
     if period is not None and period + max(before, after) <= count:
         head = samples[period - before : period]

@@ -1,0 +1,89 @@
+"""Lagging amplifiers: the rig's own files are right for its own reader, images and all."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rotorid.actuators import Differential, ForceReading, forces
+from rotorid.cli import run
+from rotorid.dynamics import Constant, FirstOrder
+from rotorid.record import Channel, Record
+from rotorid.rig.file import load_rig
+from rotorid.rig.logger import decimated
+
+RIGID = load_rig("rigid").text.replace('"10 s"', '"5 s"')
+LINEAR = load_rig("three-mass").text.replace('"13 s"', '"5 s"')
+FILES = {
+    "magnets, measured": RIGID,
+    "magnets, commanded": RIGID.replace('current = "measured"', 'current = "command"'),
+    "flux": RIGID.replace(
+        'bandwidth = "1.5 kHz"',
+        'bandwidth = "1.5 kHz"\nflux = { area = "4 cm^2", noise = "1 mT" }',
+    ),
+    "linear, commanded": LINEAR.replace('limit = "3 A"', 'limit = "3 A"\nbandwidth = "1 kHz"'),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(FILES[name])
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    assert found["misfit"]["p_value"] > 0.001
+    truth = load_rig("rigid" if "linear" not in name else "three-mass").rig.values
+    for parameter in found["parameters"]:
+        if not parameter["fixed"]:
+            off = abs(parameter["value"] - truth[parameter["name"]])
+            assert off < 5 * parameter["std"], parameter["name"]
+
+
+def test_an_amplifier_in_a_law_that_bends() -> None:
+    """A held command, a first-order lag, opposed magnets: the force against fine integration."""
+    rate, period, lag, fine = 10e3, 1000, 1 / (2 * np.pi * 1500.0), 40
+    law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    t = np.arange(period) / rate
+    command = 0.6 * np.cos(2 * np.pi * 110.0 * t) + 0.4 * np.sin(2 * np.pi * 290.0 * t)
+
+    def place(time: np.ndarray) -> np.ndarray:
+        return 5e-5 * np.cos(2 * np.pi * 70.0 * time + 1.0)
+
+    step = 1 / rate / fine
+    steps = np.exp(-step * np.arange(fine) / lag)
+    current, flowing = 0.0, np.zeros(period * fine)
+    for _ in range(3):  # until it repeats
+        for k, held in enumerate(command):
+            flowing[k * fine : (k + 1) * fine] = held + (current - held) * steps
+            current = held + (current - held) * np.exp(-fine * step / lag)
+    # The rotor turns smoothly between the fine steps, on which the current is exact.
+    when = np.arange(period * fine) * step
+    truth = np.fft.rfft(law.force(flowing, place(when)))[:40] / fine
+    behind = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1500.0), actuator=True)
+    channels = [Channel("i", "A", hold=True, dynamics=behind), Channel("x", "m")]
+    samples = np.tile(np.stack([command, place(t)], axis=1), (4, 1))
+    record = Record(channels, samples, rate)
+    read = forces(record, {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=period)
+    found = np.fft.rfft(read.column("F")[period : 2 * period])[:40]
+    assert np.abs(found - truth).max() < 3e-4 * np.abs(truth).max()
+    plain = replace(record, channels=(replace(channels[0], dynamics=None), channels[1]))
+    wrong = forces(plain, {"F": ForceReading(law, ("i",), {"x": 1.0})}, period=period)
+    lines = np.fft.rfft(wrong.column("F")[period : 2 * period])[:40]
+    assert np.abs(lines - truth).max() > 0.05 * np.abs(truth).max()
+
+
+def test_converters_let_lines_through_and_images_not() -> None:
+    every, count = 8, 4000
+    t = np.arange(count * every) / every
+    inside = np.cos(2 * np.pi * 0.09 * t + 0.3)
+    image = np.cos(2 * np.pi * 0.95 * t)
+    kept = decimated(np.stack([inside, image], axis=1), every)
+    assert kept.shape == (count, 2)
+    middle = slice(50, -50)
+    np.testing.assert_allclose(kept[middle, 0], inside[::every][middle], atol=3e-6)
+    assert np.abs(kept[middle, 1]).max() < 3e-6
+    np.testing.assert_array_equal(decimated(inside, 1), inside)
