@@ -50,3 +50,8 @@ def test_a_page_sets_tables_apart():
 def test_a_table_without_rows_shows_its_headings():
     assert table(("a", "b"), []).text() == "a  b"
     assert table(("a", "b"), []).numeric == (False, False)
+
+
+def test_cells_of_thirty_characters_may_be_broken():
+    assert "flow" not in table(("a", "b"), [("x", "w" * 29)]).html()
+    assert '<td class="flow">' in table(("a", "b"), [("x", "w" * 30)]).html()
