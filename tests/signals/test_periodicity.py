@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from rotorid.signals.periodicity import find_period
 
@@ -57,11 +58,20 @@ def test_periods_of_no_whole_samples() -> None:
 def test_signals_without_period() -> None:
     rng = np.random.default_rng(9)
     time = np.arange(8000) / 1000
-    for signal in (
+    for wave in (
         rng.normal(size=8000),
         np.sin(2 * np.pi * (1 + 10 * time) * time),
         np.linspace(0, 1, 8000),
         np.zeros(8000),
         np.ones(8),
     ):
-        assert find_period(signal) is None
+        assert find_period(wave) is None
+
+
+def test_what_rings_has_no_period() -> None:
+    """A sweep through a resonance, and noise through one, are like themselves one wave later."""
+    time = np.arange(20000) / 5000
+    rng = np.random.default_rng(4)
+    resonance = signal.iirpeak(57.0, 8.0, fs=5000.0)
+    for drive in (signal.chirp(time, 10, 4, 300), rng.normal(size=20000)):
+        assert find_period(signal.lfilter(*resonance, drive)) is None

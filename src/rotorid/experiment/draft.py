@@ -55,6 +55,11 @@ class _Run:
     def channels(self) -> list[Found]:
         return [c for c in self.columns if c.role == "channel" and np.isfinite(c.values).all()]
 
+    def driving(self) -> list[Found]:
+        """Return the columns of an added excitation, by their names; those that are at rest not."""
+        named = [c for c in self.channels() if _EXCITATION.match(c.name.rsplit("/", 1)[-1])]
+        return [c for c in named if np.ptp(c.values) > 0]
+
 
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return the text of an experiment file for some records.
@@ -215,7 +220,8 @@ def turns(model: Model) -> bool:
 
 def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
     """Write the period, and the lines that stand above the others."""
-    found = [(c, p) for c in run.channels() if (p := find_period(c.values))]
+    sources = run.driving() or run.channels()
+    found = [(c, p) for c in sources if (p := find_period(c.values))]
     rate = None if run.clock.rate is None else run.clock.rate.hertz
     if not found:
         _say_whole_record(entry, run, rate)
@@ -240,7 +246,7 @@ def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
 def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
     """Write the band of a record without period, and the columns that may be its excitation."""
     channels = run.channels()
-    driving = [c for c in channels if _EXCITATION.match(c.name.rsplit("/", 1)[-1])]
+    driving = run.driving()
     forces = [c for c in channels if c.unit and any(converts(c.unit, u) for u in _DRIVES)]
     entry["band"] = [OPEN, OPEN]
     if rate is not None and (looked_at := driving or forces or channels):

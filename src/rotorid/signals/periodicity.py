@@ -11,6 +11,7 @@ from rotorid.record import Floats
 _MIDDLE = 0.15  # of the record left out at each end: approach and return are no part of a period
 _OVERLAP = 0.25  # of the middle that a shift must leave to compare
 _LEAST = 0.75  # correlation below which the ringing of a machine may be taken for a period
+_HELD = 0.85  # of the first correlation that every multiple keeps where there is a period
 _AS_GOOD = 1.5  # times the least unexplained part, plus the next: a shorter period as good as it
 _MARGIN = 0.01
 _NICE = 4  # digits of a frequency that somebody typed
@@ -93,15 +94,20 @@ def _correlation(centred: Floats, lags: int) -> Floats:
     return np.asarray(products / np.maximum(both, 1e-9 * power[size]))
 
 
-def _refined(correlation: Floats, first: int) -> Period:
-    """Follow the peak to its multiples, the last of which tells the period best."""
+def _refined(correlation: Floats, first: int) -> Period | None:
+    """Follow the peak to its multiples, the last of which tells the period best.
+
+    What rings, or sweeps through a resonance, is like itself one wave later, and less so two.
+    """
     period, multiple = _top(correlation, first), 1
     while (expected := period * (multiple + 1)) < len(correlation) - 2:
         reach = max(1, round(0.02 * period))
         low = max(round(expected) - reach, 1)
         place = low + int(np.argmax(correlation[low : round(expected) + reach + 1]))
-        if place >= len(correlation) - 1 or correlation[place] < 0.7 * correlation[first]:
+        if place >= len(correlation) - 1:
             break
+        if correlation[place] < _HELD * correlation[first]:
+            return None
         multiple += 1
         period = _top(correlation, place) / multiple
     return Period(period, 1.0 / multiple, float(correlation[first]))
