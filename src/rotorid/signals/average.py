@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.record import Booleans, Floats, PeriodicRecord, Record
-from rotorid.signals.checks import check_record
+from rotorid.signals.checks import check_periods, check_record
 from rotorid.signals.period_lines import (
     check_nyquist,
     first_sample,
@@ -97,9 +97,8 @@ def average(
         source=record.source,
         warnings=warnings,
     )
-    return replace(
-        periods_of_record, checks=check_record(_excerpt(record, first, size), periods_of_record)
-    )
+    seen = check_record(record, periods_of_record, excerpt=_excerpt(record, first, size))
+    return replace(periods_of_record, checks=(*seen, *check_periods(periods_of_record)))
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:

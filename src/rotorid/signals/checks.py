@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
+from rotorid.signals.checks_period import check_multiple
 from rotorid.signals.checks_rotation import check_speed
 from rotorid.signals.checks_samples import (
     check_clipped,
@@ -40,14 +41,18 @@ def worst(checks: Iterable[Check]) -> Verdict:
     return max((c.verdict for c in checks), key=_ORDER.index, default="ok")
 
 
-def check_record(record: Record, periods: PeriodicRecord | None = None) -> tuple[Check, ...]:
-    """Look at the samples of a record: dead, clipped, quantized and copied channels.
+def check_record(
+    record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
+) -> tuple[Check, ...]:
+    """Look at the samples of a record: dead, clipped, quantized and copied channels, the speed.
 
     Parameters
     ----------
     record : Record
     periods : PeriodicRecord, optional
         Its periods, where it has them: their scatter tells rounding from noise.
+    excerpt : Record, optional
+        The part of a long record in which the channels are looked at one by one.
 
     Returns
     -------
@@ -62,18 +67,22 @@ def check_record(record: Record, periods: PeriodicRecord | None = None) -> tuple
     >>> [c.check for c in found if c.verdict == "warning"]
     ['clipped']
     """
-    if record.valid is not None:
-        record = replace(record, samples=record.samples[record.valid], angle=None, valid=None)
+    part = record if excerpt is None else excerpt
+    if part.valid is not None:
+        part = replace(part, samples=part.samples[part.valid], angle=None, valid=None)
     scatter = None if periods is None else _scatter(periods)
     found = {
-        "dead": check_dead(record, scatter),
-        "clipped": check_clipped(record),
-        "quantized": check_quantized(record, scatter),
+        "dead": check_dead(part, scatter),
+        "clipped": check_clipped(part),
+        "quantized": check_quantized(part, scatter),
     }
-    found["speed"] = check_speed(record, periods)
     if periods is None:
-        centred = record.samples - record.samples.mean(axis=0)
-        found["copied"] = check_copied(record.channels, centred)
+        centred = part.samples - part.samples.mean(axis=0)
+        found["copied"] = check_copied(part.channels, centred)
+    if record.valid is None:  # a mask tears the course of time
+        found["speed"] = check_speed(record, periods)
+        if periods is not None:
+            found["multiple period"] = check_multiple(record, periods)
     return _with_ok(found)
 
 
@@ -141,6 +150,7 @@ _IN_ORDER = {
     "settled": "no transient is left",
     "knock": "no period stands out",
     "drift": "no line drifts",
+    "multiple period": "the record repeats after one period",
     "speed": "no line contradicts the speed",
 }
 

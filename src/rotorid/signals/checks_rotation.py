@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_samples import is_input
@@ -39,7 +38,7 @@ SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
 
 _WIDTH = 101  # lines for the median
-_MOST = 1 << 16  # samples looked at
+_MOST = 1 << 15  # samples looked at
 _TURN = 2 * np.pi
 _UNITS = (
     (60 / _TURN, "rad/s given as rpm"),
@@ -95,10 +94,12 @@ def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Float
 def _off_grid(rest: Floats, rate: float, name: str) -> list[Tone]:
     spectrum = np.fft.rfft(rest * np.hanning(len(rest)))
     power = np.abs(spectrum) ** 2
-    floor = ndimage.median_filter(power, _WIDTH, mode="nearest")
+    blocks = -(-len(power) // _WIDTH)
+    medians = np.median(np.resize(power, blocks * _WIDTH).reshape(blocks, _WIDTH), axis=1)
+    floor = np.repeat(medians, _WIDTH)[: len(power)]
     floor = np.maximum(floor, 1e-20 * power.sum())
     peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
-    peak[: _WIDTH // 2] = False  # noise that rises towards zero has no median around it there
+    peak[:_WIDTH] = False  # noise that rises towards zero has no median around it there
     at = 1 + np.flatnonzero(peak & (power[1:-1] > TONE * floor[1:-1]))
     strongest = at[np.argsort(-(power / floor)[at])][:5]
     found = []

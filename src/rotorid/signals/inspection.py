@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.average import average
-from rotorid.signals.checks import check_periods, check_record, worst
+from rotorid.signals.checks import check_record, worst
 from rotorid.signals.checks_samples import is_input
 from rotorid.signals.periodicity import find_period
 
@@ -161,7 +161,7 @@ def inspect_record(
         text = "no period found: see docs/inspect.md for records that do not repeat"
         checks: tuple[Check, ...] = (*check_record(record), Check("period", "", text, "note"))
     else:
-        checks = (*periods.checks, *check_periods(periods), *_crests(periods))
+        checks = (*periods.checks, *_crests(periods))
     return Inspection(
         record=record,
         periods=periods,
