@@ -57,11 +57,15 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
     speed = np.polynomial.polynomial.polyfit(time[some] - middle, angle[some] - centre, 2)
     turns = speed[1] / omega0
     nearest = round(turns)
-    orders = np.array([*periods.harmonics, nearest]) * omega0
+    orders = np.array([*periods.harmonics, nearest])
+    within = 2 * np.pi * np.multiply.outer(np.arange(periods.samples), orders) / periods.samples
+    waves = np.exp(-1j * within)
+    starts = np.exp(-1j * omega0 * np.multiply.outer(periods.time[:, 0], orders))
     sums = np.zeros(len(orders), dtype=complex)
-    for begin in range(0, len(time), _BLOCK):
-        part = slice(begin, begin + _BLOCK)
-        sums += np.exp(-1j * np.multiply.outer(orders, time[part])) @ np.exp(1j * angle[part])
+    step = max(1, _BLOCK // periods.samples)
+    for begin in range(0, periods.periods, step):
+        part = slice(begin, begin + step)
+        sums += (starts[part] * (np.exp(1j * periods.angle[part]) @ waves)).sum(axis=0)
     *kept, own = np.abs(sums / len(time))
     return Synchronism(
         turns=float(turns),
