@@ -13,7 +13,7 @@ By Gauss's points c_j and weights w_j in T it is the line of
 
 S(c) a shift of samples by c: the law with the held current and the displacement at each point,
 carried back to the sample. Delays add to the shifts. The result is a channel without hold and
-delay, right below a tenth of the sample rate to 1e-9 (the shifts, `rotorid.signals.shift`). For the
+delay, right up to 0.45 of the sample rate to 1e-9 (the shifts, `rotorid.signals.shift`). For the
 linear law it is k_i times the held current plus k_s times the displacement.
 
 A column with dynamics, as of a lagging amplifier, is first made the current that flows, line by

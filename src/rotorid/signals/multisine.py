@@ -255,14 +255,21 @@ def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
 def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
     """Return the multisine with phases that lower the crest factor; amplitudes are kept.
 
-    The peak is the limit of the norms of order 2p: these are minimized over the phases, from the
-    given ones, p = 2, 4, 8, ..., each from the last.
+    The peak is the limit of the norms of order 2p: these are minimized over the phases, p = 2, 4,
+    8, ..., each from the last. There are many minima: besides the given phases, a few sweeps serve
+    as starts, the same ones each time, and the lowest peak is kept.
     """
     columns = [
         _flattened(signals.harmonics, column, steps) if np.abs(column).any() else column
         for column in signals.amplitudes.T
     ]
     return replace(signals, amplitudes=np.stack(columns, axis=1))
+
+
+def _sweeps(size: Floats) -> list[Floats]:
+    """Return phases of sweeps that take one period, and 1.4 of it: more starts gain below 1 %."""
+    sweep = schroeder_phases(size**2)
+    return [sweep, sweep * 1.4]
 
 
 def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Complexes:
@@ -282,17 +289,17 @@ def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Comple
         slope = (1j * size * np.exp(1j * angle) * weight.conj()).real / rms
         return float(np.log(peak) + np.log(mean) / (2 * p)), slope
 
-    best = angle = np.angle(amplitudes[used])
-    lowest = np.inf
-    for step in range(1, steps + 1):
-        angle = optimize.minimize(
-            cost, angle, args=(2**step,), jac=True, method="L-BFGS-B", options={"maxiter": 300}
-        ).x
-        peak = cost(angle, 2**20)[0]
-        if peak < lowest:
-            best, lowest = angle, peak
-    if cost(np.angle(amplitudes[used]), 2**20)[0] < lowest:
-        best = np.angle(amplitudes[used])
+    given = np.angle(amplitudes[used])
+    best, lowest = given, cost(given, 2**20)[0]
+    for start in (given, *_sweeps(size)):
+        angle = start
+        for step in range(1, steps + 1):
+            angle = optimize.minimize(
+                cost, angle, args=(2**step,), jac=True, method="L-BFGS-B", options={"maxiter": 300}
+            ).x
+            peak = cost(angle, 2**20)[0]
+            if peak < lowest:
+                best, lowest = angle, peak
     flattened = amplitudes.copy()
     flattened[used] = size * np.exp(1j * best)
     return flattened
