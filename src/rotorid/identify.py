@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from rotorid.estimate import Estimate
-from rotorid.estimators import Estimator
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate, Value
+from rotorid.estimators import Estimator, by_name
 from rotorid.models import Model
-from rotorid.observation import Data
+from rotorid.observation import Data, Observation
+from rotorid.record import Check, PeriodicRecord
+from rotorid.signals.checks import check_periods
+
+NO_SCATTER = "identical periods"
+"""The check that finds periods without scatter: of a whole record where it names no channel."""
 
 
-def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator) -> Estimate:
+def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator | str) -> Estimate:
     r"""Estimate the parameters of a model from one record or several.
 
     Parameters
@@ -18,8 +27,9 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator)
     model : Model
     periods : PeriodicRecord or Lines, or sequence of them
         Records of one machine; several are identified together.
-    estimator : Estimator
-        `LeastSquares`, `Batch`, `Sequential`, `MaximumLikelihood`, or one of your own.
+    estimator : Estimator or str
+        `LeastSquares`, `Batch`, `Sequential`, `MaximumLikelihood`, one of your own, or the name
+        of a method: "ls", "batch", "sequential", "ml".
 
     Returns
     -------
@@ -29,7 +39,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator)
     Raises
     ------
     InputError
-        For records that do not fit the model or the estimator.
+        For records that do not fit the model or the estimator, or whose checks refuse them.
 
     Examples
     --------
@@ -47,4 +57,58 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator)
     >>> round(estimate.value("m"), 9)
     4.0
     """
-    return estimator.estimate(model, periods if isinstance(periods, Sequence) else [periods])
+    data = periods if isinstance(periods, Sequence) else [periods]
+    found = [_checks(each) for each in data]
+    for each, checks in zip(data, found, strict=True):
+        for check in checks:
+            if check.verdict == "refused":
+                raise InputError(
+                    str(check),
+                    "a record that can be identified",
+                    "mend the record or leave that channel out; rotorid inspect shows more",
+                    file=_source(each),
+                )
+    checks = tuple(dict.fromkeys(check for checks in found for check in checks))
+    chosen = by_name(estimator) if isinstance(estimator, str) else estimator
+    estimate = chosen.estimate(model, data)
+    silent = [c for c in checks if c.check == NO_SCATTER and c.verdict != "ok" and not c.channel]
+    if silent:
+        estimate = without_deviations(estimate)
+    return estimate.with_(checks=checks or estimate.checks)
+
+
+def _checks(data: Data) -> tuple[Check, ...]:
+    """Return what the data show before any model: of the samples, then of the periods."""
+    held = data.lines if isinstance(data, Observation) else data
+    periods = data.periodic if isinstance(data, Observation) else data
+    if not isinstance(periods, PeriodicRecord):
+        return held.checks
+    return tuple(dict.fromkeys((*held.checks, *check_periods(periods))))
+
+
+def _source(data: Data) -> str:
+    """Return where a record comes from."""
+    return data.lines.source if isinstance(data, Observation) else data.source
+
+
+def without_deviations(estimate: Estimate) -> Estimate:
+    """Return an estimate from periods that do not scatter: values, and no deviations, never 0.
+
+    Such periods are copies of one, or made without noise: they tell nothing of what noise does.
+    """
+
+    def bare(values: tuple[Value, ...]) -> tuple[Value, ...]:
+        return tuple(v if v.fixed else replace(v, std=None, std_inflated=None) for v in values)
+
+    told = "the periods are identical: without scatter no deviations can be stated"
+    return estimate.with_(
+        parameters=bare(estimate.parameters),
+        nuisance=bare(estimate.nuisance),
+        derived=bare(estimate.derived),
+        covariance=np.full(estimate.covariance.shape, np.nan),
+        misfit=None,
+        line_misfit=(),
+        equation_misfit=(),
+        suspects=(),
+        warnings=(told, *estimate.warnings),
+    )

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rotorid.record import Channel, Complexes, Floats, Integers, PeriodicRecord
+from rotorid.record import Channel, Check, Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra
 
@@ -136,6 +136,8 @@ class Lines:
     source : str
         For messages.
     warnings : sequence of str
+    checks : sequence of Check
+        What the data showed before any model.
     """
 
     channels: tuple[Channel, ...]
@@ -150,6 +152,7 @@ class Lines:
     phase_known: bool = True
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
+    checks: tuple[Check, ...] = ()
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
@@ -166,6 +169,7 @@ class Lines:
             phase_known=record.phase_known,
             source=record.source,
             warnings=record.warnings,
+            checks=record.checks,
         )
 
     @property

@@ -60,5 +60,5 @@ def test_an_answer_or_an_input_error(equations, turns, seed):
             estimate = method().estimate(model, [periodic])
         except InputError:
             continue
-        assert estimate.status in ("ok", "not_identifiable")
+        assert estimate.status in ("ok", "rejected", "not_identifiable")
         assert str(estimate)

@@ -36,10 +36,6 @@ def run(
             estimate = identify(plan.model, records, estimator)
         except InputError as error:
             raise error.at(file=str(experiment)) from None
-    if not estimate.checks:
-        periods = [record for record in records if isinstance(record, PeriodicRecord)]
-        shown = dict.fromkeys(check for record in periods for check in record.checks)
-        estimate = estimate.with_(checks=tuple(shown))
     if targets:
         estimate = estimate.with_(provenance=provenance(plan, given))
 

@@ -1,8 +1,9 @@
 """Estimators, one per file; each is a value with one method, `estimate(model, records)`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators.batch import Batch
 from rotorid.estimators.knowledge import Constraint
@@ -21,6 +22,7 @@ __all__ = [
     "MaximumLikelihood",
     "Plan",
     "Sequential",
+    "by_name",
     "predict_accuracy",
 ]
 
@@ -31,3 +33,21 @@ class Estimator(Protocol):
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return what the records say of the model's parameters."""
         ...
+
+
+METHODS: dict[str, Callable[[], Estimator]] = {
+    "ls": LeastSquares,
+    "batch": Batch,
+    "sequential": Sequential,
+    "ml": MaximumLikelihood,
+}
+"""The methods by the names that files and results have for them."""
+
+
+def by_name(method: str) -> Estimator:
+    """Return an estimator with its default settings by the name of its method."""
+    if method not in METHODS:
+        raise InputError(
+            f"the method {method!r}", f"one of {', '.join(METHODS)}", "name one of these methods"
+        )
+    return METHODS[method]()

@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.estimators import gate
 from rotorid.estimators.knowledge import Constraint, Elimination, eliminate
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.summary import describe_open_directions, summarize
@@ -23,6 +24,9 @@ from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
+
+LEAST_PERIODS = 4
+"""Periods of half a record from which its halves are held against each other."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ class Problem:
         ]
         opened = describe_open_directions(self.names, solution.undetermined)
         cures = ["fix one of them, excite more lines, or measure more"] if opened else []
-        return summarize(
+        estimate = summarize(
             method,
             self.full,
             self.fixed,
@@ -117,6 +121,36 @@ class Problem:
             solution.condition_number,
             [*self.full.unit_faults, *unreached, *opened, *cures],
         )
+        verdict = gate.physical(self.full, estimate)
+        verdict += gate.prediction(estimate, self._noise(spreads))
+        spread = np.sqrt(np.diag(free).clip(0))
+        verdict += gate.agreement(self.names, self._halves(solution, determined), spread)
+        return gate.passed(estimate, verdict)
+
+    def _noise(self, spreads: Sequence[Complexes]) -> dict[str, float]:
+        """Return the share of each input that the scatter of the residual explains."""
+        inverse = np.linalg.pinv(self.model.input_matrix)
+        noise, size = np.zeros(len(self.model.inputs)), np.zeros(len(self.model.inputs))
+        for regression, spread in zip(self.regressions, spreads, strict=True):
+            weight = regression.record.multiplicity
+            each = np.einsum("ir,krs,is->ki", inverse, spread.real, inverse)
+            noise += weight @ each
+            size += weight @ np.abs(regression.inputs.mean(axis=0)) ** 2
+        share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
+        return dict(zip(self.model.inputs, share.tolist(), strict=True))
+
+    def _halves(self, solution: Solution, base: Floats) -> Floats:
+        """Return how the answers of the first and of the last periods differ from that of all."""
+        halves = np.zeros((2, len(self.names)))
+        for gain, regression in zip(solution.gains, self.regressions, strict=True):
+            residual = regression.period_residual(base)
+            middle = len(residual) // 2
+            if middle < LEAST_PERIODS:
+                continue
+            for half, part in enumerate((residual[:middle], residual[middle:])):
+                change = part.mean(axis=0) - residual.mean(axis=0)
+                halves[half] -= np.einsum("fkr,kr->f", gain, change).real
+        return halves
 
 
 def pose(

@@ -8,12 +8,14 @@ from typing import Literal
 
 from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
+from rotorid.estimators import gate
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
 from rotorid.estimators.likelihood.unknowns import linear_form
+from rotorid.estimators.likelihood.verdict import block_scatter, verdict
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 
@@ -122,4 +124,7 @@ class MaximumLikelihood:
             )
         except NotConvergedError as error:
             return nothing_found(model, bound, self.fixed, str(error))
-        return summarize(model, found)
+        estimate = summarize(model, found)
+        judged = gate.passed(estimate, verdict(model, estimate, found))
+        scatter = block_scatter(found) if judged.status == "rejected" else None
+        return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))

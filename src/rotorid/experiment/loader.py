@@ -83,21 +83,8 @@ class Experiment:
         ]
 
     def method(self, method: Method | None = None) -> Method:
-        """Return the method to use: the one given, the file's, or what the records allow.
-
-        Raises
-        ------
-        InputError
-            As `records`, where the records have to be read to tell.
-        """
-        return method or self.entry.estimator.method or self._default
-
-    @cached_property
-    def _default(self) -> Method:
-        """Maximum likelihood where model and periods allow it, else batch."""
-        if self.model.linear is None:
-            return "batch"
-        return default_method(self.model, self._likelihood_records)
+        """Return the method to use: the one given, the file's, or what the model allows."""
+        return method or self.entry.estimator.method or default_method(self.model)
 
     @cached_property
     def _likelihood_records(self) -> list[PeriodicRecord | Lines]:

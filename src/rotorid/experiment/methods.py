@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rotorid.errors import InputError
 from rotorid.estimators import (
     Batch,
@@ -15,9 +13,7 @@ from rotorid.estimators import (
 )
 from rotorid.experiment.names import bounds, stated
 from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
-from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
 
 
 def build_estimator(
@@ -56,19 +52,9 @@ def _maximum_likelihood(
     )
 
 
-def default_method(model: Model, records: Sequence[PeriodicRecord | Lines]) -> Method:
-    """Return ml where the model is linear and every record has periods enough, else batch.
-
-    Enough are those that give the covariance of the equations of a line twice as many degrees of
-    freedom as it has rows, of which there is one for each sensor.
-    """
-    if model.linear is None:
-        return "batch"
-    for record in records:
-        sensors = sum(channel.name not in model.inputs for channel in record.channels)
-        if isinstance(record, PeriodicRecord) and record.periods - 1 < 2 * sensors:
-            return "batch"
-    return "ml"
+def default_method(model: Model) -> Method:
+    """Return ml where the model is linear in its coordinates, else batch."""
+    return "batch" if model.linear is None else "ml"
 
 
 def _uncertain(entry: ChannelEntry) -> bool:

@@ -229,8 +229,8 @@ class Evaluation:
         ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
         unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
         columns = transient.columns(self._white(self._projected(unit)))
-        self.ends = Ends.of(self._stack(columns))
-        tau = self.ends.tau(self._stack(whitened))
+        self.ends = Ends.of(self.stacked(columns))
+        tau = self.ends.tau(self.stacked(whitened))
         moved = rows.copy()
         added = transient.rows(tau, self.problem.rows)
         moved[:, : self.problem.rows] += added
@@ -289,7 +289,7 @@ class Evaluation:
     @property
     def affine_jacobian(self) -> Floats:
         """Jacobian by the affine unknowns, shape (line * 2 * equation, affine unknown)."""
-        return self._stack(self._whitened_moves)
+        return self.stacked(self._whitened_moves)
 
     def shift(self, change: Floats) -> None:
         """Move the affine unknowns; nothing but s moves, and linearly."""
@@ -326,9 +326,10 @@ class Evaluation:
     @property
     def residual(self) -> Floats:
         """The real residual, shape (line * 2 * equation,); J is its squared length."""
-        return self._stack(self.whitened[:, :, None])[:, 0]
+        return self.stacked(self.whitened[:, :, None])[:, 0]
 
-    def _stack(self, whitened: Complexes) -> Floats:
+    def stacked(self, whitened: Complexes) -> Floats:
+        """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""
         parts = self.problem._parts
         stacked = np.concatenate(
             [whitened.real * parts[:, :1, None], whitened.imag * parts[:, 1:, None]], axis=1
@@ -392,7 +393,7 @@ class Evaluation:
 
     def whiten(self, rows: Complexes) -> Floats:
         """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
-        whitened = self._stack(self._white(self._projected(rows)))
+        whitened = self.stacked(self._white(self._projected(rows)))
         return whitened if self.ends is None else self.ends.rest(whitened)
 
     def jacobian(self) -> Floats:

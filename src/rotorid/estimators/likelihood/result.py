@@ -198,7 +198,8 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
     if p_value < REJECTED:
         found.append(
             f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "
-            f"(p = {p_value:.1g}); see the suspects; std_inflated allows for the misfit"
+            f"(p = {p_value:.1g}); see the suspects; until the cause is "
+            "found neither std nor std_inflated covers the error"
         )
     elif p_value < DOUBTFUL:
         found.append(

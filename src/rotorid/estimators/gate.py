@@ -1,0 +1,230 @@
+"""The gate that every estimate passes: can it be a machine, and does the record agree with itself.
+
+An answer is turned away (``rejected``) where it is no machine (a negative mass, a polar inertia
+above the sum of the transverse ones, a negative value of what the model calls positive), where it
+does not predict its own record, and where blocks of the record contradict one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorid.estimate import Estimate, Value
+from rotorid.models import Model
+from rotorid.models.expression import symbol
+from rotorid.models.linear import LinearForm
+from rotorid.record import Floats
+
+SURE = 3.0
+"""Deviations by which a value is beyond what a machine can have before it is turned away: nearer,
+noise alone may have put it there, and a warning says so."""
+UNPREDICTED = 0.5
+"""Relative error of a prediction, beyond its noise, that turns an answer away: three quarters of
+the power of a force are then explained at most."""
+APART = 6.0
+"""Deviations by which halves of a record may differ: over a hundred parameters chance reaches 4,
+and deviations from a dozen periods are themselves a fifth off."""
+ROUNDING = 1e-9
+"""Share of its terms below which a balance of inertias is rounding."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the gate says: reasons to turn an estimate away, and mere doubts."""
+
+    faults: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def __add__(self, other: Verdict) -> Verdict:
+        return Verdict(self.faults + other.faults, self.doubts + other.doubts)
+
+
+def passed(estimate: Estimate, verdict: Verdict) -> Estimate:
+    """Return an estimate as the gate leaves it; an answer that was none before stays none."""
+    told = (*verdict.faults, *verdict.doubts)
+    status = estimate.status
+    if verdict.faults and status == "ok":
+        status = "rejected"
+    new = tuple(text for text in told if text not in estimate.warnings)
+    return replace(estimate, status=status, warnings=(*new, *estimate.warnings))
+
+
+def _judge(name: str, size: float, std: float, text: str) -> Verdict:
+    """Judge a quantity that should not be negative: `size` below zero, by `std`."""
+    if size >= 0:
+        return Verdict()
+    if size < -SURE * std:
+        return Verdict(
+            faults=(
+                f"{text}: no machine has that; see the suspects and the signs, "
+                f"units and columns of the channels beside {name}",
+            )
+        )
+    return Verdict(
+        doubts=(f"{text}, though within {SURE:g} deviations of what a machine can have",)
+    )
+
+
+def _sure(verdict: Verdict) -> Verdict:
+    """Leave out doubts: of a balance of inertias noise says nothing that a user could act on."""
+    return Verdict(verdict.faults)
+
+
+def physical(model: Model, estimate: Estimate) -> Verdict:
+    """Judge whether the values of an estimate can be a machine's."""
+    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
+    free = [v for v in estimate.parameters if not v.fixed]
+    if not all(np.isfinite([v.value, v.std if v.std is not None else 0.0]).all() for v in free):
+        return Verdict()
+    total = _signs(model, (*estimate.parameters, *estimate.derived))
+    reduced = model.substitute(fixed)
+    found = _base(reduced, free, estimate.covariance)
+    if found is None:
+        return total
+    base, covariance = found
+    total += _positive_sums(reduced, base, covariance)
+    if reduced.linear is not None and not _negative(total):
+        total += _inertia(reduced, reduced.linear, base, covariance)
+    return total
+
+
+def _negative(verdict: Verdict) -> bool:
+    """Tell whether something was said already: one reason is enough."""
+    return bool(verdict.faults)
+
+
+def _signs(model: Model, values: Sequence[Value]) -> Verdict:
+    """Judge parameters that the model declares positive."""
+    positive = {p.name for p in model.parameters if p.positive}
+    total = Verdict()
+    for v in {v.name: v for v in reversed(values)}.values():
+        if v.name in positive and np.isfinite(v.value) and not v.fixed:
+            text = f"{v.name} = {v.value:.6g} {v.unit}, which the model declares positive"
+            size = v.value if v.value else -1e-300
+            total += _judge(v.name, size, float(v.std or 0.0), text)
+    return total
+
+
+def _base(
+    reduced: Model, free: Sequence[Value], covariance: Floats
+) -> tuple[Floats, Floats] | None:
+    """Return base parameters and their covariance, from physical or base ones."""
+    found: Mapping[str, float] = {v.name: v.value for v in free}
+    count = len(free)
+    if len(covariance) < count:
+        return None
+    own = np.nan_to_num(covariance[:count, :count])
+    names = [v.name for v in free]
+    if {*reduced.parameter_names} == {*names}:
+        order = [names.index(name) for name in reduced.parameter_names]
+        values = np.array([found[name] for name in reduced.parameter_names])
+        slopes = reduced.base_jacobian(values)
+        return reduced.base_values(values), slopes @ own[np.ix_(order, order)] @ slopes.T
+    if {*reduced.base.names} == {*names}:
+        order = [names.index(name) for name in reduced.base.names]
+        return np.array([found[n] for n in reduced.base.names]), own[np.ix_(order, order)]
+    return None
+
+
+def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Verdict:
+    """Judge base parameters that are sums of products of positive parameters."""
+    positive = np.array([p.positive for p in reduced.parameters], dtype=bool)
+    total = Verdict()
+    for index, (name, unit) in enumerate(zip(reduced.base.names, reduced.base.units, strict=True)):
+        gathered = np.asarray(reduced.base.gather[index])
+        used = reduced.monomials[gathered != 0]
+        if (gathered >= 0).all() and (used[:, ~positive] == 0).all():
+            text = f"{name} = {base[index]:.6g} {unit}, a sum of positive parameters"
+            std = float(np.sqrt(max(covariance[index, index], 0.0)))
+            total += _judge(name, float(base[index]) or -1e-300, std, text)
+    return total
+
+
+def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
+    """Return M and G by base parameter, shape (base, row, coordinate)."""
+    kept = {monomial: b for b, monomial in enumerate(reduced.base.kept)}
+    shape = (len(reduced.base.names), linear.rows, linear.coordinates)
+    mass, gyroscopic = np.zeros(shape), np.zeros(shape)
+    for term in linear.stiffness:
+        if term.monomial not in kept:
+            continue
+        where = (kept[term.monomial], term.row, term.column)
+        if term.order == 2 and not term.factor.free_symbols:
+            mass[where] += term.coefficient * float(term.factor)
+        elif term.order == 1 and term.factor == symbol("Omega"):
+            gyroscopic[where] += term.coefficient
+    return mass, gyroscopic
+
+
+def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Floats) -> Verdict:
+    """Judge M, which is positive, and G, which no polar inertia makes larger than M allows."""
+    mass, gyroscopic = _parts(reduced, linear)
+    whole = np.tensordot(base, mass, 1)
+    if linear.rows != linear.coordinates or not whole.any():
+        return Verdict()
+    if np.abs(whole - whole.T).max() > ROUNDING * np.abs(whole).max():
+        return Verdict()  # rows in another order than coordinates, or scaled: no energy to see
+    scale = np.sqrt(np.abs(np.diag(whole)))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
+    lowest = vectors[:, 0] / scale
+    total = Verdict()
+    if values[0] < -ROUNDING:
+        slopes = np.einsum("i,bij,j->b", lowest, mass, lowest)
+        std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+        where = reduced.coordinates[int(np.abs(vectors[:, 0]).argmax())]
+        total += _sure(_judge(where, float(values[0]), std, f"a negative inertia of {where}"))
+    turning = np.tensordot(base, gyroscopic, 1)
+    for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
+        sign = np.sign(turning[i, j] - turning[j, i])
+        slopes = (
+            mass[:, i, i] + mass[:, j, j] - sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
+        )
+        size, terms = float(slopes @ base), float(np.abs(slopes * base).sum())
+        if size < -ROUNDING * terms:
+            std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+            a, b = reduced.coordinates[i], reduced.coordinates[j]
+            polar = abs(turning[i, j] - turning[j, i]) / 2
+            text = (
+                f"a polar inertia of {polar:.4g} about {a}, {b}, above the sum of the transverse "
+                f"ones, {whole[i, i] + whole[j, j]:.4g}"
+            )
+            total += _sure(_judge(f"{a} and {b}", size, std, text))
+    return total
+
+
+def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Verdict:
+    """Judge how an answer predicts its own record; `noise` is the share that noise explains."""
+    total = Verdict()
+    for name, found in estimate.prediction.items():
+        if found is None:
+            continue
+        explained = float(np.hypot(UNPREDICTED, 2 * noise.get(name, 0.0)))
+        if found.relative_error > explained:
+            total += Verdict(
+                faults=(
+                    f"{name} is predicted with an error of {100 * found.relative_error:.3g} %, of "
+                    f"which noise explains {100 * noise.get(name, 0.0):.3g} %: the equations do "
+                    "not describe this record; check columns, units, signs and the period",
+                )
+            )
+    return total
+
+
+def agreement(names: Sequence[str], halves: Floats, std: Floats) -> Verdict:
+    """Judge whether halves of the record agree; `halves` (half, parameter) are deviations."""
+    known = std > 0
+    apart = np.abs(halves[0] - halves[1])[known] / (2 * std[known])
+    if not apart.size or not np.isfinite(apart).all() or apart.max() <= APART:
+        return Verdict()
+    worst = np.flatnonzero(known)[int(apart.argmax())]
+    return Verdict(
+        faults=(
+            f"the halves of the record differ by {apart.max():.3g} deviations in {names[worst]}: "
+            "something changed while it was taken; look for settling, drift or a knock "
+            "(rotorid inspect), or identify the halves apart",
+        )
+    )

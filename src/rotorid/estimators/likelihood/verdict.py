@@ -1,0 +1,100 @@
+"""What maximum likelihood makes of its own answer, beside the misfit: the gate, in its terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rotorid.estimate import Estimate
+from rotorid.estimators import gate
+from rotorid.estimators.gate import Verdict
+from rotorid.estimators.likelihood.fit import Fit
+from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
+from rotorid.models import Model
+from rotorid.observation import Observation
+
+TOO_GOOD = 1e-6
+"""Chance of a cost this low below which the noise was taken for more than it is."""
+POWER = 12
+"""Periods per sensor below which, in closed loop, the misfit test has no power: J / E[J] is .37
+there for a right model, since what carries over between periods cancels in the mean."""
+CLOSED = 0.1
+"""Mean coherence between the noise of inputs and sensors, beyond that of chance, that shows a
+closed loop (a levitated rotor has .4)."""
+BLOCKS = 8
+"""Parts of a record whose scatter is told beside the stated deviations."""
+
+
+def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
+    """Judge an answer: as a machine, against its halves, and where its cost is too good."""
+    total = gate.physical(model, estimate)
+    free, std = _free(fit)
+    if estimate.status in ("ok", "rejected"):
+        halves = answers_of_parts(fit.solution.point, fit.records, 2)
+        if halves is not None:
+            total += gate.agreement(free, halves, std)
+    return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit))))
+
+
+def _free(fit: Fit) -> tuple[list[str], np.ndarray]:
+    """Return names and deviations of the free unknowns."""
+    layout = fit.prepared.layout
+    names = [layout.unknowns[i].name for i in layout.free]
+    return names, np.sqrt(np.diag(fit.inference.covariance).clip(0))
+
+
+def _too_good(fit: Fit) -> Iterator[str]:
+    cost, expectation = fit.solution.point.cost, fit.inference.expectation
+    if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
+        yield (
+            f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
+            "chance: the scatter that was taken for noise holds more than noise (settling, drift, "
+            "motion that carries over between periods), and deviations are too wide; skip more, "
+            "record longer, or look at the record with rotorid inspect"
+        )
+
+
+def _few_periods(fit: Fit) -> Iterator[str]:
+    for record in fit.records:
+        periods, sensors = record.lines.periods, len(record.sensors)
+        white = record.lines.covariance.kind == "white"
+        if record.lines.scatter is None or not white or periods >= POWER * sensors:
+            continue
+        if _coherence(record) > CLOSED:
+            yield (
+                f"{periods} periods for {sensors} sensors in closed loop: below {POWER * sensors} "
+                "the misfit hardly tells a wrong model from a right one, and deviations are too "
+                "wide; record more periods"
+            )
+
+
+def _coherence(record: Observation) -> float:
+    """Return the mean coherence of the noise of inputs and sensors, less that of chance."""
+    matrices = record.lines.covariance.matrices
+    inputs, sensors = list(record.input_columns), [s.column for s in record.sensors]
+    power = np.einsum("kii->ki", matrices).real
+    cross = np.abs(matrices[:, inputs][:, :, sensors]) ** 2
+    whole = power[:, inputs][:, :, None] * power[:, sensors][:, None, :]
+    if not (whole > 0).any():
+        return 0.0
+    found = float((cross[whole > 0] / whole[whole > 0]).mean())
+    return found - 1 / max(record.lines.covariance.dof, 1)
+
+
+def block_scatter(fit: Fit) -> str | None:
+    """Say how much the answers of blocks of the record scatter, against the stated deviations."""
+    most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
+    parts = min(BLOCKS, most)
+    answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None
+    if answers is None:
+        return None
+    _, std = _free(fit)
+    ratio = (answers.std(axis=0, ddof=1) / np.sqrt(parts))[std > 0] / std[std > 0]
+    if not ratio.size:
+        return None
+    return (
+        f"between {parts} blocks of the record the answers scatter by {ratio.min():.2g} to "
+        f"{ratio.max():.2g} times the stated deviations: that is how well this record repeats "
+        "itself, not how right the model is"
+    )
