@@ -43,8 +43,17 @@ def test_three_deviations_turn_it_away():
         assert not found.doubts
     for std, faults in ((1 / 2.9, 0), (1 / 3.1, 1)):
         found = gate.physical(RIGID, rigid_estimate(std=std, m=-1.0))
-        assert (f"m = -1" in " ".join(found.faults)) == bool(faults)
-        assert (f"m = -1" in " ".join(found.doubts)) == (not faults)
+        assert ("m = -1" in " ".join(found.faults)) == bool(faults)
+        assert ("m = -1" in " ".join(found.doubts)) == (not faults)
+
+
+def test_what_is_fixed_counts_in_the_balance():
+    known = rigid_estimate()
+    fixed = tuple(replace(v, fixed=v.name == "I_t", std=0.0) for v in known.parameters)
+    smaller = replace(known, parameters=fixed, covariance=1e-8 * np.eye(8))
+    assert gate.physical(RIGID, smaller) == gate.Verdict()
+    heavy = tuple(replace(v, value=1.0) if v.name == "I_p" else v for v in fixed)
+    assert gate.physical(RIGID, replace(smaller, parameters=heavy)).faults
 
 
 @pytest.mark.parametrize("name", ["m", "I_t"])

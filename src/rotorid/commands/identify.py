@@ -14,7 +14,6 @@ from rotorid.estimate import Provenance, SourceFile
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
 from rotorid.io.output import check_apart
-from rotorid.record import PeriodicRecord
 
 
 def run(

@@ -144,9 +144,11 @@ def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Verdict:
 
 
 def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
-    """Return M and G by base parameter, shape (base, row, coordinate)."""
+    """Return M and G by base parameter, (base + 1, row, coordinate); the last part is known."""
+    count = len(reduced.base.names)
     kept = {monomial: b for b, monomial in enumerate(reduced.base.kept)}
-    shape = (len(reduced.base.names), linear.rows, linear.coordinates)
+    kept |= {int(k): count for k in np.flatnonzero(~reduced.monomials.any(axis=1))}
+    shape = (count + 1, linear.rows, linear.coordinates)
     mass, gyroscopic = np.zeros(shape), np.zeros(shape)
     for term in linear.stiffness:
         if term.monomial not in kept:
@@ -162,6 +164,7 @@ def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
 def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Floats) -> Verdict:
     """Judge M, which is positive, and G, which no polar inertia makes larger than M allows."""
     mass, gyroscopic = _parts(reduced, linear)
+    base, covariance = np.append(base, 1.0), np.pad(covariance, (0, 1))
     whole = np.tensordot(base, mass, 1)
     if linear.rows != linear.coordinates or not whole.any():
         return Verdict()

@@ -99,7 +99,7 @@ def test_force_slope_of_each_input(levitated):
         fixed={"L1": 0.3}, runout=True, gains=("ki", "ks*"), constraints=(total,)
     )
     estimate = identify(model, records, estimator)
-    assert estimate.status == "ok"
+    assert estimate.status == "ok", estimate.warnings
     each = {f"ks[{name}]": truth["ks"] for name in model.inputs}
     assert_agrees(estimate, {**truth, **each})
     assert estimate["ki[F_x1]"].unit == "N/A"

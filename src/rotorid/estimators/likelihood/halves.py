@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.estimators.likelihood.cost import Evaluation
+from rotorid.estimators.likelihood.inference import along_relations
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.tangent import RANK
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
 
@@ -28,11 +30,9 @@ def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -
     ]
     relations = np.zeros((len(point.known), parts))
     changes = np.concatenate([*columns, relations])
-    jacobian = point.jacobian
-    size = np.sqrt((jacobian**2).sum(axis=0))
-    scale = 1 / np.where(size > 0, size, 1.0)
-    solved = np.linalg.lstsq(jacobian * scale, changes, rcond=1e-9)[0]
-    return np.asarray(-(scale[:, None] * solved).T)
+    jacobian, scale, basis = along_relations(point, point.problem.exact)
+    solved = np.linalg.lstsq(jacobian, changes, rcond=RANK)[0]
+    return np.asarray(-(scale[:, None] * (basis @ solved)).T)
 
 
 def _changes(record: Observation, at: Evaluation, parts: int) -> Floats:

@@ -113,7 +113,7 @@ def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
     return [*sums, per_row[first:]]
 
 
-def _scaled(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
+def along_relations(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
     """Return the scaled Jacobian along the exact relations, the scale and the basis."""
     free = point.problem.layout.free
     jacobian = point.jacobian
@@ -142,12 +142,12 @@ def _of_ends(point: Point) -> Floats:
 
 def projected_jacobian(point: Point) -> Floats:
     """Return the scaled Jacobian of the residual, exact relations eliminated."""
-    return _scaled(point, point.problem.exact)[0]
+    return along_relations(point, point.problem.exact)[0]
 
 
 def infer(point: Point, exact: Relations) -> Inference:
     """Return covariance, null space and expected cost at a minimum."""
-    scaled, scale, basis = _scaled(point, exact)
+    scaled, scale, basis = along_relations(point, exact)
     left, values, right = np.linalg.svd(scaled, full_matrices=False)
     kept = values > RANK * values.max(initial=0.0)
     taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)
