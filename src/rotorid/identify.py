@@ -78,12 +78,12 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
 
 
 def _checks(data: Data) -> tuple[Check, ...]:
-    """Return what the data show before any model: of the samples, then of the periods."""
+    """Return what the data show before any model; lines made by hand are looked at here."""
     held = data.lines if isinstance(data, Observation) else data
     periods = data.periodic if isinstance(data, Observation) else data
-    if not isinstance(periods, PeriodicRecord):
+    if held.checks or not isinstance(periods, PeriodicRecord):
         return held.checks
-    return tuple(dict.fromkeys((*held.checks, *check_periods(periods))))
+    return check_periods(periods)
 
 
 def _source(data: Data) -> str:
