@@ -264,7 +264,7 @@ def _eddy(rig: Rig, size: float) -> Rig:
     return _actuators(rig, lambda part: replace(part, eddy=size))
 
 
-@_fault("10 mA", "rejected", "hysteresis", "nonlinear", "ki", "delay[force]")
+@_fault("10 mA", "rejected", "hysteresis", "nonlinear", "force law")
 def _hysteresis(rig: Rig, size: float) -> Rig:
     """Iron with a loop of half this width."""
     return _actuators(rig, lambda part: replace(part, hysteresis=size))
@@ -446,7 +446,7 @@ def _sensor_gain(rig: Rig, size: float) -> Rig:
     return _sensors(rig, scaled)
 
 
-@_fault("0.05", "rejected", "nonlinear", "gain[", rig="rigid")
+@_fault("0.05", "rejected", "nonlinear", "gain[s", rig="rigid")
 def _sensor_bend(rig: Rig, size: float) -> Rig:
     """Sensors that read too much by this part at 50 um, as the cube."""
     return _sensors(rig, lambda s, _: replace(s, cubic=size / 50e-6**2))
@@ -458,7 +458,7 @@ def _gain_drift(rig: Rig, size: float) -> Rig:
     return _sensors(rig, lambda s, _: replace(s, heating=size))
 
 
-@_fault("0.02", "rejected", "cross", "rotation", "gain[")
+@_fault("0.02", "rejected", "cross", "rotation")
 def _cross_talk(rig: Rig, size: float) -> Rig:
     """Each sensor reads this part of the other axis's one."""
     by_name = {sensor.name: sensor for sensor in rig.sensors}
