@@ -133,6 +133,8 @@ class Lines:
         ``None`` where the record repeats itself.
     phase_known : bool
         False where the rotor angle is known up to a constant only.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
     source : str
         For messages.
     warnings : sequence of str
@@ -150,6 +152,7 @@ class Lines:
     scatter: Complexes | None = None
     transient: int | None = None
     phase_known: bool = True
+    phase_std: float = 0.0
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Check, ...] = ()
@@ -167,6 +170,7 @@ class Lines:
             clock=PeriodicClock(record.time, record.angle, record.speed, record.harmonics),
             scatter=record.spectra,
             phase_known=record.phase_known,
+            phase_std=record.phase_std,
             source=record.source,
             warnings=record.warnings,
             checks=record.checks,
@@ -194,6 +198,7 @@ class Lines:
             speed=np.full(len(self.frequency), speed),
             clock=self.clock.at_speed(speed),
             phase_known=True,
+            phase_std=0.0,
         )
 
     def with_channel(self, channel: Channel, variance: Floats) -> Lines:

@@ -9,7 +9,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Prediction
 from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.nuisances import every_nuisance
+from rotorid.estimators.likelihood.nuisances import Turn, every_nuisance
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.prediction import Predicted, by_likelihood, by_regression, relative_errors
@@ -102,8 +102,11 @@ def _at_estimate(model: Model, estimate: Estimate, records: Sequence[Observation
                 file=record.lines.source,
             )
     base = not {*model.parameter_names} <= values.keys()
+    # The phase of a record is its own, and says nothing of another's.
     nuisances = [
-        n for n in every_nuisance(records) if {u.name for u in n.unknowns} <= values.keys()
+        n
+        for n in every_nuisance(records)
+        if {u.name for u in n.unknowns} <= values.keys() and not isinstance(n, Turn)
     ]
     held = {v.name: v.value for v in estimate.parameters if v.fixed}
     known = {v.name for v in estimate.parameters} | {u.name for n in nuisances for u in n.unknowns}

@@ -174,6 +174,8 @@ class Record:
         Rotor angle phi in rad at each sample; ``None`` means ``speed * t``.
     phase_known : bool
         False where the angle is known up to a constant only.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
     source : str
         Where the samples come from, for messages.
     valid : bool array, shape (sample,), optional
@@ -201,6 +203,7 @@ class Record:
     speed: float = 0.0
     angle: Floats | None = None
     phase_known: bool = True
+    phase_std: float = 0.0
     source: str = ""
     valid: Booleans | None = None
     warnings: tuple[str, ...] = ()
@@ -297,6 +300,8 @@ class PeriodicRecord:
         What the samples showed before they were averaged.
     phase_known : bool
         Whether phi is the rotor's own angle, or starts anywhere.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
     source : str
         The file, for messages.
     warnings : sequence of str
@@ -313,6 +318,7 @@ class PeriodicRecord:
     time: Floats
     angle: Floats
     phase_known: bool = True
+    phase_std: float = 0.0
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Check, ...] = field(default=())

@@ -153,6 +153,7 @@ def spectra(
         clock=WholeClock(time[used], angle, speed, kept),
         transient=TRANSIENT,
         phase_known=record.phase_known,
+        phase_std=record.phase_std,
         source=record.source,
         warnings=told,
     )

@@ -134,6 +134,7 @@ def forces(
         speed=record.speed,
         angle=record.angle,
         phase_known=record.phase_known,
+        phase_std=record.phase_std,
         source=record.source,
         valid=record.valid,
         warnings=record.warnings,

@@ -296,6 +296,7 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
         samples=np.delete(record.samples, index, axis=1),
         speed=turned.speed,
         angle=turned.angle,
+        phase_std=turned.angle_std,
     )
 
 

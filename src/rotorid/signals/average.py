@@ -94,6 +94,7 @@ def average(
         time=_times(record, used).reshape(periods, size)[kept],
         angle=record.rotor_angle()[used].reshape(periods, size)[kept],
         phase_known=record.phase_known,
+        phase_std=record.phase_std,
         source=record.source,
         warnings=warnings,
     )

@@ -237,3 +237,18 @@ def test_refuses_channels_that_fit_nothing(demo, bearings):
     blind = replace(clean, channels=clean.channels[:4], spectra=clean.spectra[:, :, :4])
     with pytest.raises(InputError, match="no sensor of any coordinate"):
         identify(demo.model, blind, estimator)
+
+
+def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, bearings):
+    """A phase known to 0.02 rad: the amplitude keeps its deviation, the direction takes it over."""
+    rng = np.random.default_rng(41)
+    record = demo.noisy(demo.record(bearings, phase=0.0), rng)
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    exact = identify(demo.model, record, estimator)
+    open_ = identify(demo.model, replace(record, phase_std=0.02), estimator)
+    assert [v.name for v in open_.nuisance] == ["phase[0]"]
+    assert open_.std("phase[0]") == pytest.approx(0.02, rel=0.01)
+    xi, zeta = demo.truth["xi"], demo.truth["zeta"]
+    assert open_.std("xi") == pytest.approx(np.hypot(exact.std("xi"), 0.02 * zeta), rel=0.02)
+    assert open_.std("zeta") == pytest.approx(np.hypot(exact.std("zeta"), 0.02 * xi), rel=0.02)
+    assert open_.std("m2") == pytest.approx(exact.std("m2"), rel=1e-6)

@@ -114,7 +114,7 @@ class Plan:
             time,
             self.speed * time,
             self.phase_known,
-            "plan",
+            source="plan",
         )
 
     def covariance(self, record: PeriodicRecord) -> LineCovariance:
