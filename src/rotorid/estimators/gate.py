@@ -49,7 +49,9 @@ def passed(estimate: Estimate, verdict: Verdict) -> Estimate:
     if verdict.faults and status == "ok":
         status = "rejected"
     new = tuple(text for text in told if text not in estimate.warnings)
-    return replace(estimate, status=status, warnings=(*new, *estimate.warnings))
+    lead = len(estimate.suspects) > 0  # its sentence says what to do, and stays first
+    warnings = (*estimate.warnings[:lead], *new, *estimate.warnings[lead:])
+    return replace(estimate, status=status, warnings=warnings)
 
 
 def _judge(name: str, size: float, std: float, text: str) -> Verdict:

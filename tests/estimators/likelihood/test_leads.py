@@ -89,6 +89,56 @@ def test_a_known_value(demo, record):
     assert identify(demo.model, record, known).suspects[0].term == "prior L1"
 
 
+def test_a_sensor_beside_its_plane(demo, record):
+    """It reads 5 mm of theta_y besides; the model says nothing of it."""
+
+    def change(spectra, names):
+        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == ("plane[x1]", "m")
+    assert first.value == pytest.approx(0.005, rel=0.05)
+
+
+def test_axes_that_are_turned(demo, record):
+    def change(spectra, names):
+        i, j = names.index("x1"), names.index("y1")
+        x, y = spectra[:, :, i].copy(), spectra[:, :, j].copy()
+        spectra[:, :, i], spectra[:, :, j] = x + 0.01 * y, y - 0.01 * x
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    assert estimate.suspects[0].term == "rotation[x1, y1]"
+    assert estimate.suspects[0].value == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_load_where_the_model_has_none(demo, record):
+    """20 g mm of unbalance on the first mass."""
+    size = 2e-5 * record.speed**2 / 2
+    once = list(record.harmonics).index(7)
+
+    def change(spectra, names):
+        spectra[:, once, names.index("F_x1")] -= size
+        spectra[:, once, names.index("F_y1")] -= -1j * size
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert first.term in ("load at x1, y1", "load at x1", "load at y1")
+    assert first.value == pytest.approx(2e-5, rel=0.05)
+
+
+def test_nothing_explains_noise_in_the_wrong_place(demo, record):
+    """Errors at random on every line and channel: where no suspect explains a fifth, it says so."""
+    rng = np.random.default_rng(8)
+    shape = record.spectra.shape[1:]
+    wrong = 1 + 0.02 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    changed = replace(record, spectra=record.spectra * wrong)
+    estimate = identify(demo.model, changed, MaximumLikelihood())
+    assert estimate.status != "ok"
+    told = estimate.suspects[0].share > suspects.EXPLAINS
+    assert ("none of the" in estimate.warnings[0]) != told
+
+
 def test_what_undoes_a_mistake_undoes_it(demo, record):
     seen = bind(demo.model, record)
     twice = leads.exchanged(leads.exchanged(seen, [("x1", "y2")]), [("x1", "y2")])
@@ -134,5 +184,6 @@ def test_constants():
     assert refits.STEPS == 6
     assert refits.SHORTER == (1.0, 0.3, 0.1)
     assert (suspects.KEPT, suspects.FIRST, suspects.REFITTED, suspects.SCREENED) == (12, 3, 8, 5)
+    assert suspects.TURNS == 5
     assert (suspects.GROSS, suspects.STANDS_OUT) == (3.0, 1e-2)
     assert (suspects.ALIKE, suspects.EXPLAINS) == (15.0, 0.2)

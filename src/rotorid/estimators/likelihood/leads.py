@@ -163,12 +163,12 @@ def unit(names: Sequence[str], label: str, gain: float) -> Lead:
 
 def factor_name(gain: float) -> str:
     """Say which unit was mistaken where a gain is that of one, and whether it is upside down."""
-    snapped = snap(gain)
-    if snapped is None:
-        return ""
-    turned = ", upside down" if gain < 0 else ""
-    names = [n for n, f in FACTORS.items() if _close(abs(gain), f) or _close(abs(gain), 1 / f)]
-    return f" ({names[0] if names else 'the right unit'}{turned})"
+    size, told = abs(gain), []
+    if snap(gain) is not None and not _close(size, 1.0):
+        told += [n for n, f in FACTORS.items() if _close(size, f) or _close(size, 1 / f)][:1]
+    if gain < 0:
+        told.append("upside down")
+    return f" ({', '.join(told)})" if told else ""
 
 
 def snap(gain: float) -> float | None:
@@ -199,6 +199,17 @@ def like_groups(record: Observation) -> list[list[str]]:
 
 def _unit(record: Observation, sensor: Sensor) -> str:
     return record.model.units[record.model.coordinates[sensor.terms[0].coordinate]]
+
+
+def factor_groups(record: Observation) -> dict[str, list[str]]:
+    """Return what may have a factor of its own: each channel, the inputs, the sensors of a unit."""
+    groups = like_groups(record)
+    found = {name: [name] for group in groups for name in group}
+    inputs = [channel.name for channel in record.inputs]
+    for group in groups:
+        if len(group) > 1:
+            found["force" if group[0] in inputs else f"{group[0]} ... {group[-1]}"] = group
+    return found
 
 
 def typical_factors(record: Observation) -> dict[str, float]:
@@ -263,7 +274,7 @@ def discrete_leads(
     pairs = planes(record, structure)
     single, several = _swaps(record, pairs)
     signs = [sign([name]) for group in like_groups(record) for name in group]
-    return [*single, *signs, *_speeds(records, speeds)], [
+    return [*single, *signs, *_speeds(records, speeds), *_positions(record)], [
         *several,
         *_signs(record, pairs),
         *_units(record),
@@ -297,6 +308,35 @@ def _signs(record: Observation, pairs: Sequence[tuple[str, str]]) -> list[Lead]:
     return found
 
 
+def _positions(record: Observation) -> list[Lead]:
+    """Return another displacement in the force law of each input that holds a current."""
+    found = []
+    for channel in record.inputs:
+        if channel.drive is None or not channel.drive.ks:
+            continue
+        for other in record.model.coordinates:
+            if record.model.units[other] == "m" and dict(channel.drive.position) != {other: 1.0}:
+                found.append(_position(channel.name, other))
+    return found
+
+
+def _position(name: str, other: str) -> Lead:
+    """Return the lead of another displacement in one force law."""
+
+    def undo(record: Observation) -> Observation:
+        inputs = tuple(
+            replace(c, drive=replace(c.drive, position={other: 1.0}))
+            if c.name == name and c.drive is not None
+            else c
+            for c in record.inputs
+        )
+        return replace(record, inputs=inputs)
+
+    said = f"the force law of {name} at {other}"
+    cure = f'set position = "{other}" of {name} in [channels]'
+    return Lead(f"position[{name}]", said, cure, _each(undo))
+
+
 def _units(record: Observation) -> list[Lead]:
     """Return units of all inputs together, and of all sensors of one unit."""
     found = []
@@ -304,7 +344,7 @@ def _units(record: Observation) -> list[Lead]:
     for group in like_groups(record):
         if len(group) < 2:
             continue
-        label = "force" if group[0] in inputs else ", ".join(group)
+        label = "force" if group[0] in inputs else f"{group[0]} ... {group[-1]}"
         sizes = dict.fromkeys(f for x in FACTORS.values() for f in (x, 1 / x))
         found += [unit(group, label, f) for f in sizes]
     return found

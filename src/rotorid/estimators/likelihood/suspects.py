@@ -20,6 +20,7 @@ from rotorid.estimators.likelihood.inference import projected_jacobian
 from rotorid.estimators.likelihood.leads import (
     Lead,
     discrete_leads,
+    factor_groups,
     factor_name,
     sign,
     snap,
@@ -34,10 +35,12 @@ from rotorid.estimators.likelihood.nuisances import (
     Reading,
     every_nuisance,
 )
+from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.refits import Case, screened
+from rotorid.estimators.likelihood.refits import Case, minimized, screened
+from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -52,6 +55,8 @@ these explains the data, no such mistake was made."""
 REFITTED = 8
 """Candidates that are freed in earnest: the score test errs by less than eight ranks where the
 misfit is small, and where it is large the screening finds them."""
+TURNS = 5
+"""Steps towards the share of what a sensor reads besides: Newton's, so that five reach it."""
 SCREENED = 5
 """Mistakes that are followed to the minimum after the screening."""
 GROSS = 3.0
@@ -101,10 +106,10 @@ def _term(nuisance: Nuisance) -> str:
 
 
 def _apart(nuisance: Nuisance) -> bool:
-    """Tell whether a nuisance says something that no other does: k_i is the gain of its input."""
+    """Tell whether a nuisance says what no factor does: k_i is one, and gains are positive."""
     if isinstance(nuisance, Constant):
         return nuisance.role == "ks"
-    return isinstance(nuisance, Factor | Reading)
+    return isinstance(nuisance, Factor | Reading) and not isinstance(nuisance, Gain)
 
 
 def _harmonic_runout(records: Sequence[Observation]) -> list[Nuisance]:
@@ -163,8 +168,9 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
     expected : float
         Cost that noise alone would leave.
     """
-    search = _Search(model, case, _structure(model, values, case.records), expected)
-    findings = search.findings()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
+        search = _Search(model, case, _structure(model, values, case.records), expected)
+        findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
     return Suspicion(suspects, sentence(findings, case.point.cost, expected))
 
@@ -195,21 +201,21 @@ class _Search:
 
     def findings(self) -> list[Finding]:
         """Return what was found, what leaves the least cost first."""
-        found: list[Finding | None]
-        scored = sorted(self.scored(self.options()), key=lambda pair: -pair[1].drop)
-        found = [self.refitted(option) for option, _ in scored[:FIRST]]
+        scored = [*self.scored(self.options()), *self.shifted()]
+        scored.sort(key=lambda pair: -pair[1].drop)
+        found = [f for option, _ in scored[:FIRST] for f in self.freed(option)]
         if any(self.explained(finding) for finding in found) or not self.gross:
-            found += [self.refitted(option) for option, _ in scored[FIRST:REFITTED]]
+            found += [f for option, _ in scored[FIRST:REFITTED] for f in self.freed(option)]
             found += [self.finding(o, s, tried=False) for o, s in scored[REFITTED:]]
         else:
             found += self.mistakes()
             if not any(self.explained(finding) for finding in found):
                 found += [self.finding(o, s, tried=False) for o, s in scored[FIRST:]]
-        return _ranked([f for f in found if f is not None], self.expected)
+        return _ranked(found, self.expected)
 
-    def explained(self, finding: Finding | None) -> bool:
+    def explained(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
-        return finding is not None and finding.left < GROSS * max(self.expected, 1.0)
+        return finding.left < GROSS * max(self.expected, 1.0)
 
     def options(self) -> list[Option]:
         """Return everything that can be set free by itself."""
@@ -220,9 +226,11 @@ class _Search:
             for n in (*every_nuisance(records), *_harmonic_runout(records))
             if _apart(n) and not {u.name for u in n.unknowns} & taken.keys()
         ]
-        inputs = [c.name for c in records[0].inputs]
-        if len(inputs) > 1:
-            found.append(Option("gain[force]", "1", Multiplier.of("force", inputs)))
+        factors = [
+            Option(f"gain[{label}]", "1", Multiplier.of(label, names))
+            for label, names in factor_groups(records[0]).items()
+        ]
+        found = [*(o for o in factors if o.term not in taken), *found]
         if self.structure is not None:
             units = [self.model.units[name] for name in self.model.coordinates]
             terms = find_candidates(self.structure, units)
@@ -240,12 +248,12 @@ class _Search:
             if u.std is not None
         ]
 
-    def scored(self, options: Sequence[Option]) -> list[tuple[Option, Suspect]]:
+    def scored(self, options: Sequence[Option]) -> list[tuple[Option | Shift, Suspect]]:
         """Return the suspects by the score test."""
         case = self.case
         whole, names = _columns(case, options)
         score = _Score.of(case.point)
-        found = []
+        found: list[tuple[Option | Shift, Suspect]] = []
         for option in options:
             wanted = (
                 [option.prior]
@@ -258,8 +266,7 @@ class _Search:
             drop, change = score.drop(columns)
             if drop > 0:
                 value = self._guessed(option, change[: len(wanted)])
-                suspect = Suspect(option.term, drop, self.share(drop), value, option.unit)
-                found.append((option, suspect))
+                found.append((option, self.suspect(option, drop, value)))
         return found
 
     def _guessed(self, option: Option, change: Floats) -> float:
@@ -281,15 +288,14 @@ class _Search:
         if point is None:
             return None
         drop, value = self.case.point.cost - point.cost, option.value(free, point)
-        suspect = Suspect(option.term, drop, self.share(drop), value, option.unit)
-        return self.finding(option, suspect)
+        return self.finding(option, self.suspect(option, drop, value))
 
-    def finding(self, option: Option, suspect: Suspect, *, tried: bool = True) -> Finding:
+    def finding(self, option: Option | Shift, suspect: Suspect, *, tried: bool = True) -> Finding:
         """Return what is said of something set free."""
         said, cure = _told(option, suspect.value)
         return Finding(suspect, self.case.point.cost - suspect.drop, said, cure, tried)
 
-    def mistakes(self) -> list[Finding | None]:
+    def mistakes(self) -> list[Finding]:
         """Screen mistakes that are no small changes, and follow the best to the minimum.
 
         Whatever stands out is followed at once, and ends the search where it explains the data.
@@ -297,13 +303,13 @@ class _Search:
         records, prepared = self.case.records, self.case.prepared
         level = screened(prepared, records)
         tries: list[tuple[float, _Follow]] = []
-        found: list[Finding | None] = []
+        found: list[Finding] = []
         for wanted, changed, follow in self._trials():
             cost = screened(wanted, changed)
             tries.append((cost, follow))
             if cost < STANDS_OUT * level:
                 found += follow()
-                if self.explained(found[-1]):
+                if any(self.explained(finding) for finding in found):
                     return found
         tries = [pair for pair in tries if not pair[0] < STANDS_OUT * level]
         for _, follow in sorted(tries, key=lambda pair: pair[0])[:SCREENED]:
@@ -319,7 +325,11 @@ class _Search:
         for name, start in typical_factors(records[0]).items():
             option = Option(f"gain[{name}]", "1", Multiplier.of(name, [name], start))
             if option.term not in prepared.layout.index:
-                yield option.free(self.case).prepared, records, partial(self.scaled, name, option)
+                yield (
+                    option.free(self.case).prepared,
+                    records,
+                    partial(self.freed, option, far=True),
+                )
         for lead in several:
             yield prepared, lead.undo(records), partial(self.followed, lead)
 
@@ -333,26 +343,63 @@ class _Search:
         suspect = Suspect(lead.term, drop, self.share(drop), lead.value, lead.unit)
         return [Finding(suspect, point.cost, lead.said, lead.cure, exact=True)]
 
-    def scaled(self, name: str, option: Option) -> list[Finding]:
-        """Free the factor of a channel; where it is that of a sign or unit, try that exactly."""
-        free = self.refitted(option, far=True)
-        if free is None or free.suspect.value is None:
+    def shifted(self) -> list[tuple[Option | Shift, Suspect]]:
+        """Return what sensors may read besides, by the score test."""
+        score, found = _Score.of(self.case.point), list[tuple[Option | Shift, Suspect]]()
+        for shift in shifts(self.case.records[0], self.structure):
+            drop, change = score.drop(shift.column(self.case))
+            if drop > 0:
+                value = shift.given + float(change[0])
+                found.append((shift, self.suspect(shift, drop, value)))
+        return found
+
+    def suspect(self, option: Option | Shift, drop: float, value: float | None) -> Suspect:
+        """Return a suspect with its share of the excess misfit."""
+        return Suspect(option.term, drop, self.share(drop), value, option.unit)
+
+    def turned(self, shift: Shift) -> list[Finding]:
+        """Find the share of what sensors read besides, by steps of the score test."""
+        case, share = self.case, 0.0
+        for _ in range(TURNS):
+            change = float(_Score.of(case.point).drop(shift.column(case))[1][0])
+            records = shift.applied(self.case.records, share + change)
+            point = minimized(case.prepared, records, case.point.unknowns, (0.0,))
+            if point is None or point.cost > case.point.cost:
+                break
+            case, share = Case(case.prepared, records, point), share + change
+        drop = self.case.point.cost - case.point.cost
+        found = self.suspect(shift, drop, shift.given + share)
+        return [self.finding(shift, found)] if drop > 0 else []
+
+    def freed(self, option: Option | Shift, *, far: bool = False) -> list[Finding]:
+        """Free something; where it is a factor near that of a sign or unit, try that exactly."""
+        if isinstance(option, Shift):
+            return self.turned(option)
+        free = self.refitted(option, far=far)
+        if free is None:
             return []
-        exact = snap(free.suspect.value)
-        if exact is None or abs(exact) == 1.0 == exact:
+        value = free.suspect.value
+        exact = snap(value) if isinstance(option.nuisance, Multiplier) and value else None
+        if exact is None or exact == 1.0:
             return [free]
-        lead = sign([name]) if exact == -1.0 else unit([name], name, exact)
+        assert isinstance(option.nuisance, Multiplier)
+        names = sorted(option.nuisance.channels)
+        label = option.term.removeprefix("gain[").removesuffix("]")
+        lead = sign(names) if exact == -1.0 else unit(names, label, exact)
         if exact < 0 and exact != -1.0:
             lead = replace(lead, term=option.term)
         return [free, *self.followed(lead)]
 
     def speeds(self) -> list[float]:
-        """Return the speeds of the worst lines, which may be the rotor's own."""
+        """Return the speeds of the nearest line and of the worst, which may be the rotor's own."""
         worst = []
         for record, at in zip(self.case.records, self.case.point.records, strict=True):
-            order = np.argsort(-at.line_costs)[:2]
-            worst += [2 * np.pi * float(f) for f in record.lines.frequency[order] if f > 0]
-        return worst
+            frequency = record.lines.frequency
+            given = np.abs(record.lines.speed).mean() / (2 * np.pi)
+            nearest = int(np.abs(frequency - given).argmin())
+            order = [nearest, *np.argsort(-at.line_costs)[:2].tolist()]
+            worst += [2 * np.pi * float(frequency[k]) for k in order if frequency[k] > 0]
+        return list(dict.fromkeys(worst))
 
 
 def _columns(case: Case, options: Sequence[Option]) -> tuple[Floats, list[str]]:
@@ -414,7 +461,7 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
     """Order findings by the cost that is left, one for each term.
 
     Those that were tried come first, and of those that the data cannot tell apart the ones that
-    need no further unknown.
+    need no further unknown, then known values, which are no new terms.
     """
     best: dict[str, Finding] = {}
     for finding in sorted(findings, key=lambda f: (not f.tried, f.left)):
@@ -424,7 +471,8 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
     group = alike(ordered, expected)
     channels = {_channel(f) for f in group if f.exact}
     told = [f for f in group if f.exact]
-    told += [f for f in group if not f.exact and _channel(f) not in channels]
+    rest = [f for f in group if not f.exact and _channel(f) not in channels]
+    told += sorted(rest, key=lambda f: not f.suspect.term.startswith("prior "))
     return [*told, *(f for f in ordered if f not in group)]
 
 
@@ -443,11 +491,13 @@ def alike(findings: Sequence[Finding], expected: float) -> list[Finding]:
     return [f for f in tried if f.left - least < margin]
 
 
-def _told(option: Option, value: float | None) -> tuple[str, str]:
+def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     """Say what something set free would be, and what to do about it."""
     size = (
         "" if value is None else f" = {value:.4g}{'' if option.unit == '1' else f' {option.unit}'}"
     )
+    if isinstance(option, Shift):
+        return f"{option.said}{size}", "correct reads in [channels], or turn the sensor"
     if option.prior:
         return f"{option.prior}{size} instead of what was given", f"check {option.prior}"
     if isinstance(option.nuisance, Multiplier) and value is not None:

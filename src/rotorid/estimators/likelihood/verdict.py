@@ -90,7 +90,10 @@ def block_scatter(fit: Fit) -> str | None:
     if answers is None:
         return None
     _, std = _free(fit)
-    ratio = (answers.std(axis=0, ddof=1) / np.sqrt(parts))[std > 0] / std[std > 0]
+    with np.errstate(over="ignore"):  # blocks of an estimate astray may end anywhere
+        spread = answers.std(axis=0, ddof=1) / np.sqrt(parts)
+    stated = (std > 0) & np.isfinite(std) & np.isfinite(spread)
+    ratio = spread[stated] / std[stated]
     if not ratio.size:
         return None
     return (

@@ -1,0 +1,248 @@
+"""Deliberate mistakes in the experiment files of the shipped rigs, and what must name each.
+
+A mistake is an edit of the file that `rotorid simulate` writes. It is named where the first
+suspect, one that the first warning tells with it, a check, a warning or the refusal holds one of
+its words.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rotorid.cli import run
+
+Edit = Callable[[str], str]
+
+
+def put(old: str, new: str, count: int = -1) -> Edit:
+    """Replace a text that must be there."""
+
+    def edit(text: str) -> str:
+        assert old in text, old
+        return text.replace(old, new, count)
+
+    return edit
+
+
+def swap(a: str, b: str) -> Edit:
+    """Exchange two columns."""
+
+    def edit(text: str) -> str:
+        names = {f'"{a}"': f'"{b}"', f'"{b}"': f'"{a}"'}
+        return re.sub(rf'(column = )("{a}"|"{b}")', lambda m: m.group(1) + names[m.group(2)], text)
+
+    return edit
+
+
+def scale(column: str, factor: float) -> Edit:
+    """Give a column a scale."""
+    return put(f'column = "{column}"', f'column = "{column}", scale = {factor!r}')
+
+
+def both(*edits: Edit) -> Edit:
+    """Make several edits, one mistake."""
+
+    def edit(text: str) -> str:
+        for each in edits:
+            text = each(text)
+        return text
+
+    return edit
+
+
+def known(line: str) -> Edit:
+    """Give a parameter a value."""
+    return lambda text: f"{text}\n[parameters]\n{line}\n"
+
+
+def late(text: str) -> str:
+    """Let the currents lag by a tenth of a millisecond more than they do."""
+    return re.sub(r'(column = "i_[^}]*?)\}', r'\1, delay = "100 us"}', _without_delays(text))
+
+
+def _without_delays(text: str) -> str:
+    return re.sub(r', delay = "[^"]*"', "", text)
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake: the rig, what was done, and the words one of which must be said."""
+
+    rig: str
+    what: str
+    edit: Edit
+    words: tuple[str, ...]
+
+
+SPEED = '"879.645943005142 rad/s"'
+ODD = "[1, 3, 5, 7, 9, 11]"
+XYZ = ("x1", "y1", "x2", "y2", "x3", "y3")
+THREE, RIGID = "three-mass", "rigid"
+
+MISTAKES = (
+    Mistake(THREE, "columns of x1 and y1 swapped", swap("x1", "y1"), ("swap[x1, y1]",)),
+    Mistake(THREE, "columns of x1 and x3 swapped", swap("x1", "x3"), ("swap[x1, x3]",)),
+    Mistake(
+        THREE,
+        "columns of theta_x and theta_y swapped",
+        swap("theta_x", "theta_y"),
+        ("swap[theta_x, theta_y]",),
+    ),
+    Mistake(THREE, "currents x1 and y1 swapped", swap("i_x1", "i_y1"), ("swap[F_x1, F_y1]",)),
+    Mistake(THREE, "currents x1 and x3 swapped", swap("i_x1", "i_x3"), ("swap[F_x1, F_x3]",)),
+    Mistake(
+        THREE,
+        "the sensors of the two bearings swapped",
+        both(swap("x1", "x3"), swap("y1", "y3")),
+        ("swap[x1, x3; y1, y3]",),
+    ),
+    Mistake(
+        THREE,
+        "the currents of the two bearings swapped",
+        both(swap("i_x1", "i_x3"), swap("i_y1", "i_y3")),
+        ("swap[F_x1, F_x3; F_y1, F_y3]",),
+    ),
+    Mistake(THREE, "x1 upside down", scale("x1", -1), ("sign[x1]",)),
+    Mistake(THREE, "x2 upside down", scale("x2", -1), ("sign[x2]",)),
+    Mistake(
+        THREE,
+        "both angles upside down",
+        both(scale("theta_x", -1), scale("theta_y", -1)),
+        ("sign[theta_x, theta_y]",),
+    ),
+    Mistake(THREE, "current y1 upside down", scale("i_y1", -1), ("sign[F_y1]",)),
+    Mistake(THREE, "k_i of all with the wrong sign", put('"120 N/A"', '"-120 N/A"'), ("sign[F",)),
+    Mistake(THREE, "x1 in mm instead of m", scale("x1", 1e-3), ("unit[x1]",)),
+    Mistake(THREE, "x3 in mil instead of um", scale("x3", 1 / 25.4), ("unit[x3]",)),
+    Mistake(
+        THREE, "x1 in mil and upside down", scale("x1", -1 / 25.4), ("gain[x1]", "upside down")
+    ),
+    Mistake(
+        THREE,
+        "all displacements in mm instead of m",
+        both(*(scale(name, 1e-3) for name in XYZ)),
+        ("unit[x1", "unit[force]"),
+    ),
+    Mistake(THREE, "current x1 in mA instead of A", scale("i_x1", 1e-3), ("unit[F_x1]",)),
+    Mistake(THREE, "3 % too much gain of x1", scale("x1", 1.03), ("gain[x1]",)),
+    Mistake(THREE, "rad/s given as rpm", put(SPEED, '"879.645943 rpm"'), ("speed",)),
+    Mistake(THREE, "Hz given as rpm", put(SPEED, '"140 rpm"'), ("speed",)),
+    Mistake(THREE, "the rotation backwards", put(SPEED, '"-8400 rpm"'), ("speed",)),
+    Mistake(THREE, "twice the speed", put(SPEED, '"16800 rpm"'), ("speed",)),
+    Mistake(THREE, "8410 rpm instead of 8400", put(SPEED, '"8410 rpm"'), ("speed",)),
+    Mistake(THREE, "no speed", put(f"speed = {SPEED}", ""), ("speed",)),
+    Mistake(
+        THREE,
+        "twice the sample rate, and the fundamental with it",
+        both(put('"10000 Hz"', '"20000 Hz"'), put('"20 Hz"', '"40 Hz"')),
+        ("speed", "sample_rate", "sample rate"),
+    ),
+    Mistake(
+        THREE,
+        "twice the sample rate",
+        put('"10000 Hz"', '"20000 Hz"'),
+        ("sample_rate", "sample rate", "below noise", "lines"),
+    ),
+    Mistake(THREE, "k_i of F_x1 100 N/A", put('"120 N/A"', '"100 N/A"', 1), ("gain[F_x1]",)),
+    Mistake(THREE, "k_i of all 100 N/A", put('"120 N/A"', '"100 N/A"'), ("gain[force]", "ks")),
+    Mistake(THREE, "k_s of all with the wrong sign", put('"200000', '"-200000'), ("ks",)),
+    Mistake(THREE, "no k_s", put(', ks = "200000 N/m"', ""), ("ks",)),
+    Mistake(THREE, "the hold left out", put(', hold = "zero-order"', ""), ("delay[",)),
+    Mistake(THREE, "the delay with the wrong sign", put('"-50 us"', '"50 us"'), ("delay[",)),
+    Mistake(THREE, "half the fundamental", put('"20 Hz"', '"10 Hz"'), ("lines below noise",)),
+    Mistake(
+        THREE,
+        "even harmonics instead of odd ones",
+        put(ODD, "[2, 4, 6, 8, 10, 12]"),
+        ("lines below noise",),
+    ),
+    Mistake(
+        THREE, "the line of the rotation left out", put(ODD, "[1, 3, 5, 9, 11]"), ("xi", "rotation")
+    ),
+    Mistake(THREE, "L1 fixed to .33 m", known('L1 = {fixed = "0.33 m"}'), ("prior L1",)),
+    Mistake(THREE, "m2 fixed to 10 kg", known('m2 = {fixed = "10 kg"}'), ("prior m2",)),
+    Mistake(
+        THREE,
+        "the force law of x1 at x3",
+        put('position = "x1"', 'position = "x3"'),
+        ("position[F_x1]",),
+    ),
+    Mistake(THREE, "current x1 for x3 too", put('"i_x3"', '"i_x1"'), ("copied",)),
+    Mistake(THREE, "column x2 for x1 too", put('column = "x1"', 'column = "x2"'), ("copied",)),
+    Mistake(RIGID, "sensors xa and ya swapped", swap("s_xa", "s_ya"), ("swap[s_xa, s_ya]",)),
+    Mistake(RIGID, "sensors xa and xb swapped", swap("s_xa", "s_xb"), ("swap[s_xa, s_xb]",)),
+    Mistake(RIGID, "currents xa and ya swapped", swap("i_xa", "i_ya"), ("swap[F_xa, F_ya]",)),
+    Mistake(RIGID, "sensor xa upside down", scale("s_xa", -1), ("sign[s_xa]", "gain[s_xa] = -")),
+    Mistake(RIGID, "current xa upside down", scale("i_xa", -1), ("sign[F_xa]", "gain[F_xa] = -")),
+    Mistake(
+        RIGID,
+        "lever of sensor xa 250 mm, not 200",
+        put("x - 0.2*theta_y", "x - 0.25*theta_y"),
+        ("plane[s_xa]",),
+    ),
+    Mistake(RIGID, "512 lines of the encoder", put("lines = 1024", "lines = 512"), ("speed",)),
+    Mistake(
+        RIGID,
+        "gap of .4 mm instead of .5",
+        put('gap = "0.0005 m"', 'gap = "0.0004 m"'),
+        ("gain[force]", "ks"),
+    ),
+    Mistake(
+        RIGID, "L_a fixed to .25 m", put('fixed = "0.2 m"', 'fixed = "0.25 m"'), ("prior L_a",)
+    ),
+    Mistake(RIGID, "currents .1 ms late", late, ("delay[",)),
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `identify` said of a mistake."""
+
+    mistake: Mistake
+    status: str
+    named: bool
+    first: str
+
+
+def judge(mistake: Mistake, folder: Path) -> Verdict:
+    """Make a mistake in the experiment file of a rig, in a folder with its record, and identify."""
+    text = (folder / f"{mistake.rig}.toml").read_text("utf-8")
+    experiment, result = (folder / f"{mistake.rig}-wrong.{end}" for end in ("toml", "json"))
+    experiment.write_text(mistake.edit(text), "utf-8")
+    result.unlink(missing_ok=True)
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        run(["identify", str(experiment), "--json", str(result)])
+    if not result.exists():
+        refusal = said.getvalue().strip()
+        return Verdict(mistake, "refused", _holds(mistake, refusal), refusal.split(": ", 2)[-1])
+    data = json.loads(result.read_text("utf-8"))
+    suspects, warnings = data["suspects"], data["warnings"]
+    checks = [f"{c['check']} {c['channel']}: {c['found']}" for c in data["checks"] if _bad(c)]
+    sentence = warnings[:1] if suspects else []
+    terms = [s["term"] for s in suspects[:1]]
+    other = [w for w in warnings if w not in sentence] if suspects else warnings
+    first = (terms or checks or other or [""])[0]
+    named = _holds(mistake, " ".join([*terms, *sentence, *checks, *other]))
+    return Verdict(mistake, data["status"], named, first)
+
+
+def _bad(check: dict[str, str]) -> bool:
+    return check["verdict"] in ("warning", "refused")
+
+
+def _holds(mistake: Mistake, text: str) -> bool:
+    return any(word in text for word in mistake.words)
+
+
+def prepare(folder: Path) -> None:
+    """Simulate the shipped rigs into a folder."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        for rig in (THREE, RIGID):
+            assert run(["simulate", rig, "--out", str(folder / f"{rig}.h5")]) == 0

@@ -1,0 +1,34 @@
+"""Deliberate mistakes in an experiment file are named by the first suspect, check or warning."""
+
+from pathlib import Path
+
+import pytest
+from mistakes import MISTAKES, judge, prepare
+
+NAMED = 0.9
+"""Share of the mistakes that must be named: 36 of 40."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("mistakes")
+    prepare(folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # estimates astray overflow
+def test_mistakes_are_named(folder: Path) -> None:
+    verdicts = [judge(mistake, folder) for mistake in MISTAKES]
+    missed = [v for v in verdicts if not v.named]
+    assert len(MISTAKES) >= 40
+    assert len(missed) <= (1 - NAMED) * len(MISTAKES), missed
+    assert not [v.mistake.what for v in verdicts if v.status == "ok"]
+
+
+@pytest.mark.parametrize("what", ["3 % too much gain of x1", "column x2 for x1 too"])
+def test_a_mistake_is_named(folder: Path, what: str) -> None:
+    (mistake,) = [m for m in MISTAKES if m.what == what]
+    verdict = judge(mistake, folder)
+    assert verdict.named, verdict
+    assert verdict.status != "ok"
