@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Value
-from rotorid.estimators import Estimator, by_name
+from rotorid.estimators import Estimator, by_name, gate
 from rotorid.models import Model
 from rotorid.observation import Data, Observation
 from rotorid.record import Check, PeriodicRecord
@@ -74,7 +74,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     silent = [c for c in checks if c.check == NO_SCATTER and c.verdict != "ok" and not c.channel]
     if silent:
         estimate = without_deviations(estimate)
-    return estimate.with_(checks=checks or estimate.checks)
+    return gate.passed(estimate, gate.data(checks)).with_(checks=checks or estimate.checks)
 
 
 def _checks(data: Data) -> tuple[Check, ...]:

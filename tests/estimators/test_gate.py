@@ -207,3 +207,16 @@ def demo_periods():
         rng=np.random.default_rng(6),
     )
     return model, rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5, 6])
+
+
+@pytest.mark.parametrize("check", sorted(gate.CONTRADICTING))
+def test_what_the_data_contradict_is_no_plain_answer(check):
+    warned = gate.data((rid.Check(check, "x", "something", "warning"),))
+    assert len(warned.faults) == 1
+    for verdict in ("ok", "note"):
+        assert not gate.data((rid.Check(check, "x", "something", verdict),)).faults
+    assert gate.passed(rigid_estimate(), warned).status == "rejected"
+
+
+def test_other_warnings_of_the_data_leave_the_answer():
+    assert not gate.data((rid.Check("quantized", "x", "coarse", "warning"),)).faults

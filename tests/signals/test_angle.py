@@ -208,3 +208,15 @@ def test_pulses_without_a_rhythm_are_refused() -> None:
 def test_a_column_without_pulses_is_refused(column: np.ndarray) -> None:
     with pytest.raises(InputError, match="a column without a pulse"):
         pulse_times(column, RATE)
+
+
+def test_lines_lost_until_the_next_index_leave_no_step():
+    """Twenty of 1024 lines, put back within the revolution by the index."""
+    rate, turns = 10e3, 150.0
+    time = np.arange(20000) / rate
+    lines = np.floor(1024 * turns * time)
+    glitch = (time > 0.7) & (time < np.ceil(0.7 * turns) / turns + 1 / turns)
+    counts = (lines - 20 * glitch) % 1024
+    turned = encoder_angle(counts, rate, per_revolution=1024, lines=1024)
+    wanted = 2 * np.pi * turns * time
+    assert np.abs(turned.angle - wanted).max() < np.radians(0.2)

@@ -72,7 +72,7 @@ def test_everything_looked_at_is_named() -> None:
     record = machine()
     periods = cut(record)
     names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
-    assert len(set(names)) == len(names) == 13
+    assert len(set(names)) == len(names) == 14
     assert worst(check_periods(periods)) == "ok"
     assert worst(()) == "ok"
 
@@ -385,3 +385,20 @@ def test_random_machines_raise_no_alarm() -> None:
         )
         alarms += [(seed, str(c)) for c in told(record) if c.verdict in ("warning", "refused")]
     assert alarms == []
+
+
+@pytest.mark.parametrize(("swing", "told"), [(0.0, False), (0.03, True)])
+def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
+    """1x motion of 10 um whose phase swings by this many rad; 1 % noise."""
+    from rotorid.signals import checks_rotation
+
+    rng = np.random.default_rng(8)
+    time = np.arange(20 * 500) / 5000.0
+    phase = 2 * np.pi * 70 * time + swing * np.sin(2 * np.pi * 0.3 * time)
+    motion = 1e-5 * np.cos(phase) + 1e-6 * np.cos(2 * np.pi * 30 * time)
+    samples = motion + 1e-8 * rng.standard_normal(len(time))
+    record = Record([Channel("x", "m")], samples[:, None], 5000.0, speed=2 * np.pi * 70)
+    periods = average(record, 10.0, harmonics=[1, 2, 3, 5, 7])
+    found = checks_rotation.check_wander(periods)
+    assert [c.verdict for c in found] == (["warning"] if told else [])
+    assert checks_rotation.WANDER == 100.0

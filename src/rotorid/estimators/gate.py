@@ -16,7 +16,7 @@ from rotorid.estimate import Estimate, Value
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm
-from rotorid.record import Floats
+from rotorid.record import Check, Floats
 
 SURE = 3.0
 """Deviations by which a value is beyond what a machine can have before it is turned away: nearer,
@@ -27,6 +27,22 @@ the power of a force are then explained at most."""
 APART = 6.0
 """Deviations by which halves of a record may differ: over a hundred parameters chance reaches 4,
 and deviations from a dozen periods are themselves a fifth off."""
+CONTRADICTING = frozenset(
+    {
+        "drift",
+        "settled",
+        "knock",
+        "lost samples",
+        "clocks",
+        "speed",
+        "period",
+        "repeats",
+        "clipped",
+        "wander",
+    }
+)
+"""Checks whose warnings contradict what every method takes for granted: that the machine, its
+speed and its period stay what they are, and that the samples are the quantity."""
 ROUNDING = 1e-9
 """Share of its terms below which a balance of inertias is rounding."""
 
@@ -52,6 +68,12 @@ def passed(estimate: Estimate, verdict: Verdict) -> Estimate:
     lead = len(estimate.suspects) > 0  # its sentence says what to do, and stays first
     warnings = (*estimate.warnings[:lead], *new, *estimate.warnings[lead:])
     return replace(estimate, status=status, warnings=warnings)
+
+
+def data(checks: Sequence[Check]) -> Verdict:
+    """Judge an answer by what the data showed before any model."""
+    grave = [c for c in checks if c.verdict == "warning" and c.check in CONTRADICTING]
+    return Verdict(faults=tuple(f"the data say otherwise: {check}" for check in grave))
 
 
 def _judge(name: str, size: float, std: float, text: str) -> Verdict:

@@ -296,8 +296,19 @@ def _with_angle(record: Record, entry: RecordEntry) -> Record:
         samples=np.delete(record.samples, index, axis=1),
         speed=turned.speed,
         angle=turned.angle,
-        phase_std=turned.angle_std,
+        phase_std=float(np.hypot(turned.angle_std, abs(turned.speed) * _lag_std(record, entry))),
     )
+
+
+def _lag_std(record: Record, entry: RecordEntry) -> float:
+    """Return how well the time between mark and columns is known, in s.
+
+    Nobody measures it: filters before the logger delay the columns and not the mark. Unless the
+    file says better, it is taken to lie anywhere within a sample.
+    """
+    if entry.angle_lag_std is not None:
+        return entry.angle_lag_std
+    return float(1 / (record.sample_rate * np.sqrt(12)))
 
 
 def _with_drives(record: Record, plan: Recording) -> Record:

@@ -232,6 +232,7 @@ class RecordEntry(Schema):
     angle: AngleEntry | None = None
     keyphasor: str | None = None
     phase: Annotated[float | None, BeforeValidator(_phase)] = 0.0
+    angle_lag_std: Seconds | None = None
     fundamental: Hertz | None = None
     period_samples: Count | None = None
     harmonics: list[Count] | None = None

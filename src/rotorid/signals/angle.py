@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from rotorid.errors import InputError
 from rotorid.record import Booleans, Floats, Integers
@@ -17,6 +18,10 @@ from rotorid.signals.rotation_fit import Readings, fit_rotation
 
 LOST = 0.6
 """Step of a counter, in lines, that is a line lost or counted twice: rounding leaves 0.15."""
+
+EXCURSION = 2.5
+"""Lines by which a counter goes off and comes back before that is taken out: jitter and rounding
+stay below, a line or two that are lost for less than a revolution do little."""
 
 WINDOW = 64
 """Samples before and behind a step of the counter that are compared: their means and slopes are
@@ -147,7 +152,7 @@ def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
     count = len(angle)
     if count < 4 * WINDOW:
         return angle, 0, 0
-    lines = angle / step
+    lines = _without_excursions(angle / step)
     place = np.arange(WINDOW) - (WINDOW - 1) / 2
     total = np.convolve(lines, np.ones(WINDOW), mode="valid") / WINDOW
     slope = np.convolve(lines, place[::-1], mode="valid") / (place @ place)
@@ -167,6 +172,15 @@ def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
         missing += max(0, int(-size * sign))
         extra += max(0, int(size * sign))
         jump[max(0, worst - 2 * WINDOW) : worst + 2 * WINDOW] = 0.0
+
+
+def _without_excursions(lines: Floats) -> Floats:
+    """Take out what comes back by itself: lines that are lost until the next index."""
+    trend = np.linspace(lines[0], lines[-1], len(lines))
+    usual = ndimage.median_filter(lines - trend, 4 * WINDOW + 1, mode="nearest")
+    left = np.abs(lines - trend - usual)
+    away = left > max(EXCURSION, 8 * float(np.median(left)) / 0.6745)
+    return np.asarray(np.where(away, trend + usual, lines))
 
 
 def _require_steady(angle: Floats, sample_rate: float, step: float, source: str) -> None:

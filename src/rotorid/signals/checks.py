@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_period import check_multiple
-from rotorid.signals.checks_rotation import check_speed
+from rotorid.signals.checks_rotation import check_speed, check_wander
 from rotorid.signals.checks_samples import (
     check_clipped,
     check_copied,
@@ -115,6 +115,7 @@ def check_periods(periods: PeriodicRecord) -> tuple[Check, ...]:
         "lost samples": (timing := check_timing(periods)),
         "settled": (settled := [] if timing else check_settled(periods)),
     }
+    found["wander"] = check_wander(periods)
     # What shifts or settles leaves other traces too: they are told once.
     disturbed = any(c.verdict != "note" for c in (*timing, *settled))
     found["knock"] = [] if disturbed else check_knocks(periods)
@@ -152,6 +153,7 @@ _IN_ORDER = {
     "drift": "no line drifts",
     "multiple period": "the record repeats after one period",
     "speed": "no line contradicts the speed",
+    "wander": "the line of the rotation scatters as the others do",
 }
 
 

@@ -34,6 +34,9 @@ SAME_UNIT = 0.005
 SMALL = 1e-6
 """What the mean leaves, over the channel, below which it is rounding, or of no weight."""
 
+WANDER = 100.0
+"""Variance between periods of the rotation's line over that of the median line: in closed loop
+noise differs by a factor of some ten between lines; a speed that wanders by 1e-3 gives 1e4."""
 SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
 
@@ -180,6 +183,28 @@ def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[C
     if not order:
         return []
     return [_told(order, given, _hidden(periods, given, width))]
+
+
+def check_wander(periods: PeriodicRecord) -> list[Check]:
+    """Find a line of the rotation that scatters from period to period as no other does."""
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    on = np.flatnonzero(np.abs(periods.harmonics - turns) < 0.5)
+    others = np.flatnonzero(np.abs(periods.harmonics - turns) >= 0.5)
+    if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
+        return []
+    variance = periods.spectra.var(axis=0, ddof=1)
+    usual = np.median(variance[others], axis=0)
+    ratio = variance[on[0]] / np.where(usual > 0, usual, np.inf)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] < WANDER:
+        return []
+    hertz = periods.frequency[on[0]]
+    text = (
+        f"the line of the rotation, {hertz:g} Hz, scatters between periods {ratio[worst]:.3g} "
+        "times as much as the others (variance): the speed wanders or is not the one stated; "
+        "measure the angle (encoder or keyphasor), or hold the speed"
+    )
+    return [Check("wander", periods.names[worst], text, "warning")]
 
 
 def _is_order(frequency: float, given: float, width: float) -> bool:
