@@ -24,15 +24,14 @@ def table(verdicts: list[Verdict]) -> str:
     named = sum(verdict.named for verdict in verdicts)
     rows = [
         f"{named} of {len(verdicts)} are named.\n",
-        "| rig | mistake | status | first named | right |",
+        "| rig | mistake | status | said first | what names it |",
         "|---|---|---|---|---|",
     ]
     for verdict in verdicts:
         first = verdict.first.replace("|", "/")
         first = first if len(first) <= 90 else f"{first[:87]}..."
-        right = "yes" if verdict.named else "**no**"
-        what = verdict.mistake
-        rows.append(f"| {what.rig} | {what.what} | {verdict.status} | {first} | {right} |")
+        what, by = verdict.mistake, verdict.by or "**nothing**"
+        rows.append(f"| {what.rig} | {what.what} | {verdict.status} | {first} | {by} |")
     return "\n".join(rows)
 
 

@@ -11,7 +11,7 @@ import contextlib
 import io
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,7 +117,12 @@ MISTAKES = (
         ("sign[theta_x, theta_y]",),
     ),
     Mistake(THREE, "current y1 upside down", scale("i_y1", -1), ("sign[F_y1]",)),
-    Mistake(THREE, "k_i of all with the wrong sign", put('"120 N/A"', '"-120 N/A"'), ("sign[F",)),
+    Mistake(
+        THREE,
+        "k_i of all with the wrong sign",
+        put('"120 N/A"', '"-120 N/A"'),
+        ("sign[F_x1, F_y1, F_x3, F_y3]",),
+    ),
     Mistake(THREE, "x1 in mm instead of m", scale("x1", 1e-3), ("unit[x1]",)),
     Mistake(THREE, "x3 in mil instead of um", scale("x3", 1 / 25.4), ("unit[x3]",)),
     Mistake(
@@ -127,7 +132,7 @@ MISTAKES = (
         THREE,
         "all displacements in mm instead of m",
         both(*(scale(name, 1e-3) for name in XYZ)),
-        ("unit[x1", "unit[force]"),
+        ("unit[x1 ... y3]", "unit[force]"),
     ),
     Mistake(THREE, "current x1 in mA instead of A", scale("i_x1", 1e-3), ("unit[F_x1]",)),
     Mistake(THREE, "3 % too much gain of x1", scale("x1", 1.03), ("gain[x1]",)),
@@ -147,14 +152,24 @@ MISTAKES = (
         THREE,
         "twice the sample rate",
         put('"10000 Hz"', '"20000 Hz"'),
-        ("sample_rate", "sample rate", "below noise", "lines"),
+        ("sample_rate", "sample rate", "lines below noise"),
     ),
     Mistake(THREE, "k_i of F_x1 100 N/A", put('"120 N/A"', '"100 N/A"', 1), ("gain[F_x1]",)),
     Mistake(THREE, "k_i of all 100 N/A", put('"120 N/A"', '"100 N/A"'), ("gain[force]", "ks")),
     Mistake(THREE, "k_s of all with the wrong sign", put('"200000', '"-200000'), ("ks",)),
     Mistake(THREE, "no k_s", put(', ks = "200000 N/m"', ""), ("ks",)),
-    Mistake(THREE, "the hold left out", put(', hold = "zero-order"', ""), ("delay[",)),
-    Mistake(THREE, "the delay with the wrong sign", put('"-50 us"', '"50 us"'), ("delay[",)),
+    Mistake(
+        THREE,
+        "the hold left out",
+        put(', hold = "zero-order"', ""),
+        ("delay[force]", "delay[position]"),
+    ),
+    Mistake(
+        THREE,
+        "the delay with the wrong sign",
+        put('"-50 us"', '"50 us"'),
+        ("delay[force]", "delay[position]"),
+    ),
     Mistake(THREE, "half the fundamental", put('"20 Hz"', '"10 Hz"'), ("lines below noise",)),
     Mistake(
         THREE,
@@ -178,8 +193,8 @@ MISTAKES = (
     Mistake(RIGID, "sensors xa and ya swapped", swap("s_xa", "s_ya"), ("swap[s_xa, s_ya]",)),
     Mistake(RIGID, "sensors xa and xb swapped", swap("s_xa", "s_xb"), ("swap[s_xa, s_xb]",)),
     Mistake(RIGID, "currents xa and ya swapped", swap("i_xa", "i_ya"), ("swap[F_xa, F_ya]",)),
-    Mistake(RIGID, "sensor xa upside down", scale("s_xa", -1), ("sign[s_xa]", "gain[s_xa] = -")),
-    Mistake(RIGID, "current xa upside down", scale("i_xa", -1), ("sign[F_xa]", "gain[F_xa] = -")),
+    Mistake(RIGID, "sensor xa upside down", scale("s_xa", -1), ("sign[s_xa]", "gain[s_xa]")),
+    Mistake(RIGID, "current xa upside down", scale("i_xa", -1), ("sign[F_xa]", "gain[F_xa]")),
     Mistake(
         RIGID,
         "lever of sensor xa 250 mm, not 200",
@@ -196,18 +211,22 @@ MISTAKES = (
     Mistake(
         RIGID, "L_a fixed to .25 m", put('fixed = "0.2 m"', 'fixed = "0.25 m"'), ("prior L_a",)
     ),
-    Mistake(RIGID, "currents .1 ms late", late, ("delay[",)),
+    Mistake(RIGID, "currents .1 ms late", late, ("delay[force]", "delay[position]")),
 )
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `identify` said of a mistake."""
+    """What `identify` said of a mistake: what stood first, and what named it (empty: nothing)."""
 
     mistake: Mistake
     status: str
-    named: bool
     first: str
+    by: str
+
+    @property
+    def named(self) -> bool:
+        return bool(self.by)
 
 
 def judge(mistake: Mistake, folder: Path) -> Verdict:
@@ -221,24 +240,28 @@ def judge(mistake: Mistake, folder: Path) -> Verdict:
         run(["identify", str(experiment), "--json", str(result)])
     if not result.exists():
         refusal = said.getvalue().strip()
-        return Verdict(mistake, "refused", _holds(mistake, refusal), refusal.split(": ", 2)[-1])
+        by = "refusal" if _holds(mistake, [refusal]) else ""
+        return Verdict(mistake, "refused", refusal.split(": ", 2)[-1], by)
     data = json.loads(result.read_text("utf-8"))
     suspects, warnings = data["suspects"], data["warnings"]
-    checks = [f"{c['check']} {c['channel']}: {c['found']}" for c in data["checks"] if _bad(c)]
-    sentence = warnings[:1] if suspects else []
-    terms = [s["term"] for s in suspects[:1]]
-    other = [w for w in warnings if w not in sentence] if suspects else warnings
-    first = (terms or checks or other or [""])[0]
-    named = _holds(mistake, " ".join([*terms, *sentence, *checks, *other]))
-    return Verdict(mistake, data["status"], named, first)
+    told = {
+        "first suspect": [s["term"] for s in suspects[:1]],
+        "told with the first": warnings[:1] if suspects else [],
+        "check": [f"{c['check']}: {c['found']}" for c in data["checks"] if _bad(c)],
+        "warning": warnings[1:] if suspects else warnings,
+    }
+    first = next(text for texts in told.values() for text in texts)
+    by = next((name for name, texts in told.items() if _holds(mistake, texts)), "")
+    return Verdict(mistake, data["status"], first, by)
 
 
 def _bad(check: dict[str, str]) -> bool:
     return check["verdict"] in ("warning", "refused")
 
 
-def _holds(mistake: Mistake, text: str) -> bool:
-    return any(word in text for word in mistake.words)
+def _holds(mistake: Mistake, texts: Sequence[str]) -> bool:
+    """Tell whether one of the words is there: `ks`, but not in `checks`."""
+    return any(re.search(rf"(?<!\w){re.escape(w)}(?!\w)", t) for w in mistake.words for t in texts)
 
 
 def prepare(folder: Path) -> None:
