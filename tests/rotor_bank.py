@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorid.models import Model, load_model
+from rotorid.models import Model, load_model, parse_model
 from rotorid.record import Channel, Complexes, Floats, PeriodicRecord
 
 PERIODS = 260
@@ -167,3 +167,136 @@ ADVERSE = {
     "random rotor, noise x 10": Setting(noise=10.0),
     "random rotor, noise x 10, five": Setting(noise=10.0, sensors=5),
 }
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A chain of masses on springs, one end held: a tower, lightly damped."""
+
+    modes: int = 5
+    off: float = 0.1
+    lines: int = 240
+    noise: float = 0.01
+
+    def model(self) -> Model:
+        """Return the equations, damping in proportion to masses and stiffnesses."""
+        equations, n = [], self.modes
+        for i in range(1, n + 1):
+            below = f"q{i} - q{i - 1}" if i > 1 else "q1"
+            rate = f"q{i}' - q{i - 1}'" if i > 1 else "q1'"
+            text = f"m{i}*q{i}'' + alpha*m{i}*q{i}' + k{i}*({below}) + beta*k{i}*({rate})"
+            if i < n:
+                text += f" - k{i + 1}*(q{i + 1} - q{i}) - beta*k{i + 1}*(q{i + 1}' - q{i}')"
+            equations.append(f'"{text} = {"F" if i == n else "0"}"')
+        units = {"m": "kg", "k": "N/m"}
+        lines = ["title = 'a tower'", "equations = [", ",\n".join(equations), "]", "[coordinates]"]
+        lines += [f'q{i} = "m"' for i in range(1, n + 1)]
+        lines += ["[inputs]", 'F = "N"', "[parameters]"]
+        for kind in "mk":
+            for i in range(1, n + 1):
+                lines.append(f'{kind}{i} = {{ unit = "{units[kind]}", positive = true }}')
+        lines += ['alpha = { unit = "1/s", positive = true }']
+        lines += ['beta = { unit = "s", positive = true }']
+        return parse_model("\n".join(lines))
+
+
+def chain_response(p: Mapping[str, float], n: int, omega: Floats) -> Complexes:
+    """Return the motion of each mass for a unit force on the last, shape (line, mass)."""
+    inertia = np.diag([p[f"m{i}"] for i in range(1, n + 1)])
+    stiffness = np.zeros((n, n))
+    for i in range(n):
+        row = np.eye(n)[i] - (np.eye(n)[i - 1] if i else 0)
+        stiffness += p[f"k{i + 1}"] * np.outer(row, row)
+    damping = p["alpha"] * inertia + p["beta"] * stiffness
+    w = omega[:, None, None]
+    force = np.zeros((len(omega), n, 1), dtype=complex)
+    force[:, -1] = 1.0
+    return np.linalg.solve(-(w**2) * inertia + 1j * w * damping + stiffness, force)[..., 0]
+
+
+def structure_case(structure: Structure, seed: int) -> Case:
+    """Return a random tower, its record and a start some way off in frequency."""
+    n, rng = structure.modes, np.random.default_rng([seed, 7])
+    truth = {f"m{i}": 100 * np.exp(0.2 * rng.standard_normal()) for i in range(1, n + 1)}
+    truth |= {f"k{i}": 1e6 * np.exp(0.2 * rng.standard_normal()) for i in range(1, n + 1)}
+    low, high = 100 * np.pi / (2 * n + 1), 200.0
+    ratio = rng.uniform(0.003, 0.01)
+    truth |= {"alpha": ratio * low, "beta": ratio / high}
+    harmonics = np.arange(1, structure.lines + 1)
+    samples = 4 * structure.lines
+    fundamental = 1.15 * high / (2 * np.pi) / structure.lines
+    omega = 2 * np.pi * fundamental * harmonics
+    force = 50 * np.exp(2j * np.pi * rng.random((len(harmonics), 1)))
+    sensors = sorted({1, (n + 1) // 2, n}) if n > 2 else [1, 2]
+    motion = (force * chain_response(truth, n, omega))[:, [i - 1 for i in sensors]]
+    mean = np.concatenate([force, motion], axis=1)
+    size = np.median(np.abs(mean), axis=0) * np.sqrt(samples)
+    noise = size * structure.noise * np.array([0.1] + [1.0] * len(sensors))
+    model = structure.model()
+    channels = [Channel("F", "N"), *(Channel(f"q{i}", "m") for i in sensors)]
+    drawn = rng.standard_normal((30, *mean.shape, 2)).view(np.complex128)[..., 0]
+    spectra = mean + drawn * noise / np.sqrt(2 * samples)
+    rate = fundamental * samples
+    time = np.arange(samples)[None] / rate
+    blank = np.zeros((samples, len(channels)))
+    record = PeriodicRecord(
+        tuple(channels),
+        fundamental * samples,
+        harmonics,
+        spectra,
+        blank,
+        blank,
+        0.0,
+        time,
+        0 * time,
+    )
+    common = (1 + structure.off * rng.choice([-1, 1])) ** 2
+    start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
+    start |= {f"k{i}": common * start[f"k{i}"] for i in range(1, n + 1)}
+    start |= {name: truth[name] * 2 ** rng.uniform(-1, 1) for name in ("alpha", "beta")}
+    return Case(model, truth, (record,), {}, start)
+
+
+def modal_case(structure: Structure, seed: int) -> Case:
+    """Return an aircraft-like structure: modes of known shape, unknown mass, stiffness, damping."""
+    n, rng = structure.modes, np.random.default_rng([seed, 8])
+    hertz = 5 * np.cumprod(1 + rng.uniform(0.15, 0.5, n))
+    ratio = rng.uniform(0.003, 0.01, n)
+    shapes = rng.uniform(0.3, 1, (3, n)) * rng.choice([-1, 1], (3, n))
+    mass = np.exp(0.3 * rng.standard_normal(n)) * 20
+    lines, names = ["title = 'modes'", "equations = ["], [f"q{i + 1}" for i in range(n)]
+    for i, q in enumerate(names, 1):
+        lines.append(f"\"m{i}*{q}'' + c{i}*{q}' + k{i}*{q} = {shapes[0, i - 1]:.17g}*F\",")
+    lines += ["]", "[coordinates]", *(f'{q} = "m"' for q in names), "[inputs]", 'F = "N"']
+    lines += ["[parameters]"]
+    for kind, unit in (("m", "kg"), ("k", "N/m"), ("c", "N s/m")):
+        lines += [f'{kind}{i} = {{ unit = "{unit}", positive = true }}' for i in range(1, n + 1)]
+    model = parse_model("\n".join(lines))
+    w = 2 * np.pi * hertz
+    truth = {f"m{i + 1}": mass[i] for i in range(n)}
+    truth |= {f"k{i + 1}": mass[i] * w[i] ** 2 for i in range(n)}
+    truth |= {f"c{i + 1}": 2 * ratio[i] * mass[i] * w[i] for i in range(n)}
+    fundamental = 1.2 * hertz[-1] / structure.lines
+    harmonics = np.arange(int(4 / fundamental), structure.lines + 1)
+    omega = 2 * np.pi * fundamental * harmonics[:, None]
+    force = 50 * np.exp(2j * np.pi * rng.random((len(harmonics), 1)))
+    modes = shapes[0] / (mass * (w**2 - omega**2 + 2j * ratio * w * omega)) * force
+    mean = np.concatenate([force, modes @ shapes.T], axis=1)
+    samples = 4 * structure.lines
+    noise = np.median(np.abs(mean), axis=0) * np.sqrt(samples) * structure.noise
+    drawn = rng.standard_normal((30, *mean.shape, 2)).view(np.complex128)[..., 0]
+    spectra = mean + drawn * noise * np.array([0.1, 1, 1, 1]) / np.sqrt(2 * samples)
+    channels = [Channel("F", "N")]
+    for j, row in enumerate(shapes):
+        channels.append(Channel(f"s{j}", "m", reads=dict(zip(names, row.tolist(), strict=True))))
+    time = np.arange(samples)[None] / (fundamental * samples)
+    blank = np.zeros((samples, 4))
+    rate = fundamental * samples
+    record = PeriodicRecord(
+        tuple(channels), rate, harmonics, spectra, blank, blank, 0.0, time, 0 * time
+    )
+    start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
+    for i in range(1, n + 1):
+        start[f"k{i}"] *= (1 + structure.off * rng.choice([-1, 1])) ** 2
+        start[f"c{i}"] *= 2 ** rng.uniform(-1, 1)
+    return Case(model, truth, (record,), {}, start)

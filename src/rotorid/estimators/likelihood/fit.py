@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -13,10 +13,11 @@ from rotorid.estimators.batch import Batch
 from rotorid.estimators.derived import physical_start
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.inference import Inference, infer
+from rotorid.estimators.likelihood.information import Doubt, doubts
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.search import search
+from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.solver import Solution, solve
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
 from rotorid.models import Model
@@ -38,12 +39,15 @@ class Fit:
     inference : Inference
     records : sequence of Observation
         With the covariance that was chosen.
+    doubt : Doubt
+        Why the minimum may not be the answer.
     """
 
     prepared: Prepared
     solution: Solution
     inference: Inference
     records: tuple[Observation, ...]
+    doubt: Doubt = field(default_factory=Doubt)
 
     @property
     def problem(self) -> Problem:
@@ -62,6 +66,7 @@ def fit(
     neighbours: int | None = None,
 ) -> Fit:
     """Minimize the likelihood of one record or several."""
+    _refuse_silence(records)
     guess = starting_values(model, records, knowledge, base)
     prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
     if covariance == "correlated":
@@ -72,7 +77,25 @@ def fit(
         if any(new is not old for new, old in zip(chosen, records, strict=True)):
             records = chosen
             solution, inference = _solve(prepared, records, solution.point.unknowns, (0.0,))
-    return Fit(prepared, solution, inference, tuple(records))
+    doubt = Doubt()
+    # Where noise does not explain the cost, the model is wrong, and its leads come first.
+    if solution.converged and explained(solution, inference):
+        doubt = doubts(solution.point.problem, prepared.layout.start, solution, inference)
+    return Fit(prepared, solution, inference, tuple(records), doubt)
+
+
+def _refuse_silence(records: Sequence[Observation]) -> None:
+    """Refuse records whose sensors read nothing: any machine at rest fits them."""
+    for record in records:
+        columns = [sensor.column for sensor in record.sensors]
+        if not np.abs(record.lines.mean[:, columns]).any():
+            names = ", ".join(sensor.channel.name for sensor in record.sensors)
+            raise InputError(
+                f"zero on every line of {names}",
+                "sensors that read the motion",
+                "check their columns and cables",
+                file=record.lines.source,
+            )
 
 
 def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solution, Inference]:

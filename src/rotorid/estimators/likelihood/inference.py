@@ -20,6 +20,11 @@ from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.tangent import RANK, relation_jacobian, tangent_basis
 from rotorid.record import Floats
 
+IDLE = 1e-6
+"""Deviations by which the residual moves with a parameter's whole value: fewer are rounding."""
+ROUNDING = 1e-12
+"""The same as a share of the largest such effect."""
+
 
 @dataclass(frozen=True)
 class Expectation:
@@ -114,7 +119,10 @@ def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
 
 
 def along_relations(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
-    """Return the scaled Jacobian along the exact relations, the scale and the basis."""
+    """Return the scaled Jacobian along the exact relations, the scale and the basis.
+
+    A column that is rounding is zero: scaled to length one, it would count as information.
+    """
     free = point.problem.layout.free
     jacobian = point.jacobian
     with np.errstate(over="ignore"):
@@ -122,7 +130,10 @@ def along_relations(point: Point, exact: Relations) -> tuple[Floats, Floats, Flo
     if not np.isfinite(size).all():
         raise np.linalg.LinAlgError("a derivative beyond all bounds")
     typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
-    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), typical)
+    effect = size * typical
+    seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
+    scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
+    jacobian = np.where(seen, jacobian, 0.0)
     basis = np.eye(len(free))
     if len(exact):
         basis = tangent_basis(relation_jacobian(exact, point) * scale)

@@ -60,6 +60,8 @@ class Problem:
         matrix = np.concatenate([*(record.affine_jacobian for record in records), slopes])
         residual = np.concatenate([*(record.residual for record in records), known])
         size = np.sqrt((matrix**2).sum(axis=0))
+        if not (np.isfinite(size).all() and np.isfinite(residual).all()):
+            raise np.linalg.LinAlgError("a residual beyond all bounds")
         scale = 1 / np.where(size > 0, size, 1.0)
         change = -scale * np.linalg.lstsq(matrix * scale, residual, rcond=1e-10)[0]
         for record in records:

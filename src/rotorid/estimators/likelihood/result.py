@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rotorid.estimate import Estimate, LineMisfit, Misfit, Status, Value
+from rotorid.estimate import Alternative, Estimate, LineMisfit, Misfit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
@@ -15,6 +15,7 @@ from rotorid.estimators.likelihood.identifiability import (
     find_cures,
     open_combinations,
 )
+from rotorid.estimators.likelihood.information import doubt_warnings
 from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects
 from rotorid.estimators.prediction import by_likelihood, relative_errors
@@ -47,8 +48,10 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         )
         for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
     ]
-    combinations = open_combinations(layout, point, inference)
     suspicion = _suspicion(model, fit, p_value)
+    # Where a search failed, nothing follows of what the records determine.
+    arrived = fit.solution.converged
+    combinations = open_combinations(layout, point, inference) if arrived else []
     count = layout.parameters
     held = [
         Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
@@ -82,6 +85,13 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
+        alternatives=tuple(
+            Alternative(
+                other.cost,
+                tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
+            )
+            for other in fit.doubt.alternatives
+        ),
     )
 
 
@@ -124,10 +134,10 @@ def _deviations(fit: Fit) -> Floats:
 
 
 def _status(fit: Fit, p_value: float) -> Status:
-    if fit.inference.null.shape[1]:
-        return "not_identifiable"
     if not fit.solution.converged:
         return "not_converged"
+    if fit.inference.null.shape[1] or fit.doubt:
+        return "not_identifiable"
     return "rejected" if p_value < REJECTED else "ok"
 
 
@@ -194,7 +204,11 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
         text = fit.problem.bounds.texts[bound]
         found.append(f"the bound {text} holds with equality; deviations are those without it")
     if not fit.solution.converged:
-        found.append("the iteration did not converge; give a nearer start")
+        found.append(
+            "the search did not arrive at a minimum from this start and others about it, so "
+            "nothing is known of what the records determine; give a nearer start"
+        )
+    found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
     if p_value < REJECTED:
         found.append(
             f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "

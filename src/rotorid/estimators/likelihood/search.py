@@ -10,7 +10,7 @@ is believed, and put down to the model or to the data, once two different starts
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,14 +79,15 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
             best = found
         if solution.converged:
             costs.append((way.number, solution.point.cost))
-        if best[0].converged and (_explained(best) or _agreed(costs, best[0].point.cost)):
+        if best[0].converged and (explained(*best) or _agreed(costs, best[0].point.cost)):
             break
+    if best is not None and not explained(*best) and not _agreed(costs, best[0].point.cost):
+        return replace(best[0], converged=False), best[1]
     return best
 
 
-def _explained(found: tuple[Solution, Inference]) -> bool:
+def explained(solution: Solution, inference: Inference) -> bool:
     """Tell whether noise alone explains the cost."""
-    solution, inference = found
     return inference.expectation.p_value(solution.point.cost) >= SUSPICIOUS
 
 

@@ -20,6 +20,7 @@ solves the linear least-squares problem with the linearized bounds as inequaliti
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,14 @@ STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """sigma of each stage, in units of the mean force."""
 LIMIT = 200
 """Steps of the last stage. The bent valleys of weakly excited rotors take up to 40."""
+EFFORT = 1000
+"""Jacobians of one way. The longest of the bank that arrived took 500."""
+BRIEF = 60
+"""Jacobians of the way from a further start that only checks an answer."""
+HOPELESS = 10.0
+"""Cost per residual from which the brief way is not worth going on with."""
+JOINED = 0.01
+"""Ways whose stages end no further apart, relative to each unknown, have joined."""
 BENDS = 4
 """Gauss-Newton steps that may lead a step back to the floor of its valley."""
 HELD = 1e-9
@@ -57,12 +66,15 @@ class Solution:
         Evaluations of the Jacobian, over all stages.
     active : sequence of int
         Bounds that hold with equality.
+    trail : sequence of array
+        Unknowns at the end of each stage before the last.
     """
 
     point: Point
     converged: bool
     iterations: int
     active: tuple[int, ...] = ()
+    trail: tuple[Floats, ...] = ()
 
 
 class _Walk:
@@ -70,7 +82,7 @@ class _Walk:
 
     def __init__(self, problem: Problem, unknowns: Floats, bounded: bool) -> None:
         self.problem, self.unknowns, self.bounded = problem, unknowns, bounded
-        self.iterations = 0
+        self.iterations, self.effort = 0, EFFORT
 
     def descend(self, relaxation: float, tolerance: float, limit: int) -> tuple[Point, bool]:
         """Minimize at one relaxation."""
@@ -98,7 +110,7 @@ class _Walk:
         """Return a point with a lower cost, and the radius to try next."""
         for attempt in range(25):
             along = where.step(radius)
-            if along is None:
+            if along is None or self.iterations > self.effort:
                 return None, radius
             length = float(np.linalg.norm(along))
             trial = self._stepped(point, where, along, relaxation)
@@ -164,11 +176,12 @@ def solve(
     numpy.linalg.LinAlgError
         Where no point on the way has a finite cost, or no point near keeps the bounds.
     """
-    candidates = _within(problem, start, stages, bounded)
-    best = _lowest(candidates)
-    there = evaluated(problem, start, stages[-1])
-    if there is not None and (best is None or there.cost < best.point.cost):
-        best = _lowest([*candidates, *_within(problem, start, stages[-1:], bounded)])
+    with np.errstate(all="ignore"):  # what overflows on the way is refused there
+        candidates = _within(problem, start, stages, bounded)
+        best = _lowest(candidates)
+        there = evaluated(problem, start, stages[-1])
+        if there is not None and (best is None or there.cost < best.point.cost):
+            best = _lowest([*candidates, *_within(problem, start, stages[-1:], bounded)])
     if best is None:
         raise np.linalg.LinAlgError("no way from this start")
     return best
@@ -188,14 +201,62 @@ def _within(
     return [solution for solution in inner if solution is not None]
 
 
+def beside(point: Point, change: Floats) -> Point | None:
+    """Return the floor of the valley beside a change of the free unknowns, if it is found.
+
+    Gauss-Newton steps square to the change, so that what the change moves stays moved.
+    """
+    problem, free = point.problem, point.problem.layout.free
+    walk = _Walk(problem, point.unknowns, bounded=False)
+    aimed = point.unknowns.copy()
+    aimed[free] += change
+    trial = evaluated(problem, aimed)
+    for _ in range(BENDS):
+        if trial is None:
+            return None
+        try:
+            there = tangent(trial, problem.exact)
+            across = there.across(trial.unknowns[free] - point.unknowns[free])
+        except np.linalg.LinAlgError:
+            return None
+        moved = walk._stepped(trial, there, across, 0.0)
+        if moved is None or moved.cost > trial.cost - 1e-3:
+            break
+        trial = moved
+    return trial
+
+
 def _lowest(candidates: Sequence[Solution]) -> Solution | None:
     return min(candidates, key=lambda c: c.point.cost, default=None)
 
 
+def elsewhere(problem: Problem, start: Floats, solution: Solution) -> Solution | None:
+    """Solve from another start; None where that leads to no other answer.
+
+    That is where its way joins the one that led to a solution.
+    In the first stage the cost is that of a regression: where the records inform all unknowns,
+    every start ends there at the same point, and the rest of the way is known already.
+    """
+    with np.errstate(all="ignore"):
+        found = _descended(problem, start, STAGES, False, solution.trail, brief=True)
+        if found is not None and len(outside(problem.bounds, found.point.unknowns)):
+            found = _descended(problem, start, STAGES, True, brief=True)
+    return found
+
+
 def _descended(
-    problem: Problem, start: Floats, stages: Sequence[float], bounded: bool
+    problem: Problem,
+    start: Floats,
+    stages: Sequence[float],
+    bounded: bool,
+    known: Sequence[Floats] = (),
+    *,
+    brief: bool = False,
 ) -> Solution | None:
-    """Go through the stages from a start; None where no finite cost is found."""
+    """Go through the stages from a start; None where no finite cost is found.
+
+    Where a stage ends near the end of the same stage of a way that is known, None as well.
+    """
     free = problem.layout.free
     scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
     scale = np.where(scale > 0, scale, 1.0)
@@ -209,21 +270,35 @@ def _descended(
         moved = retract(start, free, problem.exact, scale)
         x = start if moved is None else moved
     walk = _Walk(anchored(problem, start), x, bounded)
-    for relaxation in stages[:-1]:
-        try:
+    trail: list[Floats] = []
+    for stage, relaxation in enumerate(stages[:-1]):
+        with suppress(np.linalg.LinAlgError):
             walk.descend(relaxation, tolerance=1e-2, limit=30)
-        except np.linalg.LinAlgError:
-            continue
+        trail.append(walk.unknowns)
+        if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
+            return None
     walk.problem = problem
+    if brief:
+        walk.effort = walk.iterations + BRIEF
     try:
         point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=LIMIT)
+        if brief and not converged and point.cost < HOPELESS * len(point.residual):
+            walk.effort = EFFORT  # a bent valley, not another mountain
+            point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=LIMIT)
     except np.linalg.LinAlgError:
         last = evaluated(problem, walk.unknowns, stages[-1])
         if last is None:
             return None
         point, converged = last, False
     active = bounds_held(problem, point.unknowns) if bounded else ()
-    return Solution(point, converged, walk.iterations, active)
+    return Solution(point, converged, walk.iterations, active, tuple(trail))
+
+
+def _same(problem: Problem, one: Floats, other: Floats) -> bool:
+    """Tell whether two points are the same but for what is linear."""
+    rigid = np.setdiff1d(problem.layout.free, problem.affine)
+    a, b = one[rigid], other[rigid]
+    return bool((np.abs(a - b) <= JOINED * np.maximum(np.abs(a), np.abs(b))).all())
 
 
 def bounds_held(problem: Problem, unknowns: Floats) -> tuple[int, ...]:

@@ -112,7 +112,8 @@ class Tangent:
 
     def across(self, change: Floats) -> Floats:
         """Return the Gauss-Newton step square to a change of the free unknowns."""
-        direction = change / self.scale
+        with np.errstate(over="ignore", invalid="ignore"):
+            direction = change / self.scale
         if self.basis is not None:
             direction = self.basis.T @ direction
         rest = tangent_basis(direction[None])
@@ -171,6 +172,8 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
         basis = tangent_basis(relation_jacobian(exact, point) * scale)
         scaled = scaled @ basis
     rows = np.column_stack([scaled, point.residual])
+    if not np.isfinite(rows).all():  # LAPACK would print a line of its own
+        raise np.linalg.LinAlgError("a residual beyond all bounds")
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     width = scaled.shape[1]
     normals, distances = np.zeros((0, width)), np.zeros(0)
@@ -193,7 +196,7 @@ def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -
         if (np.abs(gap) <= 1e-14 * exact.sizes(x)).all():
             return x
         derivative = exact.jacobian(x)[:, free] * scale
-        if not np.isfinite(derivative).all():
+        if not (np.isfinite(derivative).all() and np.isfinite(gap).all()):
             return None
         change = scale * np.linalg.lstsq(derivative, gap, rcond=1e-12)[0]
         x[free] -= change

@@ -1,0 +1,265 @@
+"""What the records tell without their noise, and other answers that fit as well.
+
+Where the excitation leaves something at rest, the record fits with more than one answer, and
+neither rank nor condition number at the estimate shows it: noise, or a resonance that the estimate
+puts on a line, fills the Jacobian (theory, section 7). Three questions are asked instead.
+
+- Would the noise-free response to the measured forces give the stated deviations, at the answer
+  and about the start? If they are much smaller, noise was taken for information.
+- Do other starts end at another answer with as low a cost?
+- Does the cost rise over the stated deviations as they say? Along the bent valley of a weakly
+  excited rotor other parameters leave their intervals long before the cost does.
+
+Further starts cost little where the record informs all unknowns: they join the way of the first
+after one or two stages of the homotopy. Three are always tried, eight where the deviations
+predicted at the start are a tenth of the values or more, and the last question is asked there too.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorid.estimators.likelihood.inference import Inference, along_relations
+from rotorid.estimators.likelihood.problem import Point, Problem
+from rotorid.estimators.likelihood.response import respond
+from rotorid.estimators.likelihood.search import AGREE, further_starts
+from rotorid.estimators.likelihood.solver import Solution, beside, elsewhere
+from rotorid.record import Floats
+
+TAKEN = 3.0
+"""Stated deviations so many times smaller than the noise-free response gives are noise."""
+TAKEN_ABOUT = 10.0
+"""The same about the start, where a machine that differs may be that much less informed."""
+LOOSE = 0.1
+"""Predicted deviation, as a share of the value, from which other answers are looked for."""
+CLOSE = 15.0
+"""Minima whose cost is higher by no more than this fit as well: 15 has a chance of 1e-4."""
+APART = 5.0
+"""Minima further apart than this many deviations are different answers."""
+WEAKEST = 2
+"""Directions along which the cost is followed."""
+ALWAYS = 3
+"""Further starts that are always tried: those of an informed record join the first way soon."""
+FAR = 3.0
+"""A start off by more than this factor says nothing of the machine: the answer stands for it."""
+AROUND = 8
+"""Starts about the given one at which the noise-free response is asked, beside it."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why a minimum is not the answer.
+
+    Parameters
+    ----------
+    noise : sequence of str
+        Unknowns whose stated deviations are noise taken for information.
+    bent : sequence of str
+        Unknowns whose stated deviations do not hold: the cost is no parabola over them.
+    alternatives : sequence of Point
+        Other minima that fit as well.
+    """
+
+    noise: tuple[str, ...] = ()
+    bent: tuple[str, ...] = ()
+    alternatives: tuple[Point, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.noise or self.bent or self.alternatives)
+
+
+def noise_free(problem: Problem, unknowns: Floats) -> Point:
+    """Return the problem at a point where the sensors read just what the forces make of it."""
+    silent = []
+    for likelihood in problem.likelihoods:
+        clean = copy.copy(likelihood)
+        clean.data = respond(likelihood, unknowns)
+        silent.append(clean)
+    return replace(problem, likelihoods=tuple(silent)).at(unknowns)
+
+
+def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
+    """Return the deviations that the noise-free response gives, infinite where it gives none."""
+    try:
+        point = noise_free(problem, unknowns)
+        scaled, scale, basis = along_relations(point, problem.exact)
+        _, values, right = np.linalg.svd(scaled, full_matrices=False)
+    except np.linalg.LinAlgError:
+        return np.full(len(problem.layout.free), np.inf)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        spread = ((basis @ right.T) / np.maximum(values, 1e-14 * values.max(initial=0.0))) ** 2
+        found = scale * np.sqrt(spread.sum(axis=1))
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def doubts(problem: Problem, start: Floats, solution: Solution, inference: Inference) -> Doubt:
+    """Ask whether a minimum is the answer."""
+    point, free = solution.point, problem.layout.free
+    stated = np.sqrt(np.diag(inference.covariance).clip(0))
+    asked = ~inference.undetermined & (stated > 0)
+    taken = predicted_deviations(problem, point.unknowns) > TAKEN * stated
+    value = np.abs(point.unknowns[free])
+    about = _about(problem, start, point.unknowns, 0)[0]
+    rigid = asked & ~np.isin(free, problem.affine) & (value > 0)
+    expected = predicted_deviations(problem, about)
+    loose = rigid & ((expected > LOOSE * np.abs(about[free])) | (stated > LOOSE * value))
+    found = Doubt(_names(problem, asked & taken))
+    others = _minima(problem, start, solution, bool(loose.any()))
+    found = replace(found, alternatives=tuple(_apart(others, solution, stated, asked)))
+    if not loose.any():
+        return found
+    taken |= _taken_about(problem, start, point.unknowns, stated)
+    return replace(
+        found,
+        noise=_names(problem, asked & taken & rigid),
+        bent=_names(problem, rigid & _bent(point, inference, stated)),
+    )
+
+
+def _names(problem: Problem, which: NDArray[np.bool_]) -> tuple[str, ...]:
+    return tuple(problem.layout.unknowns[i].name for i in problem.layout.free[which])
+
+
+def _about(problem: Problem, start: Floats, unknowns: Floats, count: int) -> list[Floats]:
+    """Return the start and others about it, with what is linear (unbalance) as it was found.
+
+    A start that is far off is no plausible machine; those about the answer serve then.
+    """
+    rigid = np.setdiff1d(problem.layout.free, problem.affine)
+    a, b = np.abs(start[rigid]), np.abs(unknowns[rigid])
+    if (np.maximum(a, b) > FAR * np.minimum(a, b)).any():
+        start = unknowns
+    points = [start.copy(), *further_starts(problem, start, count)]
+    for x in points:
+        x[problem.affine] = unknowns[problem.affine]
+    return points
+
+
+def _taken_about(
+    problem: Problem, start: Floats, unknowns: Floats, stated: Floats
+) -> NDArray[np.bool_]:
+    """Tell which deviations no plausible machine would give with these forces, (free,)."""
+    taken = np.ones(len(stated), dtype=bool)
+    for x in _about(problem, start, unknowns, AROUND):
+        taken &= predicted_deviations(problem, x) > TAKEN_ABOUT * stated
+    return taken
+
+
+def _minima(problem: Problem, start: Floats, solution: Solution, every: bool) -> list[Solution]:
+    """Return where further starts end, other than on the way that led to the solution.
+
+    All of them where one of the first ended elsewhere at nearly as low a cost, or on demand.
+    """
+    found, strayed = [], every
+    for number, other in enumerate(further_starts(problem, start)):
+        if number >= ALWAYS and not strayed:
+            break
+        try:
+            end = elsewhere(problem, other, solution)
+        except np.linalg.LinAlgError:
+            continue
+        if end is None:
+            continue
+        above = end.point.cost - solution.point.cost
+        strayed |= AGREE * solution.point.cost + 1e-3 < above < 10 * CLOSE
+        found.append(end)
+    return found
+
+
+def _apart(
+    others: Sequence[Solution], solution: Solution, stated: Floats, asked: NDArray[np.bool_]
+) -> list[Point]:
+    """Return one of each of the ends that fit as well and lie apart, lowest first.
+
+    Over a parabola a cost that is higher by `CLOSE` is less than four deviations away: a point
+    that fits as well from further off belies the deviations, be it a minimum or not.
+    """
+    free = solution.point.problem.layout.free[asked]
+    answers = [solution.point]
+    for other in sorted(others, key=lambda s: s.point.cost):
+        if other.point.cost > solution.point.cost + CLOSE:
+            break
+        away = [np.abs(other.point.unknowns - at.unknowns)[free] / stated[asked] for at in answers]
+        if all(distance.max(initial=0.0) > APART for distance in away):
+            answers.append(other.point)
+    return answers[1:]
+
+
+def _bent(point: Point, inference: Inference, stated: Floats) -> NDArray[np.bool_]:
+    """Tell which unknowns leave their interval before the cost rises as it should.
+
+    The way leads two deviations both ways along the weakest directions of the covariance, and
+    from there to the floor of the valley. Over a parabola no unknown moves by more of its
+    deviations than the root of the rise.
+    """
+    free, seen = point.problem.layout.free, stated > 0
+    unit = np.where(seen, stated, 1.0)
+    size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit))
+    left = np.zeros(len(stated), dtype=bool)
+    for k in range(max(0, len(size) - WEAKEST), len(size)):
+        for sign in (-2.0, 2.0):
+            change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
+            at = beside(point, change)
+            if at is not None:
+                moved = np.abs(at.unknowns - point.unknowns)[free]
+                left |= moved > TAKEN * np.sqrt(max(at.cost - point.cost, 0.0)) * unit
+    return left & seen
+
+
+def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:
+    """Return in words what is doubtful, and what would cure it."""
+    found = []
+    if doubt.noise:
+        found.append(
+            f"not identifiable: {', '.join(doubt.noise)}: their stated deviations are noise taken "
+            "for information; the noise-free response to the measured forces gives more than "
+            f"{TAKEN:g} times as much"
+        )
+    if doubt.alternatives:
+        costs = ", ".join(f"{other.cost:.4g}" for other in doubt.alternatives)
+        found.append(
+            f"not identifiable: other answers fit as well (cost {costs}); see the alternatives"
+        )
+    if doubt.bent:
+        found.append(
+            f"not identifiable: {', '.join(doubt.bent)}: they move together much further than "
+            "their stated deviations before the cost rises"
+        )
+    if found:
+        found.append(f"cure: {_cure(problem, start, doubt)}")
+    return found
+
+
+def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
+    """Say which other excitation would inform the doubtful unknowns, tried on the start."""
+    layout = problem.layout
+    named = set(doubt.noise or doubt.bent)
+    asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in named]
+    before = predicted_deviations(problem, start)
+    helped = []
+    for j, name in enumerate(layout.model.inputs):
+        after = predicted_deviations(_turned(problem, j), start)
+        if asked and (after[asked] * TAKEN < before[asked]).any():
+            helped.append(name)
+    if helped:
+        return f"drive {' or '.join(helped)} against the other inputs, not with them"
+    return (
+        "excite what is at rest: unequal forces on the inputs, lines nearer to the resonances, "
+        "another speed, more amplitude, or a sensor of a hidden coordinate"
+    )
+
+
+def _turned(problem: Problem, column: int) -> Problem:
+    """Return the problem with one input of the other sign."""
+    turned = []
+    for likelihood in problem.likelihoods:
+        other = copy.copy(likelihood)
+        other.data = likelihood.data.copy()
+        other.data[:, column] *= -1
+        turned.append(other)
+    return replace(problem, likelihoods=tuple(turned))

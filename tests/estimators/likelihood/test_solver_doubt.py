@@ -1,0 +1,103 @@
+"""More than one answer, and noise taken for information: told, and no false alarm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rotor_bank import ADVERSE, SETTINGS, Setting, modal_case, rotor_case, structure_case
+from rotor_bank import Structure as Tower
+
+from rotorid.errors import InputError
+from rotorid.estimators import MaximumLikelihood, Plan, predict_accuracy
+from rotorid.identify import identify
+
+
+def estimated(case):
+    return identify(case.model, case.records, MaximumLikelihood(fixed=case.fixed, start=case.start))
+
+
+def worst(case, estimate):
+    """Return the largest error in stated deviations."""
+    return max(
+        abs(value.value - case.truth[value.name]) / value.std
+        for value in estimate.parameters
+        if not value.fixed and value.std and np.isfinite(value.std)
+    )
+
+
+@pytest.mark.parametrize("setting", ADVERSE)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_no_wrong_answer_is_called_ok(setting, seed):
+    case = rotor_case(ADVERSE[setting], seed)
+    estimate = estimated(case)
+    assert estimate.status != "ok" or worst(case, estimate) < 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setting", ADVERSE)
+def test_no_wrong_answer_is_called_ok_ever(setting):
+    wrong = []
+    for seed in range(20):
+        case = rotor_case(ADVERSE[setting], 50 + seed)
+        estimate = estimated(case)
+        if estimate.status == "ok" and worst(case, estimate) > 5:
+            wrong.append(seed)
+    assert not wrong
+
+
+def test_pitch_at_rest_has_other_answers_and_a_cure():
+    case = rotor_case(ADVERSE["standstill, equal forces"], 6)
+    estimate = estimated(case)
+    assert estimate.status == "not_identifiable"
+    assert estimate.alternatives
+    assert any(
+        w.startswith("not identifiable: other answers fit as well") for w in estimate.warnings
+    )
+    assert any(w.startswith("cure: ") for w in estimate.warnings)
+    names = [name for name, _ in estimate.alternatives[0].parameters]
+    assert "I_t" in names
+
+
+@pytest.mark.parametrize("setting", ["8 sensors, +-40 %", "4 sensors, +-40 %", "5 sensors, +-40 %"])
+@pytest.mark.parametrize("seed", [0, 2, 5, 11])  # rotors that can be: I_p below 2 I_t
+def test_no_alarm_in_good_records(setting, seed):
+    estimate = estimated(rotor_case(SETTINGS[setting], seed))
+    assert estimate.status == "ok"
+    assert not estimate.alternatives
+
+
+def test_silent_sensors_are_refused():
+    case = rotor_case(Setting(), 0)
+    silent = case.records[0].spectra.copy()
+    silent[:, :, 4:] = 0
+    record = replace(case.records[0], spectra=silent)
+    with pytest.raises(InputError, match=r"zero on every line of x1, y1, x3, y3; .*cables"):
+        identify(case.model, record, MaximumLikelihood(fixed=case.fixed, start=case.start))
+
+
+def test_accuracy_of_what_is_not_excited_is_none(demo):
+    """Equal forces on a rotor of equal halves at rest: I_t +- 4e15 % is not an accuracy."""
+    plan = Plan(
+        np.full((6, 4), 5 - 5j),
+        harmonics=(1, 3, 5, 7, 9, 11),
+        fundamental=20.0,
+        sample_rate=5000.0,
+        periods=260,
+        noise={"F_x1": 1.0, "F_y1": 1.0, "F_x3": 1.0, "F_y3": 1.0}
+        | dict.fromkeys(("x1", "y1", "x3", "y3"), 22e-6),
+        sensors=("x1", "y1", "x3", "y3"),
+    )
+    fixed = {"L1": 0.3, "I_p": 0.048, "xi": 0.0, "zeta": 0.0, "mu": 0.0, "eta": 0.0}
+    accuracy = predict_accuracy(demo.model, plan, MaximumLikelihood(fixed=fixed))
+    assert accuracy.status == "not_identifiable"
+    assert np.isnan(accuracy.std("I_t"))
+
+
+@pytest.mark.parametrize("make", [structure_case, modal_case])
+@pytest.mark.parametrize("modes", [3, 5])
+def test_lightly_damped_from_ten_percent_off(make, modes):
+    for seed in range(2, 4):
+        case = make(Tower(modes=modes), seed)
+        estimate = estimated(case)
+        assert estimate.status == "ok"
+        assert worst(case, estimate) < 5.5
