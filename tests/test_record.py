@@ -1,11 +1,14 @@
 """Records: what they accept, and what they derive."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.signals.average import average
@@ -96,3 +99,47 @@ def test_frequencies_and_weights_of_lines(samples, periods):
     t = np.arange(samples) / 50.0
     waves = np.exp(1j * np.outer(t, periodic.omega)) * periodic.multiplicity
     np.testing.assert_allclose((waves @ periodic.mean_spectrum).real, periodic.mean, atol=1e-12)
+
+
+def _twice() -> tuple[rid.Record, rid.Record]:
+    samples = np.random.default_rng(3).standard_normal((400, 12))
+    channels = [rid.Channel(f"a_rather_long_name_{k}", "m") for k in range(12)]
+    one, two = (rid.Record(channels, samples.copy(), 100.0, source="run.csv") for _ in range(2))
+    return one, two
+
+
+@pytest.mark.parametrize("kind", ["record", "periods", "lines"])
+def test_values_compare_by_content_are_read_only_and_fit_a_screen(kind: str) -> None:
+    one, two = _twice()
+    if kind != "record":
+        one, two = (
+            rid.average(r, "2 Hz", band=("2 Hz", "20 Hz"), skip="0.5 s") for r in (one, two)
+        )
+    if kind == "lines":
+        one, two = (rid.Lines.of_periods(p) for p in (one, two))
+    assert one == two
+    assert one != replace(two, source="other.csv")
+    array = {"record": "samples", "periods": "spectra", "lines": "mean"}[kind]
+    changed = getattr(two, array).copy()
+    changed[0, 0] += 1.0
+    assert one != replace(two, **{array: changed})
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(one, array)[0, 0] = 0.0
+    assert len(repr(one)) < 1000
+    assert "<table" in one._repr_html_()
+
+
+def test_records_and_periods_draw_themselves() -> None:
+    one, _ = _twice()
+    assert len(one.plot().axes) >= 12
+    assert len(rid.average(one, 2.0, harmonics=[1]).plot().axes) >= 12
+
+
+def test_quantities_may_be_texts() -> None:
+    model = rid.load_model("jeffcott")
+    told = rid.MaximumLikelihood(fixed={"k": "0.4 kN/mm"}, known={"m": ("5000 g", "0.1 kg")})
+    knowledge = told.knowledge(model)
+    assert knowledge.fixed == {"k": pytest.approx(4e5)}
+    assert knowledge.known == {"m": (pytest.approx(5.0), pytest.approx(0.1))}
+    with pytest.raises(rid.InputError, match="k"):
+        rid.MaximumLikelihood(fixed={"k": "0.4 kg"}).knowledge(model)

@@ -15,6 +15,7 @@ import numpy as np
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra
+from rotorid.values import Arrays
 
 Signal = Callable[[Floats, Floats, Floats], Floats]
 """A function of t (s), phi (rad) and Omega (rad/s), arrays that broadcast; (..., signal)."""
@@ -39,8 +40,8 @@ class Clock(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class PeriodicClock:
+@dataclass(frozen=True, eq=False, repr=False)
+class PeriodicClock(Arrays):
     """The clock of a record of periods: lines of the mean period.
 
     Parameters
@@ -73,8 +74,8 @@ class PeriodicClock:
         return replace(self, speed=speed, angle=speed * self.time)
 
 
-@dataclass(frozen=True)
-class WholeClock:
+@dataclass(frozen=True, eq=False, repr=False)
+class WholeClock(Arrays):
     """The clock of a whole record: lines of all its samples.
 
     Parameters
@@ -107,8 +108,8 @@ def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
 
 
-@dataclass(frozen=True)
-class Lines:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lines(Arrays):
     """Mean lines of a record with their covariance and the loads on the same lines.
 
     Parameters

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
+from rotorid.values import Arrays
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -158,8 +162,8 @@ def check_samples(
             )
 
 
-@dataclass(frozen=True)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Arrays):
     """Samples as measured, in SI units.
 
     Parameters
@@ -212,6 +216,7 @@ class Record:
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "samples", np.asarray(self.samples, dtype=float))
+        super().__post_init__()
         names = self.names
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
@@ -262,6 +267,18 @@ class Record:
         """
         return self.samples[:, _index(self.channels, name)]
 
+    def plot(self) -> Figure:
+        """Draw the channels over time; returns a matplotlib figure.
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.plots.spectra import draw_samples  # takes its time to load
+
+        return draw_samples(self)
+
     def rotor_angle(self) -> Floats:
         """Return phi in rad at each sample, shape (sample,)."""
         if self.angle is not None:
@@ -270,8 +287,8 @@ class Record:
         return np.asarray(self.speed * time, dtype=float)
 
 
-@dataclass(frozen=True)
-class PeriodicRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class PeriodicRecord(Arrays):
     """A record cut into whole periods, its lines kept period by period.
 
     The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise
@@ -363,6 +380,18 @@ class PeriodicRecord:
         """Weight c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
         single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
         return np.where(single, 1.0, 2.0)
+
+    def plot(self) -> Figure:
+        """Draw the spectrum of every channel, kept lines and noise; returns a matplotlib figure.
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.plots.spectra import draw_spectra  # takes its time to load
+
+        return draw_spectra(self)
 
     def index(self, name: str) -> int:
         """Return the position of a channel.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from html import escape
 from typing import Any, ClassVar
 
 import numpy as np
@@ -52,3 +53,42 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+class Arrays(ByContent):
+    """A base of frozen dataclasses that hold measured arrays: read-only, and brief to look at."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, read_only(value))
+
+    def __repr__(self) -> str:
+        """Return the fields, arrays by their shape, names for channels: what fits a screen."""
+        told = (f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(told)})"
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, for notebooks."""
+        rows = "".join(
+            f"<tr><th>{escape(f.name)}</th><td>{escape(_brief(getattr(self, f.name)))}</td></tr>"
+            for f in fields(self)  # type: ignore[arg-type]
+        )
+        return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
+
+
+LONGEST = 80
+"""Characters of a field in a brief text."""
+
+
+def _brief(value: Any) -> str:
+    """Return a value in a few characters."""
+    if isinstance(value, np.ndarray):
+        return f"<{'x'.join(map(str, value.shape)) or 'one'} {value.dtype}>"
+    if isinstance(value, tuple) and value and all(hasattr(v, "name") for v in value):
+        value = tuple(v.name for v in value)
+    elif isinstance(value, tuple) and len(value) > 3:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    text = repr(value)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
-from rotorid.estimators.knowledge import Constraint, Elimination, eliminate
+from rotorid.estimators.knowledge import Constraint, Elimination, eliminate, in_si
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.summary import describe_open_directions, summarize
 from rotorid.estimators.weighted import (
@@ -155,11 +155,12 @@ class Problem:
 
 def pose(
     records: Sequence[Observation],
-    fixed: Mapping[str, float],
+    given: Mapping[str, float | str],
     constraints: Sequence[Constraint],
 ) -> Problem:
     """Substitute what is fixed, eliminate what is constrained, and write the regressions."""
     model = records[0].model
+    fixed = in_si(given, model)
     reduced = model.substitute(fixed)
     if not reduced.base.names:
         raise InputError("every parameter fixed", "something to estimate", "free one")
@@ -197,11 +198,11 @@ class LinearEstimator:
 
     Parameters
     ----------
-    fixed : mapping of str to float
-        Physical parameters (SI) that are substituted.
+    fixed : mapping of str to float or str
+        Physical parameters (SI, or texts with units) that are substituted.
     constraints : sequence of Constraint
         Exact ones, linear in the base parameters.
     """
 
-    fixed: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    fixed: Mapping[str, float | str] = field(default_factory=dict, kw_only=True)
     constraints: tuple[Constraint, ...] = field(default=(), kw_only=True)

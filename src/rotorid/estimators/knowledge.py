@@ -13,6 +13,15 @@ from rotorid.errors import InputError, ModelError
 from rotorid.models import Model
 from rotorid.models.expression import parse, symbol
 from rotorid.record import Floats
+from rotorid.units import quantity
+
+
+def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
+    """Return values by name in SI: numbers as they are, texts with the units of parameters."""
+    units = {p.name: p.unit for p in model.parameters}
+    return {
+        name: quantity(value, units.get(name, "1"), place=name) for name, value in values.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Literal
 from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
-from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.knowledge import Constraint, in_si
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
@@ -31,7 +31,7 @@ class MaximumLikelihood:
     Parameters
     ----------
     fixed : mapping of str to float
-        Exact values (SI), of parameters or of nuisances.
+        Exact values of parameters or of nuisances: SI, or texts with units.
     constraints : sequence of Constraint
         Polynomials in the parameters that are known: exactly, and then eliminated, or with a
         deviation.
@@ -69,10 +69,10 @@ class MaximumLikelihood:
     {'L1': 0.3}
     """
 
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float | str] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = ()
-    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    start: Mapping[str, float] = field(default_factory=dict)
+    known: Mapping[str, tuple[float | str, float | str]] = field(default_factory=dict)
+    start: Mapping[str, float | str] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
     runout: bool = False
     gains: tuple[str, ...] = ()
@@ -90,10 +90,24 @@ class MaximumLikelihood:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         _ = self.nuisances
 
-    @property
-    def knowledge(self) -> Knowledge:
-        """What is known beforehand."""
-        return Knowledge(self.fixed, self.known, self.start, self.constraints, self.bounds)
+    def knowledge(self, model: Model) -> Knowledge:
+        """Return what is known beforehand of the parameters of a model, in SI.
+
+        Raises
+        ------
+        InputError
+            For a text that is no quantity of its parameter's unit.
+        """
+        pairs = self.known.items()
+        values = in_si({name: pair[0] for name, pair in pairs}, model)
+        deviations = in_si({name: pair[1] for name, pair in pairs}, model)
+        return Knowledge(
+            in_si(self.fixed, model),
+            {name: (value, deviations[name]) for name, value in values.items()},
+            in_si(self.start, model),
+            self.constraints,
+            self.bounds,
+        )
 
     @property
     def nuisances(self) -> Nuisances:
@@ -111,19 +125,19 @@ class MaximumLikelihood:
             Where the model is not linear in its coordinates.
         """
         linear_form(model)
-        bound = bind_all(model, records)
+        bound, knowledge = bind_all(model, records), self.knowledge(model)
         try:
             found = fit(
                 model,
                 bound,
-                self.knowledge,
+                knowledge,
                 self.nuisances,
                 base=self.base,
                 covariance=self.covariance,
                 neighbours=self.neighbours,
             )
         except NotConvergedError as error:
-            return nothing_found(model, bound, self.fixed, str(error))
+            return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None

@@ -22,6 +22,7 @@ from rotorid.plots.style import (
 )
 
 MOST_DOTS = 400  # of other lines in a panel
+MOST_SAMPLES = 4000  # of a channel over time
 MOST_STEMS = 40  # kept lines that are drawn one by one
 
 
@@ -83,6 +84,23 @@ def draw_line_filter(
     axes.set_xlim(low, high)
     axes.set_xlabel("frequency in Hz")
     axes.set_ylabel(f"amplitude in {unit}")
+
+
+@styled
+def draw_samples(record: Samples) -> Figure:
+    """Draw every channel of a record over time."""
+    count = len(record.channels)
+    figure, axes = panels(count, 3, 1.8)
+    step = max(1, len(record.samples) // MOST_SAMPLES)
+    time = np.arange(0, len(record.samples), step) / record.sample_rate
+    for index, panel in zip(range(count), axes, strict=False):
+        unit, factor = shown_unit(record.channels[index].unit)
+        panel.plot(time, factor * record.samples[::step, index], color=BLUE, lw=0.5)
+        panel.set_title(label(record.channels[index].name, 36), loc="left")
+        panel.set_ylabel(unit)
+        if index >= count - 3:
+            panel.set_xlabel("time in s")
+    return figure
 
 
 @styled

@@ -19,6 +19,7 @@ from rotorid.signals.period_lines import (
 )
 from rotorid.signals.spectrum import transfer_of_recording
 from rotorid.signals.sums import PeriodSums
+from rotorid.units import quantity
 
 _LOOKED_AT = 1 << 14
 """Samples of a long record whose channels are checked one by one."""
@@ -26,19 +27,19 @@ _LOOKED_AT = 1 << 14
 
 def average(
     record: Record,
-    fundamental: float | None = None,
+    fundamental: float | str | None = None,
     *,
     period_samples: int | None = None,
     harmonics: Sequence[int] | None = None,
-    band: tuple[float, float] | None = None,
-    skip: float = 0.0,
+    band: tuple[float | str, float | str] | None = None,
+    skip: float | str = 0.0,
 ) -> PeriodicRecord:
     """Cut a record into whole periods and keep the chosen lines of each.
 
     Parameters
     ----------
     record : Record
-    fundamental : float, optional
+    fundamental : float or str, optional
         Hz; the sample rate is a whole multiple of it. Or `period_samples`.
     period_samples : int, optional
         Samples of a period.
@@ -46,7 +47,7 @@ def average(
         Lines to keep, as multiples of the fundamental; 0 is DC. Or `band`.
     band : (float, float), optional
         Hz; keeps every harmonic in it, both ends included.
-    skip : float
+    skip : float or str
         Settling to drop, in s. Whole periods after it are used, what is left over is not.
 
     Returns
@@ -67,9 +68,11 @@ def average(
     >>> periodic.periods, periodic.mean_spectrum.real.round(12)
     (4, array([[0.5]]))
     """
-    size = period_size(record, fundamental, period_samples)
-    lines = lines_of(record, size, harmonics, band)
-    first = first_sample(record, skip, record.start)
+    hertz = None if fundamental is None else quantity(fundamental, "Hz")
+    ends = None if band is None else (quantity(band[0], "Hz"), quantity(band[1], "Hz"))
+    size = period_size(record, hertz, period_samples)
+    lines = lines_of(record, size, harmonics, ends)
+    first = first_sample(record, quantity(skip, "s"), record.start)
     left = max(len(record.samples) - first, 0)
     periods = left // size
     if periods < 2:

@@ -9,12 +9,13 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.record import Complexes
+from rotorid.values import Arrays
 
 Kind = Literal["white", "correlated", "references", "quiet", "inputs", "stated", "known"]
 
 
-@dataclass(frozen=True)
-class LineCovariance:
+@dataclass(frozen=True, eq=False, repr=False)
+class LineCovariance(Arrays):
     """Covariance of the mean over periods of each line.
 
     Parameters

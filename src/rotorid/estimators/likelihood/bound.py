@@ -14,7 +14,7 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.inference import infer
 from rotorid.estimators.likelihood.nuisances import asked_nuisances
-from rotorid.estimators.likelihood.preparation import prepare
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.response import simulated
 from rotorid.estimators.likelihood.result import summarize
@@ -191,9 +191,10 @@ def predict_accuracy(
     chosen = MaximumLikelihood() if estimator is None else estimator
     runs = [plans] if isinstance(plans, Plan) else list(plans)
     records = tuple(bind(model, plan.lines(model)) for plan in runs)
-    truth = {**model.nominal, **(values or {}), **chosen.fixed}
-    guess = _guess(model, truth, chosen)
-    told = replace(chosen.knowledge, start={**chosen.knowledge.start, **guess})
+    known = chosen.knowledge(model)
+    truth = {**model.nominal, **(values or {}), **known.fixed}
+    guess = _guess(model, truth, known, base=chosen.base)
+    told = replace(known, start={**known.start, **guess})
     nuisances = asked_nuisances(records, chosen.nuisances)
     prepared = prepare(model, told, nuisances, chosen.base, guess)
     unknowns = prepared.layout.start
@@ -216,7 +217,7 @@ def predict_accuracy(
 
 
 def _guess(
-    model: Model, truth: Mapping[str, float], estimator: MaximumLikelihood
+    model: Model, truth: Mapping[str, float], known: Knowledge, *, base: bool
 ) -> dict[str, float]:
     missing = [name for name in model.parameter_names if name not in truth]
     if missing:
@@ -225,11 +226,11 @@ def _guess(
             "a value of every parameter",
             "give values, or nominal values in the model file",
         )
-    if not estimator.base:
+    if not base:
         return dict(truth)
-    held = {n: v for n, v in estimator.fixed.items() if n in model.parameter_names}
+    held = {n: v for n, v in known.fixed.items() if n in model.parameter_names}
     reduced = model.substitute(held)
     physical: Floats = reduced.values(truth)
-    base = zip(reduced.base.names, reduced.base_values(physical).tolist(), strict=True)
+    named = zip(reduced.base.names, reduced.base_values(physical).tolist(), strict=True)
     nuisance = {n: v for n, v in truth.items() if n not in model.parameter_names}
-    return {**dict(base), **nuisance}
+    return {**dict(named), **nuisance}
