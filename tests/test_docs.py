@@ -120,7 +120,7 @@ def test_python_of_the_readme_runs(
     ("page", "file"), [("README.md", "run7.csv"), ("docs/experiments.md", "run-140hz.h5")]
 )
 def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: Path) -> None:
-    (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t)
+    (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t and "model =" in t)
     name = tomllib.loads(text)["model"]
     (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
     write(simulated(name), tmp_path / file, columns_of(text))

@@ -1,10 +1,10 @@
 """The kernel: gradient, invariance, agreement with the output-error likelihood."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import extrapolated
 
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.cost import Likelihood
@@ -17,16 +17,6 @@ from rotorid.record import Channel, Drive, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
 
 MODEL = load_model("three-mass")
-
-
-def extrapolated(function: Callable[[float], float], step: float, levels: int = 6) -> float:
-    """Return the derivative at zero: central differences, extrapolated to step zero."""
-    table = [[(function(h) - function(-h)) / (2 * h)] for h in step / 2.0 ** np.arange(levels)]
-    for i in range(1, levels):
-        for m in range(1, i + 1):
-            table[i].append((4**m * table[i][m - 1] - table[i - 1][m - 1]) / (4**m - 1))
-    steps = [abs(table[i][i] - table[i - 1][i - 1]) for i in range(1, levels)]
-    return table[int(np.argmin(steps)) + 1][int(np.argmin(steps)) + 1]
 
 
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:

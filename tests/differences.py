@@ -1,0 +1,15 @@
+"""Derivatives by differences, for tests of analytic ones."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+
+def extrapolated(function: Callable[[float], float], step: float, levels: int = 6) -> float:
+    """Return the derivative at zero: central differences, extrapolated to step zero."""
+    table = [[(function(h) - function(-h)) / (2 * h)] for h in step / 2.0 ** np.arange(levels)]
+    for i in range(1, levels):
+        for m in range(1, i + 1):
+            table[i].append((4**m * table[i][m - 1] - table[i - 1][m - 1]) / (4**m - 1))
+    steps = [abs(table[i][i] - table[i - 1][i - 1]) for i in range(1, levels)]
+    return table[int(np.argmin(steps)) + 1][int(np.argmin(steps)) + 1]

@@ -1,0 +1,96 @@
+"""Sensors of derivatives, and sensors with parameters among their coefficients."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from differences import extrapolated
+
+from rotorid.errors import InputError
+from rotorid.estimators import LeastSquares, MaximumLikelihood
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.nuisances import Unknown
+from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
+from rotorid.identify import identify
+from rotorid.lines import Lines
+from rotorid.observation import bind
+from rotorid.record import Channel, PeriodicRecord
+
+
+def derived(record: PeriodicRecord, name: str, order: int) -> PeriodicRecord:
+    """Return the record with a sensor of a derivative in place of that of a position."""
+    index = record.index(name)
+    reads = {name + "'" * order: 1.0}
+    channels = list(record.channels)
+    channels[index] = Channel(f"d{order}_{name}", "m/s^2", reads=reads)
+    spectra = record.spectra.copy()
+    spectra[:, :, index] *= (1j * record.omega) ** order
+    return replace(record, channels=tuple(channels), spectra=spectra)
+
+
+def leaned(record: PeriodicRecord, model) -> PeriodicRecord:
+    """Return the record whose sensor x1 reads ``x1 - L1*theta_y`` instead."""
+    x1, theta = record.index("x1"), record.index("theta_y")
+    spectra = record.spectra.copy()
+    spectra[:, :, x1] -= 0.3 * spectra[:, :, theta]
+    channels = list(record.channels)
+    channels[x1] = Channel("leaning", "m", reads={"x1": 1.0, "L1*theta_y": -1.0})
+    keep = [k for k, c in enumerate(channels) if c.name not in ("theta_x", "theta_y", "x2", "y2")]
+    return replace(
+        record,
+        channels=tuple(channels[k] for k in keep),
+        spectra=spectra[:, :, keep],
+        mean=record.mean[:, keep],
+        variance=record.variance[:, keep],
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_derivatives_give_what_positions_give(demo, bearings, order):
+    record = demo.record([*bearings, "x2", "y2"])
+    for name in ("x2", "y2"):
+        record = derived(record, name, order)
+    start = demo.start(np.random.default_rng(2), 0.1)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
+    for name, value in demo.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+
+
+def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
+    record = leaned(demo.record(), demo.model)
+    start = demo.start(np.random.default_rng(3), 0.05)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L2": 0.3}, start=start))
+    for name, value in demo.truth.items():
+        assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+
+
+@pytest.mark.parametrize("transient", [None, 2])
+def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, transient):
+    rng = np.random.default_rng(5)
+    record = demo.noisy(demo.record([*bearings, "x2", "theta_y"], periods=40), rng)
+    record = derived(record, "x2", 2)
+    theta = record.index("theta_y")
+    channels = list(record.channels)
+    channels[theta] = Channel("arm", "m", reads={"L1*theta_y": 1.0, "y3": 0.1})
+    record = replace(record, channels=tuple(channels))
+    lines = replace(Lines.of_periods(record), transient=transient)
+    model = demo.model
+    unknowns = tuple(Unknown(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
+    kernel = assemble(Layout(model, unknowns, physical_factors(model), False), bind(model, lines))
+    x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))
+    at = kernel.evaluate(x)
+    gradient = 2 * at.jacobian().T @ at.residual
+
+    def cost(j: int, h: float) -> float:
+        moved = x.copy()
+        moved[j] *= 1 + h
+        return kernel.evaluate(moved).cost
+
+    found = [extrapolated(lambda h, j=j: cost(j, h), 4e-3) for j in range(13)]
+    np.testing.assert_allclose(gradient * x, found, rtol=1e-8, atol=1e-8 * np.abs(found).max())
+
+
+def test_least_squares_needs_positions(demo):
+    record = derived(demo.record(), "x2", 2)
+    with pytest.raises(InputError, match=r"no sensor of x2.*use ml"):
+        identify(demo.model, record, LeastSquares())
