@@ -252,3 +252,12 @@ def test_what_the_marks_leave_open_is_in_the_direction_of_the_unbalance(demo, be
     assert open_.std("xi") == pytest.approx(np.hypot(exact.std("xi"), 0.02 * zeta), rel=0.02)
     assert open_.std("zeta") == pytest.approx(np.hypot(exact.std("zeta"), 0.02 * xi), rel=0.02)
     assert open_.std("m2") == pytest.approx(exact.std("m2"), rel=1e-6)
+
+
+def test_a_phase_that_its_prior_alone_determines_is_determined(demo, bearings):
+    """One speed: the unbalance takes any turn, and the phase ends at its prior, at zero."""
+    record = demo.noisy(demo.record(bearings), np.random.default_rng(43))
+    record = replace(record, phase_std=0.01)
+    estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
+    assert "phase[0]" not in " ".join(estimate.warnings)
+    assert estimate.std("phase[0]") == pytest.approx(0.01, rel=1e-3)

@@ -121,9 +121,12 @@ def _line_sums(point: Point, per_row: Floats) -> list[Floats]:
 def along_relations(point: Point, exact: Relations) -> tuple[Floats, Floats, Floats]:
     """Return the scaled Jacobian along the exact relations, the scale and the basis.
 
-    A column that is rounding is zero: scaled to length one, it would count as information.
+    A column that is rounding is zero: scaled to length one, it would count as information. What
+    shifts (a phase, a delay) may well be zero itself; its column counts all the same.
     """
-    free = point.problem.layout.free
+    layout = point.problem.layout
+    free = layout.free
+    shifting = np.array([layout.unknowns[i].additive for i in free], dtype=bool)
     jacobian = point.jacobian
     with np.errstate(over="ignore"):
         size = np.sqrt((jacobian**2).sum(axis=0))
@@ -132,6 +135,7 @@ def along_relations(point: Point, exact: Relations) -> tuple[Floats, Floats, Flo
     typical = np.where(point.unknowns[free] != 0, np.abs(point.unknowns[free]), 1.0)
     effect = size * typical
     seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
+    seen |= shifting & (size > 0)
     scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
     jacobian = np.where(seen, jacobian, 0.0)
     basis = np.eye(len(free))
