@@ -3,8 +3,8 @@
     python docs/calibration.py [--runs N] [--jobs N] [--duration S] [CASE ...]
 
 Prints, for each case, how many records were `ok`, how many intervals of one parameter held its true
-value, and the root mean square of error over deviation. What is taken by default of the time between
-mark and columns (`angle_lag_std`) is left out: here they go the same way.
+value, and the root mean square of error over deviation. What is taken by default of the time
+between mark and columns (`angle_lag_std`) is left out: here they go the same way.
 """
 
 from __future__ import annotations
