@@ -16,7 +16,8 @@ METHODS = ("ls", "batch", "sequential", "ml")
 
 def periods(sensors, extra=()):
     """Return noisy periods of the shipped rotor with some sensors and further channels."""
-    wave = np.cos(2 * np.pi * np.outer(np.arange(100), [1, 2]) * 3 / 100) * [300.0, 200.0]
+    waves = np.cos(2 * np.pi * np.outer(np.arange(100), [1, 3, 4, 5, 6]) / 100).sum(axis=1)
+    wave = np.outer(waves, [300.0, 200.0])
     record = rid.simulate(
         MODEL,
         MODEL.values(MODEL.nominal),
