@@ -133,7 +133,7 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
 
 def quantity(value: float | str, expected: str, *, place: str = "") -> float:
     """Return a number in SI as it is, and a text with a unit as a number in the expected unit."""
-    return to_si(value, expected, place=place) if isinstance(value, str) else float(value)
+    return to_si(value, expected, place=place) if isinstance(value, str) else value
 
 
 def to_si(value: object, expected: str, *, place: str = "") -> float:
