@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.estimators.likelihood.identifiability import _exponents
 from rotorid.identify import identify
 from rotorid.rig.lines import add_noise
 
@@ -202,3 +203,17 @@ def test_noise_free_records_tell_the_same(demo, bearings):
     noise = {name: 1e-3 for name in ("F_x1", "F_y1", "F_x3", "F_y3")}
     record = add_noise(demo.record(bearings), noise, np.random.default_rng(0))
     assert identify(demo.model, record, MaximumLikelihood()).status == "not_identifiable"
+
+
+@pytest.mark.parametrize(
+    ("relative", "powers"),
+    [
+        ([1.0, 2.0, -1.0], [1, 2, -1]),
+        ([0.5, 0.25], [2, 1]),
+        ([1.0, 0.0], None),  # one that does not move is no power of the other's factor
+        ([1.0, 1e-9], None),
+        ([1.0, 0.7071], None),
+    ],
+)
+def test_members_scale_together_only_as_whole_powers_of_one_factor(relative, powers):
+    assert _exponents(np.array(relative)) == powers

@@ -138,12 +138,16 @@ def _independent(columns: Floats) -> bool:
 def _exponents(relative: Floats) -> list[Fraction] | None:
     """Return relative changes as simple powers of one factor, or None where they are not."""
     size = np.abs(relative)
+    if size.min() == 0:  # what does not move is no power of the others' factor
+        return None
     for reference in (relative[size.argmin()], relative[size.argmax()]):
         ratios: list[float] = (relative / reference).tolist()
         powers = [Fraction(r).limit_denominator(4) for r in ratios]
         if any(abs(float(p) - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
             continue
         smallest = min(abs(p) for p in powers)
+        if smallest == 0:
+            continue
         whole = [p / smallest for p in powers]
         if max(abs(p) for p in whole) <= 6 and all(p.denominator == 1 for p in whole):
             return whole if whole[0] > 0 else [-p for p in whole]
