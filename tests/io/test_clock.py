@@ -11,7 +11,9 @@ from rotorid.io.clock import (
     BEARABLE,
     EARLY,
     LATE,
+    NEGLIGIBLE,
     SAME_RATE,
+    error_as_they_are,
     interpolation_error,
     onto_grid,
     read_clock,
@@ -38,6 +40,26 @@ def test_even_and_rounded_times_are_left_alone() -> None:
         assert clock.even
     assert read_clock(np.round(np.arange(4001) / 400.0, 3)).rate.hertz == pytest.approx(400.0)
     assert not read_clock(JITTER).even
+
+
+def test_times_whose_error_does_not_tell_are_left_alone(tmp_path: Path) -> None:
+    """What the samples of a wave are off, taken as they are, is at most a ten-thousandth."""
+    step, few = 1e-3, NEGLIGIBLE * 1e-3 / np.pi
+    for size, even in ((0.9 * few, True), (1.2 * few, False)):
+        jitter = size * np.where(np.arange(4000) % 2, 1.0, -1.0)
+        assert read_clock(EVEN + jitter).even == even
+        near = wave(EVEN + jitter, 499.0) - wave(EVEN, 499.0)
+        assert np.abs(near).max() == pytest.approx(2 * np.pi * 499 * size, rel=0.01)
+    assert pytest.approx(1e-4) == np.pi * few / step  # at half the sample rate
+    for size, told in ((0.9, 0), (1.1, 1)):
+        furthest = size * NEGLIGIBLE / (2 * np.pi * 20.0)
+        jitter = furthest * np.r_[0.0, np.tile([1.0, -1.0], 1999), 0.0]
+        assert error_as_they_are(EVEN + jitter, 1000.0, 20.0) == pytest.approx(size * NEGLIGIBLE)
+        path = write(tmp_path / "run.csv", EVEN + jitter, wave(EVEN))
+        record = rid.read_record(path, columns=["x"], time="t", highest=20.0)
+        assert len(record.warnings) == told
+        assert (np.abs(record.column("x") - wave(EVEN)).max() < 1e-11) == (told == 0)
+        assert len(rid.read_record(path, columns=["x"], time="t").warnings) == 1
 
 
 def test_jittered_samples_come_onto_the_grid(tmp_path: Path) -> None:

@@ -23,7 +23,12 @@ It moves a mass by twice as much, .02 %, less than the deviation that the best r
 """
 BEARABLE = 1e-3
 """Error of the interpolation, relative to a line, up to which samples are put on a grid."""
-_EVEN = 1e-5  # of a step: an error of 3e-5 at half the sample rate, below any noise
+NEGLIGIBLE = 1e-4
+"""Error of a line, relative, that times off their grid may leave without being put right.
+
+A tenth of `BEARABLE`: below the noise of any line, and of what an interpolation may leave. On the
+highest line that is asked for, or, where that is not known, at half the sample rate.
+"""
 _ROUNDED = 0.6  # of the last digit of the stamps: half a digit, and what a line fitted to them adds
 _TAPS = 12  # of the interpolation: 1e-4 at a quarter of the sample rate, for a jitter of a tenth
 _BLOCK = 1 << 16
@@ -75,11 +80,20 @@ def read_clock(time: Floats) -> Clock:
     deviation = centred - slope * index
     resolution = _resolution(time)
     furthest = float(np.abs(deviation).max())
-    even = furthest <= max(_EVEN * slope, _spacing(time)) or (
+    even = furthest <= max(NEGLIGIBLE * slope / np.pi, _spacing(time)) or (
         resolution <= slope / 2 and furthest <= _ROUNDED * resolution
     )
     rate = Rate((count - 1) / span, max(resolution, furthest) / span)
     return Clock(rate, even, float(np.sqrt(np.mean(deviation**2))))
+
+
+def error_as_they_are(time: Floats, rate: float, frequency: float) -> float:
+    """Return the most that a wave is off, relative, where samples count as taken on a grid.
+
+    A shift common to all is none; the rest, at most half the range, is an angle of the wave.
+    """
+    off = time - time[0] - np.arange(len(time)) / rate
+    return float(np.pi * frequency * np.ptp(off))
 
 
 def even_rate(time: Floats) -> Rate | None:

@@ -175,7 +175,7 @@ def read_record(
             samples, valid, told = on_grid(
                 clock, samples, valid, _optional(highest, "Hz", "highest")
             )
-            clock = replace(clock, warnings=(*clock.warnings, told))
+            clock = replace(clock, warnings=(*clock.warnings, *told))
     except InputError as error:
         raise error.at(file=table.file) from None
     turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)

@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
-from rotorid.io.clock import BEARABLE, SAME_RATE, onto_grid, read_clock
+from rotorid.io.clock import (
+    BEARABLE,
+    NEGLIGIBLE,
+    SAME_RATE,
+    error_as_they_are,
+    onto_grid,
+    read_clock,
+)
 from rotorid.io.table import Column, Rate
 from rotorid.record import Booleans, Floats
 
@@ -154,9 +161,14 @@ def _whole_multiple(rate: Rate, fundamental: float | None, *, exactly: bool) -> 
 
 def on_grid(
     clock: RecordClock, samples: Floats, valid: Booleans | None, highest: float | None
-) -> tuple[Floats, Booleans | None, str]:
-    """Put samples at uneven times onto a uniform grid; refuse where the lines cannot bear it."""
+) -> tuple[Floats, Booleans | None, tuple[str, ...]]:
+    """Put samples at uneven times onto a uniform grid; refuse where the lines cannot bear it.
+
+    Samples that are so near to it that the highest line does not tell are taken as they are.
+    """
     stamps = np.zeros(0) if clock.stamps is None else clock.stamps
+    if highest is not None and error_as_they_are(stamps, clock.rate, highest) <= NEGLIGIBLE:
+        return samples, valid, ()
     used = samples
     if valid is not None:  # what is left out may be no number, and must not spoil its neighbours
         used = np.column_stack([np.where(valid[:, None], samples, 0.0), valid])
@@ -178,5 +190,5 @@ def on_grid(
         "the stamps jitter, give sample_rate in place of time"
     )
     if valid is None:
-        return found, None, told
-    return found[:, :-1], found[:, -1] > 0.999, told
+        return found, None, (told,)
+    return found[:, :-1], found[:, -1] > 0.999, (told,)
