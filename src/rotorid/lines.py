@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from rotorid.errors import InputError
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra
@@ -22,6 +23,10 @@ Signal = Callable[[Floats, Floats, Floats], Floats]
 
 ROUNDING = 1e-11
 """A line below this share of its signal's size is rounding: a load that misses a line misses it."""
+
+
+TURN = 64
+"""Angles of a revolution at which loads are asked: exact up to the 62nd multiple of the angle."""
 
 
 class Clock(Protocol):
@@ -102,6 +107,41 @@ class WholeClock(Arrays):
         return replace(self, speed=np.asarray(speed), angle=speed * self.time)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class PhasorClock(Arrays):
+    """The clock of a table of 1x phasors: each line turns at a speed of its own.
+
+    Line k lies at ``omega_k = |Omega_k|``, so that ``exp(i phi)``, phi = Omega t, has all of itself
+    on its own line where the rotor turns forward, and ``exp(-i phi)`` where it turns backward.
+
+    Parameters
+    ----------
+    speed : array, shape (line,)
+        rad/s; negative backward, never 0.
+    """
+
+    speed: Floats
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals of the rotor angle, shape (line, signal)."""
+        if timed:
+            raise InputError(
+                "a load that depends on t in a table of phasors",
+                "loads of the rotor angle and the speed",
+                "give the samples of the run, or a model without that load",
+            )
+        turn = np.linspace(0, 2 * np.pi, TURN, endpoint=False)
+        values = signal(np.zeros_like(turn), turn, self.speed[:, None])
+        back = np.exp(-1j * np.sign(self.speed)[:, None] * turn)
+        found = np.einsum("ls,lsk->lk", back, values) / TURN
+        size = np.sqrt((values**2).mean(axis=1))
+        return np.where(np.abs(found) > ROUNDING * size, found, 0.0)
+
+    def at_speed(self, speed: float) -> PhasorClock:
+        """Return the clock of a table taken at one speed in rad/s throughout."""
+        return PhasorClock(np.full(len(self.speed), speed))
+
+
 def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     """Set lines to zero that are rounding of their signal, lines (line, signal)."""
     size = np.sqrt((samples**2).mean(axis=0))
@@ -141,6 +181,8 @@ class Lines(Arrays):
     warnings : sequence of str
     checks : sequence of Check
         What the data showed before any model.
+    passive : bool
+        An input without a channel is zero: the machine runs in passive bearings.
     """
 
     channels: tuple[Channel, ...]
@@ -157,6 +199,7 @@ class Lines(Arrays):
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Check, ...] = ()
+    passive: bool = False
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
@@ -194,9 +237,12 @@ class Lines(Arrays):
 
     def at_speed(self, speed: float) -> Lines:
         """Return the same run at another speed in rad/s: the plan of a further record."""
+        turning = np.full(len(self.frequency), speed)
+        own = isinstance(self.clock, PhasorClock)  # its lines are the speed itself
         return replace(
             self,
-            speed=np.full(len(self.frequency), speed),
+            frequency=np.abs(turning) / (2 * np.pi) if own else self.frequency,
+            speed=turning,
             clock=self.clock.at_speed(speed),
             phase_known=True,
             phase_std=0.0,

@@ -170,6 +170,8 @@ def bind(model: Model, data: Data) -> Observation:
     if isinstance(data, Observation):
         return data.rebound(model)
     lines = data if isinstance(data, Lines) else Lines.of_periods(data)
+    if lines.passive:
+        lines = _unforced(model, lines)
     where = {name: k for k, name in enumerate(lines.names)}
     missing = [name for name in model.inputs if name not in where]
     if missing:
@@ -200,6 +202,17 @@ def bind(model: Model, data: Data) -> Observation:
         sensors,
         data if isinstance(data, PeriodicRecord) else None,
     )
+
+
+def _unforced(model: Model, lines: Lines) -> Lines:
+    """Return the lines of a machine in passive bearings: inputs without a channel are zero."""
+    missing = [name for name in model.inputs if name not in lines.names]
+    for name in missing:
+        lines = lines.with_channel(Channel(name, model.units[name]), np.zeros(len(lines.mean)))
+    if not missing:
+        return lines
+    told = f"no column of {', '.join(missing)}: taken as zero, as in passive bearings"
+    return replace(lines, warnings=(*lines.warnings, told))
 
 
 def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:

@@ -103,7 +103,7 @@ def test_unicode_names():
         ([("m = {", '"m\\n" = {')], r"parameters: found the name 'm\\n'"),
         ([("m = {", '"m\\u001b[31m" = {')], r"parameters: found the name 'm\\x1b\[31m'"),
         ([("m = {", "m" * 65 + " = {")], "parameters: found the name 'mmm"),
-        ([('[inputs]\nF = "N"', "")], "inputs: found no such key"),
+        ([('[inputs]\nF = "N"', "")], "unknown name .F."),
         ([('x = "m"', "")], r"coordinates: found \{\}"),
         ([("m*x'' + k*x", "m*x'' + k*x - k*x")], "equations: found 'k' in no equation"),
         ([("k*x", "k*(sin(x)^2 + cos(x)^2 - 1)")], "equations: found 'k' in no equation"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from rotorid.errors import InputError
 from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
+from rotorid.experiment.kinds import check_own, plan_record, read_table
 from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values
 from rotorid.experiment.recording import (
@@ -17,7 +18,6 @@ from rotorid.experiment.recording import (
     lines_of,
     measured,
     quiet_record,
-    recording,
 )
 from rotorid.experiment.schema import ExperimentFile, Method
 from rotorid.lines import Lines
@@ -77,6 +77,15 @@ class Experiment:
         return self._measured(currents=self.method(method) == "ml")
 
     def _measured(self, *, currents: bool) -> list[Record]:
+        for number, entry in enumerate(self.entry.records):
+            if entry.kind != "samples":
+                raise InputError(
+                    f"a table of {entry.kind}",
+                    "samples over time",
+                    "there is nothing to inspect in a table: rotorid identify says what it is worth",
+                    file=self.file,
+                    place=f"records.{number}.kind",
+                )
         return [
             measured(self.folder, entry, plan, currents=currents)
             for entry, plan in zip(self.entry.records, self.channels, strict=True)
@@ -102,6 +111,9 @@ class Experiment:
         found: list[PeriodicRecord | Lines] = []
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
+                if entry.kind != "samples":
+                    found.append(read_table(self.folder, entry, plan, self.model))
+                    continue
                 if entry.periodic:
                     found.append(averaged(self.folder, entry, plan, currents=currents))
                     continue
@@ -199,11 +211,10 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         channels = []
         for number, record in enumerate(entry.records):
             try:
-                recording(record.channels, model, entry.channels, where)
+                check_own(record, entry.channels, model, where)
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
-            everything = {**entry.channels, **record.channels}
-            channels.append(recording(everything, model, folder=where))
+            channels.append(plan_record(record, entry.channels, model, where))
         return Experiment(
             file=str(path),
             folder=where,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,10 +52,19 @@ class InputLaw:
 
 @dataclass(frozen=True)
 class Recording:
-    """Where the columns of a record come from, and what is made of them."""
+    """Where the columns of a record come from, and what is made of them.
+
+    Parameters
+    ----------
+    sources : mapping of str to Source
+    laws : mapping of str to InputLaw
+    table : mapping of str to ChannelEntry
+        The channels of a record that is a table: it is read by its kind.
+    """
 
     sources: dict[str, Source]
     laws: dict[str, InputLaw]
+    table: Mapping[str, ChannelEntry] = field(default_factory=dict)
 
 
 def recording(
@@ -210,7 +219,7 @@ def _said(entry: RecordEntry) -> dict[str, Any]:
     """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
         "sample_rate": entry.sample_rate,
-        "speed": entry.speed,
+        "speed": entry.speed.value,
         "phase": entry.phase or 0.0,
         "until": entry.until,
         "fundamental": entry.fundamental,

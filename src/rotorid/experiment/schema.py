@@ -20,7 +20,6 @@ def _quantity(unit: str) -> BeforeValidator:
 
 Hertz = Annotated[float, _quantity("Hz"), Field(ge=1e-9, le=1e12)]
 Seconds = Annotated[float, _quantity("s"), Field(ge=0, le=1e9)]
-RadiansPerSecond = Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)]
 Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
 Quantity = str | int | float  # in a unit that the model knows
@@ -143,8 +142,33 @@ class ColumnEntry(Schema):
     dynamics: DynamicsEntry | None = None
 
 
-class ChannelEntry(LawEntry):
-    """Where an input, a coordinate or a sensor comes from: a column, or a force law's columns."""
+Kind = Literal["samples", "phasors"]
+"""What a record is made of, and therefore what its channels say."""
+
+
+class PhasorKeys(Schema):
+    """The columns of a channel of a table of 1x phasors, and how the instrument states them."""
+
+    amplitude: str | None = None
+    phase: str | None = None
+    real: str | None = None
+    imag: str | None = None
+    std: str | None = None
+    phase_unit: str = "deg"
+    lag: StrictBool = False
+    peak_to_peak: StrictBool = False
+
+    @property
+    def polar(self) -> bool:
+        """Whether the phasor stands as amplitude and phase, not as real and imaginary part."""
+        return self.amplitude is not None or self.phase is not None
+
+
+_PHASORS = {"unit", "std", "lag", "peak_to_peak", "reads", "delay", "gain_std", "dynamics"}
+
+
+class ChannelEntry(LawEntry, PhasorKeys):
+    """Where an input, coordinate or sensor comes from: a column, a law's columns, a phasor's."""
 
     law: LawName | None = None  # type: ignore[assignment]
     column: str | None = None
@@ -159,23 +183,40 @@ class ChannelEntry(LawEntry):
     flux: Annotated[list[ColumnEntry] | None, Field(min_length=2, max_length=2)] = None
     position: str | None = None
 
+    @property
+    def kind(self) -> Kind:
+        """The kind of record that the channel can belong to."""
+        phasor = self.polar or self.real is not None or self.imag is not None
+        return "phasors" if phasor else "samples"
+
     @model_validator(mode="after")
     def _column_or_law(self) -> ChannelEntry:
         given = self.model_fields_set
-        of_law = {*law_keys(), "current", "flux", "position"}
-        needed = {"linear": {"current", "position"}, "differential": {"current", "position"}}
-        wanted = {"column"} if self.law is None else needed.get(self.law, {"flux"})
+        as_recorded = {"hold", "delay", "gain_std", "dynamics"}
+        if self.kind == "phasors":
+            wanted = {"amplitude", "phase"} if self.polar else {"real", "imag"}
+            allowed = wanted | _PHASORS | ({"phase_unit"} if self.polar else set())
+            beside = "in a phasor's channel"
+        elif self.law is None:
+            wanted = {"column"}
+            allowed = wanted | as_recorded | {"unit", "scale", "reads"}
+            beside = "without a law"
+        else:
+            needed = {"linear": {"current", "position"}, "differential": {"current", "position"}}
+            wanted = needed.get(self.law, {"flux"})
+            allowed = wanted | {*law_keys(), *as_recorded}
+            beside = f"beside law = {self.law!r}"
         for key in sorted(wanted - given):
             raise InputError("no such key", "a value", "add it", place=key)
-        as_recorded = {"hold", "delay", "gain_std", "dynamics"}
-        allowed = wanted | (
-            {*law_keys(), *as_recorded} if self.law else set(ChannelEntry.model_fields) - of_law
-        )
         for key in sorted(given - allowed):
+            if self.law is None and key in PhasorKeys.model_fields:
+                beside = "in a channel of samples"
             raise InputError(
-                f"{key} " + ("without a law" if self.law is None else f"beside law = {self.law!r}"),
+                f"{key} {beside}",
                 f"one of {', '.join(sorted(allowed))}",
-                "remove it; the unit of a current stands in its own table",
+                "remove it; the unit of a current stands in its own table"
+                if key in law_keys() or key == "unit"
+                else "remove it",
                 place=key,
             )
         for column in self.columns:
@@ -201,6 +242,34 @@ class ChannelEntry(LawEntry):
         return tuple(column.model_copy(update=said) for column in self.columns)
 
 
+class SpeedEntry(Schema):
+    """The speed of a run in rad/s; of a table, the column of the speeds of its rows."""
+
+    value: Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
+    column: str | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _value_or_column(self) -> SpeedEntry:
+        given = self.model_fields_set
+        if given not in (set(), {"value"}, {"column"}, {"column", "unit"}):
+            raise InputError(
+                f"{' and '.join(sorted(given))} of a speed",
+                "a speed, or a column with its unit",
+                'write speed = "3000 rpm", or { column = "n", unit = "rpm" } in a table',
+            )
+        return self
+
+
+def _speed(value: object) -> object:
+    if isinstance(value, dict | SpeedEntry):
+        return value
+    speed = to_si(value, "rad/s")
+    if not abs(speed) <= 1e9:
+        raise InputError(f"{speed:g} rad/s", "1e9 rad/s at most", "correct it")
+    return SpeedEntry(value=f"{speed!r} rad/s")  # type: ignore[arg-type]
+
+
 class AngleEntry(Schema):
     """The column of an encoder: an angle with a unit, or a counter of lines."""
 
@@ -219,16 +288,21 @@ class AngleEntry(Schema):
         return self
 
 
+_TABLES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels"}
+"""Keys of a record that is a table."""
+
+
 class RecordEntry(Schema):
     """One run of the machine."""
 
+    kind: Kind = "samples"
     file: str | None = None
     files: Annotated[list[str] | None, Field(min_length=1)] = None
     header_row: Count | None = None
     sample_rate: Hertz | None = None
     overrule: StrictBool = False
     time: Annotated[TimeEntry | None, BeforeValidator(_time)] = None
-    speed: RadiansPerSecond = 0.0
+    speed: Annotated[SpeedEntry, BeforeValidator(_speed)] = SpeedEntry()
     angle: AngleEntry | None = None
     keyphasor: str | None = None
     phase: Annotated[float | None, BeforeValidator(_phase)] = 0.0
@@ -264,12 +338,36 @@ class RecordEntry(Schema):
         return self
 
     @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> RecordEntry:
+        if self.kind == "samples":
+            if self.speed.column is not None:
+                raise InputError(
+                    "a column of speeds in a record of samples",
+                    "one speed, an angle column, or a keyphasor",
+                    'write speed = "3000 rpm"; for a table of a row per speed, kind = "phasors"',
+                    place="speed",
+                )
+            return self
+        for key in sorted(self.model_fields_set - _TABLES):
+            raise InputError(
+                f"{key} in a table of {self.kind}",
+                f"one of {', '.join(sorted(_TABLES))}",
+                "remove it",
+                place=key,
+            )
+        if self.kind == "phasors" and "speed" not in self.model_fields_set:
+            raise InputError(
+                "no speed",
+                "the column of the speeds of the rows",
+                'write speed = { column = "n", unit = "rpm" }',
+                place="speed",
+            )
+        return self
+
+    @model_validator(mode="after")
     def _one_of_each(self) -> RecordEntry:
-        for first, second in (
-            ("file", "files"),
-            ("fundamental", "period_samples"),
-            ("harmonics", "band"),
-        ):
+        pairs = [("file", "files"), ("fundamental", "period_samples"), ("harmonics", "band")]
+        for first, second in pairs if self.kind == "samples" else pairs[:1]:
             given = [key for key in (first, second) if getattr(self, key) is not None]
             if not given and first == "fundamental" and self.band is not None:
                 continue  # the lines of the whole record

@@ -33,7 +33,7 @@ class _ModelFile(Schema):
     source: str = ""
     equations: list[str] = Field(min_length=1, max_length=MAX_NAMES)
     coordinates: dict[str, str] = Field(min_length=1, max_length=MAX_NAMES)
-    inputs: dict[str, str] = Field(max_length=MAX_NAMES)
+    inputs: dict[str, str] = Field(default_factory=dict, max_length=MAX_NAMES)
     parameters: dict[str, _ParameterEntry] = Field(min_length=1, max_length=MAX_NAMES)
 
 

@@ -11,7 +11,12 @@ from rotorid.errors import InputError
 from rotorid.record import Complexes
 from rotorid.values import Arrays
 
-Kind = Literal["white", "correlated", "references", "quiet", "inputs", "stated", "known"]
+Kind = Literal[
+    "white", "correlated", "references", "quiet", "inputs", "stated", "known", "repeated"
+]
+
+KNOWN = 10**12
+"""Degrees of freedom of a covariance that is known."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,10 +29,11 @@ class LineCovariance(Arrays):
         ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels kept.
     dof : int
         Complex degrees of freedom of the estimate.
-    kind : {"white", "correlated", "references", "quiet", "inputs", "stated", "known"}
+    kind : {"white", "correlated", "references", "quiet", "inputs", "stated", "known",
+        "repeated"}
         Where it came from: the scatter between periods, neighbouring lines of periods, a local
         polynomial with references, a quiet record, a local polynomial with the measured inputs
-        for references, the user, or a plan.
+        for references, the user, a plan, or repeated readings.
     apart : float
         Share of a line's noise that is not in its own covariance: 1 for the scatter of periods,
         less where the residual of the line itself is among those that the covariance is made of.

@@ -23,7 +23,7 @@ from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.observation import bind
 from rotorid.record import Channel, Drive, Floats, PeriodicRecord
-from rotorid.signals.covariance import LineCovariance
+from rotorid.signals.covariance import KNOWN, LineCovariance
 
 if TYPE_CHECKING:
     from rotorid.estimators.maximum_likelihood import MaximumLikelihood
@@ -134,10 +134,6 @@ class Plan:
         """
         record = self.record(model)
         return Lines.of_periods(record, self.covariance(record))
-
-
-KNOWN = 10**12
-"""Degrees of freedom of a covariance that is known."""
 
 
 def predict_accuracy(

@@ -1,0 +1,66 @@
+"""What kinds of records there are besides samples: tables, each with a reader of its own.
+
+A kind is an entry of `READERS`, a name in `schema.Kind`, and the keys by which its channels are
+told (`ChannelEntry.kind`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from rotorid.errors import InputError
+from rotorid.experiment.phasor_table import phasor_channels, read_phasors
+from rotorid.experiment.recording import Recording, recording
+from rotorid.experiment.schema import ChannelEntry, Kind, RecordEntry
+from rotorid.lines import Lines
+from rotorid.models import Model
+from rotorid.record import Channel
+
+Entries = Mapping[str, ChannelEntry]
+Reader = Callable[[Path, RecordEntry, Entries, Model], Lines]
+Check = Callable[[Entries, Model, Path], Mapping[str, Channel]]
+
+READERS: Mapping[str, tuple[Check, Reader]] = {"phasors": (phasor_channels, read_phasors)}
+"""Of each kind: what checks its channels against the model, and what reads its files."""
+
+
+def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) -> None:
+    """Check the channels that a record has to itself."""
+    wrong = [name for name, entry in record.channels.items() if entry.kind != record.kind]
+    if wrong:
+        raise InputError(
+            f"a channel of {record.channels[wrong[0]].kind} in a record of {record.kind}",
+            f"a channel of {record.kind}",
+            "correct the channel, or the kind of the record",
+            place=f"channels.{wrong[0]}",
+        )
+    if record.kind == "samples":
+        recording(record.channels, model, _of_kind(common, record.kind), folder)
+    else:
+        READERS[record.kind][0](record.channels, model, folder)
+
+
+def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path) -> Recording:
+    """Return where the channels of a record come from, everything checked but the files.
+
+    Of the channels that all records share, those of another kind are not this record's.
+    """
+    entries = {**_of_kind(common, record.kind), **record.channels}
+    if record.kind == "samples":
+        return recording(entries, model, folder=folder)
+    if not entries:
+        raise InputError(
+            f"no channel of {record.kind}", "one or more", "add them", place="channels"
+        )
+    READERS[record.kind][0](entries, model, folder)
+    return Recording({}, {}, entries)
+
+
+def _of_kind(entries: Entries, kind: Kind) -> dict[str, ChannelEntry]:
+    return {name: entry for name, entry in entries.items() if entry.kind == kind}
+
+
+def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Lines:
+    """Read a record that is a table."""
+    return READERS[entry.kind][1](folder, entry, plan.table, model)

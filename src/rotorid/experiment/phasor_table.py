@@ -1,0 +1,212 @@
+"""A table of 1x phasors, as an experiment file names its columns, to lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.experiment.names import source
+from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.io import open_tables
+from rotorid.io.table import Table
+from rotorid.lines import Lines
+from rotorid.models import Model
+from rotorid.phasors import phasor_lines
+from rotorid.record import Channel, Complexes, Floats
+from rotorid.units import si_factor, to_si
+
+
+def phasor_channels(
+    entries: Mapping[str, ChannelEntry], model: Model, folder: Path
+) -> dict[str, Channel]:
+    """Return the channels of a table, names and what they read checked against the model."""
+    found = {}
+    for name, entry in entries.items():
+        place = f"channels.{name}"
+        unit = model.units.get(name)
+        if entry.unit is None:
+            raise InputError("no unit", "the unit of the amplitude", "write it", place=place)
+        si_factor(entry.unit, unit, place=f"{place}.unit")
+        si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
+        found[name] = source(name, entry, model, folder).channel(name, unit or "")
+    return found
+
+
+def read_phasors(
+    folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
+) -> Lines:
+    """Read a table of phasors, its files relative to a folder.
+
+    Raises
+    ------
+    InputError
+        For files, columns, units and numbers that cannot be used.
+    """
+    table = open_tables([folder / name for name in entry.paths], header_row=entry.header_row)
+    rows = _Columns(table, entry.overrule)
+    try:
+        channels = phasor_channels(entries, model, folder)
+        speed = _speeds(rows, entry, entries)
+        phasors = [_phasor(rows, name, one, channels[name]) for name, one in entries.items()]
+        std = [_std(rows, name, one, channels[name]) for name, one in entries.items()]
+        return phasor_lines(
+            list(channels.values()),
+            speed,
+            _stacked(speed, phasors, table),
+            _common(list(entries), std, speed),
+            source=table.file,
+        )
+    except InputError as error:
+        raise error.at(file=table.file) from None
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """The columns of a table, in SI."""
+
+    table: Table
+    overrule: bool
+
+    def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
+        """Return a column in the unit that is expected."""
+        found = self.table.read([self._key(column, place)]).popitem()[1]
+        declared = unit or found.unit
+        if declared is None:
+            raise InputError(
+                "no unit", f"a unit that converts to {expected}", "write it", place=place
+            )
+        factor = si_factor(declared, expected, place=f"{place}.unit")
+        if unit and found.unit and not self.overrule:
+            self._check_stated(unit, found.unit, place)
+        wrong = ~np.isfinite(found.values)
+        if wrong.any():
+            raise InputError(
+                f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
+                "a number in every row",
+                "fill it in, or delete the row",
+                place=place,
+            )
+        return np.asarray(found.values * factor)
+
+    def has(self, column: str) -> bool:
+        """Tell whether there is a column of that name."""
+        try:
+            self.table.find(column)
+        except InputError:
+            return False
+        return True
+
+    def _key(self, column: str, place: str) -> str:
+        try:
+            return self.table.find(column)
+        except InputError as error:
+            raise error.at(place=place) from None
+
+    @staticmethod
+    def _check_stated(declared: str, stated: str, place: str) -> None:
+        try:
+            si_factor(stated)
+        except InputError:
+            return  # a text that says nothing to us contradicts nothing
+        try:
+            same = abs(si_factor(stated, declared) - 1.0) < 1e-9
+        except InputError:
+            same = False
+        if not same:
+            raise InputError(
+                f"unit {declared!r}, where the file says {stated!r}",
+                "one unit",
+                "leave unit out, or give overrule = true if the file is wrong",
+                place=f"{place}.unit",
+            )
+
+
+def _speeds(rows: _Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
+    """Return the speed of each row."""
+    if entry.speed.column is not None:
+        return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
+    name, first = next(iter(entries.items()))
+    column = first.amplitude or first.real or ""
+    count = len(rows.si(column, first.unit, first.unit or "1", f"channels.{name}"))
+    return np.full(count, entry.speed.value)
+
+
+def _phasor(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Complexes:
+    """Return X of a channel: what the instrument states, as Re(X exp(i phi)) has it."""
+    place = f"channels.{name}"
+    expected = channel.unit or entry.unit or "1"
+    if entry.polar:
+        size = rows.si(entry.amplitude or "", entry.unit, expected, f"{place}.amplitude")
+        turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"{place}.phase")
+        if (size < 0).any():
+            raise InputError(
+                f"the amplitude {size.min():g} in row {int(size.argmin()) + 1}",
+                "0 or more",
+                "correct the row; a signed reading is a real part",
+                place=f"{place}.amplitude",
+            )
+        _check_lengths(size, turned, place)
+        found = size * np.exp(1j * turned)
+    else:
+        real = rows.si(entry.real or "", entry.unit, expected, f"{place}.real")
+        imag = rows.si(entry.imag or "", entry.unit, expected, f"{place}.imag")
+        _check_lengths(real, imag, place)
+        found = real + 1j * imag
+    found = found.conj() if entry.lag else found
+    return np.asarray(found / 2 if entry.peak_to_peak else found)
+
+
+def _std(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Floats | None:
+    """Return the deviation of the amplitude, a column or one for all rows."""
+    if entry.std is None:
+        return None
+    place = f"channels.{name}.std"
+    expected = channel.unit or entry.unit or "1"
+    if rows.has(entry.std):
+        found = rows.si(entry.std, entry.unit, expected, place)
+    else:
+        found = np.array([to_si(entry.std, expected, place=place)])
+    if not (found > 0).all():
+        raise InputError(
+            f"{found.min():g} in row {int(found.argmin()) + 1}" if len(found) > 1 else entry.std,
+            "a deviation of more than 0",
+            "state how far the amplitude scatters: the last digit of the instrument at least",
+            place=place,
+        )
+    return found / 2 if entry.peak_to_peak else found
+
+
+def _check_lengths(one: Floats, other: Floats, place: str) -> None:
+    if len(one) != len(other):
+        raise InputError(
+            f"{len(one)} and {len(other)} rows", "columns of one length", "cut them", place=place
+        )
+
+
+def _stacked(speed: Floats, phasors: list[Complexes], table: Table) -> Complexes:
+    """Return the phasors of all channels, shape (row, channel)."""
+    for one in phasors:
+        if len(one) != len(speed):
+            raise InputError(
+                f"{len(one)} phasors for {len(speed)} speeds", "a row each", "cut the columns"
+            )
+    return np.column_stack(phasors)
+
+
+def _common(names: list[str], std: list[Floats | None], speed: Floats) -> Floats | None:
+    """Return the deviations of all channels, None where none is stated."""
+    lacking = [name for name, one in zip(names, std, strict=True) if one is None]
+    if len(lacking) == len(names):
+        return None
+    if lacking:
+        raise InputError(
+            f"no std of {', '.join(lacking)}",
+            "the deviation of every channel, or of none where speeds were read twice",
+            "state it",
+            place=f"channels.{lacking[0]}.std",
+        )
+    return np.column_stack([np.broadcast_to(one, len(speed)) for one in std if one is not None])
