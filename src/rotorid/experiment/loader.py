@@ -82,7 +82,7 @@ class Experiment:
                 raise InputError(
                     f"a table of {entry.kind}",
                     "samples over time",
-                    "there is nothing to inspect in a table: rotorid identify says what it is worth",
+                    "leave the table out to inspect the others; identify says what it is worth",
                     file=self.file,
                     place=f"records.{number}.kind",
                 )
