@@ -4,60 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
 
 import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.phasors import phasor_lines
-
-MODEL = """
-title = "Jeffcott rotor in passive bearings, with a trial mass"
-equations = [
-  "m*x'' + c*x' + k*x = Omega^2*((u_x + t_x)*cos(phi) - (u_y + t_y)*sin(phi))",
-  "m*y'' + c*y' + k*y = Omega^2*((u_x + t_x)*sin(phi) + (u_y + t_y)*cos(phi))",
-]
-coordinates = { x = "m", y = "m" }
-[parameters]
-m = { unit = "kg", nominal = 4.0, positive = true }
-c = { unit = "N s/m", nominal = 40.0, positive = true }
-k = { unit = "N/m", nominal = 1.3e6, positive = true }
-u_x = { unit = "kg m" }
-u_y = { unit = "kg m" }
-t_x = { unit = "kg m" }
-t_y = { unit = "kg m" }
-"""
-EXPERIMENT = """
-model = "model.toml"
-[[records]]
-kind = "phasors"
-file = "run.csv"
-speed = { column = "n", unit = "rpm" }
-[channels]
-x = { amplitude = "ax", phase = "px", unit = "um", std = "1 um" }
-y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }
-[parameters]
-m = { fixed = "5 kg" }
-t_x = { fixed = "0 kg m" }
-t_y = { fixed = "0 kg m" }
-"""
-TRUTH = {"m": 5.0, "c": 60.0, "k": 1e6, "u_x": 1e-4, "u_y": -5e-5}
-RPM = np.linspace(2000.0, 7000.0, 40)
-
-
-def coast(rpm: np.ndarray, trial: complex = 0.0) -> np.ndarray:
-    """Return X of x and y: r = x + i y turns as R exp(i phi), m r'' + c r' + k r = U Omega^2 .."""
-    turning = rpm * np.pi / 30
-    unbalance = TRUTH["u_x"] + 1j * TRUTH["u_y"] + trial
-    stiffness = TRUTH["k"] - TRUTH["m"] * turning**2 + 1j * TRUTH["c"] * turning
-    whirl = unbalance * turning**2 / stiffness
-    return np.column_stack([whirl, -1j * whirl])
-
-
-def write(path: Path, rpm: np.ndarray, phasors: np.ndarray) -> None:
-    """Write a table as a balancing instrument gives it: amplitudes in um, phases in degrees."""
-    columns = [rpm]
-    for one in phasors.T:
-        columns += [1e6 * np.abs(one), np.degrees(np.angle(one))]
-    np.savetxt(path, np.column_stack(columns), delimiter=",", header="n,ax,px,ay,py", comments="")
 
 
 @pytest.fixture
@@ -65,16 +16,6 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "model.toml").write_text(MODEL)
     write(tmp_path / "run.csv", RPM, coast(RPM))
     return tmp_path
-
-
-def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
-    (folder / "experiment.toml").write_text(text)
-    return rid.load_experiment(folder / "experiment.toml")
-
-
-def identify(folder: Path, text: str = EXPERIMENT) -> rid.Estimate:
-    experiment = load(folder, text)
-    return rid.identify(experiment.model, experiment.records(), experiment.estimator())
 
 
 @pytest.mark.parametrize("sense", [1, -1])

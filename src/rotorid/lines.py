@@ -6,14 +6,14 @@ covariance, and the lines that any function of time and rotor angle has on the s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.record import Channel, Check, Complexes, Floats, Integers, PeriodicRecord
+from rotorid.record import Channel, Check, Complexes, Floats, Integers, Known, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra
 from rotorid.values import Arrays
@@ -183,6 +183,9 @@ class Lines(Arrays):
         What the data showed before any model.
     passive : bool
         An input without a channel is zero: the machine runs in passive bearings.
+    parameters : mapping of str to float or str or (value, std)
+        Parameters of the machine that this record has to itself, known exactly or with a
+        deviation: a trial mass.
     """
 
     channels: tuple[Channel, ...]
@@ -200,6 +203,21 @@ class Lines(Arrays):
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Check, ...] = ()
     passive: bool = False
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+
+    def with_parameters(self, **parameters: Known) -> Lines:
+        """Return the lines with parameters of the machine that this record has to itself.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        Lines
+        """
+        return replace(self, parameters={**self.parameters, **parameters})
 
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
@@ -218,6 +236,7 @@ class Lines(Arrays):
             source=record.source,
             warnings=record.warnings,
             checks=record.checks,
+            parameters=record.parameters,
         )
 
     @property

@@ -6,8 +6,8 @@ the kind again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.models.combination import SensorTerm, sensor_terms
 from rotorid.models.terms import DERIVATIVES
-from rotorid.record import Channel, Floats, PeriodicRecord
+from rotorid.record import Channel, Floats, Known, PeriodicRecord
 
 HIDDEN = 1e-6
 """A coordinate with more than this share in a combination that no sensor reads is hidden."""
@@ -67,6 +67,8 @@ class Observation:
         In the order of the record.
     periodic : PeriodicRecord or None
         The periods, where the record has them.
+    own : mapping of str to float or str or (value, std)
+        Parameters that the record has to itself, as they were given.
     """
 
     model: Model
@@ -75,6 +77,7 @@ class Observation:
     input_columns: tuple[int, ...]
     sensors: tuple[Sensor, ...]
     periodic: PeriodicRecord | None = None
+    own: Mapping[str, Known] = field(default_factory=dict)
 
     @cached_property
     def direct(self) -> tuple[Sensor, ...]:
@@ -201,6 +204,7 @@ def bind(model: Model, data: Data) -> Observation:
         columns,
         sensors,
         data if isinstance(data, PeriodicRecord) else None,
+        lines.parameters,
     )
 
 

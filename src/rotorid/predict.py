@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.nuisances import Turn, every_nuisance
+from rotorid.estimators.likelihood.nuisances import Own, Turn, Unknown, every_nuisance
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.prediction import Predicted, by_likelihood, by_regression, relative_errors
@@ -69,28 +70,67 @@ def predict(
     return relative_errors(predict_lines(model, estimate, data))
 
 
-def predict_lines(model: Model, estimate: Estimate, records: Sequence[Data]) -> list[Predicted]:
-    """Return the lines that an estimate predicts, record by record, beside the measured ones."""
-    _check(model, estimate)
+def predict_lines(
+    model: Model, estimate: Estimate, records: Sequence[Data], first: int = 0
+) -> list[Predicted]:
+    """Return the lines that an estimate predicts, record by record, beside the measured ones.
+
+    What every record has to itself is taken from the record of the same number, `first` that of
+    the first one here.
+    """
+    for number, record in enumerate(records, start=first):
+        own = record.own if isinstance(record, Observation) else record.parameters
+        _check(model, estimate, number, own)
     bound = bind_all(model, records)
     if model.linear is None:
         reduced, base = base_of(model, estimate)
         return [by_regression(Regression(r.rebound(reduced)), base) for r in bound]
-    return by_likelihood(bound, _at_estimate(model, estimate, bound).records)
+    return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
 
 
-def missing_values(model: Model, estimate: Estimate) -> list[str]:
-    """Return what the model needs and the estimate does not name: physical or base parameters."""
+def missing_values(
+    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
+) -> list[str]:
+    """Return what the model needs and neither estimate nor record names, physical or base.
+
+    `number` is that of the record, `given` the parameters that it states itself.
+    """
     found = {v.name for v in estimate.parameters}
-    if {*model.parameter_names} <= found:
+    names = model.parameter_names
+    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
+    if {*names} <= told:
         return []
+    if any(f"{n}[{k}]" in found for n in names for k in (0, number)):
+        return [n for n in names if n not in told]
     fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
     if not fixed.keys() <= {*model.parameter_names}:
         return sorted(fixed.keys() - {*model.parameter_names})
     return [name for name in model.substitute(fixed).base.names if name not in found]
 
 
-def _at_estimate(model: Model, estimate: Estimate, records: Sequence[Observation]) -> Point:
+def _own_values(
+    model: Model, values: Mapping[str, float], records: Sequence[Observation], first: int
+) -> list[Own]:
+    """Return the parameters that records have to themselves: as they state them, or as found."""
+    given = [own_in_si(record) for record in records]
+    found = []
+    for index, parameter in enumerate(model.parameters):
+        name = parameter.name
+        own: dict[int, float] = {}
+        for k, stated in enumerate(given):
+            if name in stated:
+                own[k] = stated[name][0]
+            elif f"{name}[{first + k}]" in values:
+                own[k] = values[f"{name}[{first + k}]"]
+        for k, value in own.items():
+            unknown = Unknown(f"{name}[{k}]", parameter.unit, value, 0.0)
+            found.append(Own((unknown,), k, index, len(own) == len(records)))
+    return found
+
+
+def _at_estimate(
+    model: Model, estimate: Estimate, records: Sequence[Observation], first: int
+) -> Point:
     """Evaluate the likelihood of records at an estimate, its nuisances included."""
     values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
     for record in records:
@@ -101,17 +141,22 @@ def _at_estimate(model: Model, estimate: Estimate, records: Sequence[Observation
                 "give the phase, or a keyphasor or angle column",
                 file=record.lines.source,
             )
-    base = not {*model.parameter_names} <= values.keys()
+    own = _own_values(model, values, records, first)
+    told = {*values, *(model.parameter_names[n.parameter] for n in own)}
+    base = not {*model.parameter_names} <= told
     # The phase of a record is its own, and says nothing of another's.
     nuisances = [
         n
         for n in every_nuisance(records)
         if {u.name for u in n.unknowns} <= values.keys() and not isinstance(n, Turn)
     ]
-    held = {v.name: v.value for v in estimate.parameters if v.fixed}
-    known = {v.name for v in estimate.parameters} | {u.name for n in nuisances for u in n.unknowns}
+    # Parameters of the estimate's single records are in `own`, under the numbers of these ones.
+    single = {f"{n}[{k}]" for n in model.parameter_names for k in range(len(values))}
+    of_all = [v for v in estimate.parameters if v.name not in single]
+    held = {v.name: v.value for v in of_all if v.fixed}
+    known = {v.name for v in of_all} | {u.name for n in nuisances for u in n.unknowns}
     start = {name: value for name, value in values.items() if name in known and name not in held}
-    prepared = prepare(model, Knowledge(fixed=held, start=start), nuisances, base, {})
+    prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *nuisances], base, {})
     likelihoods = tuple(
         assemble(prepared.layout, record, number) for number, record in enumerate(records)
     )
@@ -126,8 +171,8 @@ def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
     return reduced, np.array([found[name] for name in reduced.base.names], dtype=float)
 
 
-def _check(model: Model, estimate: Estimate) -> None:
-    missing = missing_values(model, estimate)
+def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) -> None:
+    missing = missing_values(model, estimate, number, given)
     if missing:
         raise InputError(
             f"a result of {estimate.model!r} without {missing[0]!r}",

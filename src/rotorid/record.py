@@ -7,7 +7,7 @@ was recorded.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -25,6 +25,8 @@ Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 Verdict = Literal["ok", "note", "warning", "refused"]
+Known = float | str | tuple[float | str, float | str]
+"""A parameter that is known: its value in SI or a text with a unit, or that and its deviation."""
 
 
 @dataclass(frozen=True)
@@ -323,6 +325,9 @@ class PeriodicRecord(Arrays):
         The file, for messages.
     warnings : sequence of str
         What was done to the samples.
+    parameters : mapping of str to float or str or (value, std)
+        Parameters of the machine that this record has to itself, known exactly or with a
+        deviation: a trial mass.
     """
 
     channels: tuple[Channel, ...]
@@ -339,6 +344,21 @@ class PeriodicRecord(Arrays):
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
     checks: tuple[Check, ...] = field(default=())
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+
+    def with_parameters(self, **parameters: Known) -> PeriodicRecord:
+        """Return the record with parameters of the machine that it has to itself.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        PeriodicRecord
+        """
+        return replace(self, parameters={**self.parameters, **parameters})
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,9 +12,10 @@ from rotorid.commands.console import check_outputs, progress, show, write, write
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction, load_estimate
 from rotorid.estimators.information import information_of
+from rotorid.estimators.prediction import relative_errors
 from rotorid.experiment import load_experiment
 from rotorid.io.output import check_apart
-from rotorid.predict import predict
+from rotorid.predict import predict_lines
 from rotorid.report.text import information_lines, prediction_table
 from rotorid.tables import Page
 
@@ -28,7 +29,11 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None) 
         check_apart(targets, [result, *plan.files])
         records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:
-        errors = [predict(plan.model, estimate, record) for record in records]
+        predicted = [
+            predict_lines(plan.model, estimate, [record], number)
+            for number, record in enumerate(records)
+        ]
+        errors = [relative_errors(lines) for lines in predicted]
         told = [information_of(plan.model, estimate, record) for record in records]
     except InputError as error:
         raise error.at(file=str(result)) from None

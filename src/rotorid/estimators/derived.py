@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,11 +13,15 @@ from rotorid.record import Booleans, Floats
 RANK_TOLERANCE = 1e-9
 
 
-def base_from_physical(model: Model, values: Floats, covariance: Floats) -> tuple[Value, ...]:
-    """Return the base parameters that follow from physical ones."""
+def base_from_physical(
+    model: Model, values: Floats, covariance: Floats, names: Sequence[str] | None = None
+) -> tuple[Value, ...]:
+    """Return the base parameters that follow from physical ones, `names` in place of theirs."""
     jacobian = model.base_jacobian(values)
     std = np.sqrt(np.einsum("bi,ij,bj->b", jacobian, covariance, jacobian).clip(0))
-    found = zip(model.base.names, model.base.units, model.base_values(values), std, strict=True)
+    own = names is None or tuple(names) == model.parameter_names
+    called = model.base.names if own or names is None else model.base_named(names)
+    found = zip(called, model.base.units, model.base_values(values), std, strict=True)
     return tuple(Value(name, unit, float(value), float(s)) for name, unit, value, s in found)
 
 

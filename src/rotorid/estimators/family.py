@@ -166,6 +166,14 @@ def pose(
         raise InputError("every parameter fixed", "something to estimate", "free one")
     turning = any(symbol("phi") in signal.free_symbols for signal in reduced.signals)
     for record in records:
+        if record.own:
+            raise InputError(
+                f"{', '.join(record.own)}, which differ between records",
+                "the same parameters in every record",
+                "use ml",
+                file=record.lines.source,
+                place="parameters",
+            )
         if turning and not record.lines.phase_known:
             raise InputError(
                 "a rotor angle of unknown phase",

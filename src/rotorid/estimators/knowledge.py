@@ -12,6 +12,7 @@ import sympy as sp
 from rotorid.errors import InputError, ModelError
 from rotorid.models import Model
 from rotorid.models.expression import parse, symbol
+from rotorid.observation import Observation
 from rotorid.record import Floats
 from rotorid.units import quantity
 
@@ -22,6 +23,34 @@ def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
     return {
         name: quantity(value, units.get(name, "1"), place=name) for name, value in values.items()
     }
+
+
+def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
+    """Return the parameters that a record has to itself, value and deviation in SI."""
+    units = {p.name: p.unit for p in record.model.parameters}
+    found = {}
+    for name, known in record.own.items():
+        place, file = f"parameters.{name}", record.lines.source
+        if name not in units:
+            raise InputError(
+                f"{name[:60]!r}, which is no parameter of the model",
+                f"one of {', '.join(units)}",
+                "correct the name",
+                file=file,
+                place="parameters",
+            )
+        given = known if isinstance(known, tuple) else (known, 0.0)
+        value, std = (quantity(number, units[name], place=place) for number in given)
+        if not np.isfinite([value, std]).all() or std < 0:
+            raise InputError(
+                f"{value:g} with a deviation of {std:g}",
+                "finite numbers, the deviation 0 or more",
+                "correct it",
+                file=file,
+                place=place,
+            )
+        found[name] = (value, std)
+    return found
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,9 @@ class MaximumLikelihood:
         per displacement, one for all or one per input.
     delays : sequence of {"force", "position"}
         One unknown delay common to all channels of the kind.
+    each : sequence of str
+        Parameters that every record has to itself: ``u_x[0]``, ``u_x[1]``, names that may stand
+        in `fixed`, `known` and `start` too.
     base : bool
         Estimate the base parameters.
     covariance : {"auto", "white", "correlated"}
@@ -77,6 +80,7 @@ class MaximumLikelihood:
     runout: bool = False
     gains: tuple[str, ...] = ()
     delays: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
     base: bool = False
     covariance: Literal["auto", "white", "correlated"] = "auto"
     neighbours: int | None = None
@@ -86,7 +90,7 @@ class MaximumLikelihood:
             raise InputError(
                 f"covariance {self.covariance!r}", "auto, white or correlated", "correct it"
             )
-        for name in ("constraints", "gains", "delays"):
+        for name in ("constraints", "gains", "delays", "each"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         _ = self.nuisances
 
@@ -112,7 +116,7 @@ class MaximumLikelihood:
     @property
     def nuisances(self) -> Nuisances:
         """Which constants of the measurement are unknown."""
-        return Nuisances(self.runout, self.gains, self.delays)
+        return Nuisances(self.runout, self.gains, self.delays, self.each)
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
@@ -126,6 +130,7 @@ class MaximumLikelihood:
         """
         linear_form(model)
         bound, knowledge = bind_all(model, records), self.knowledge(model)
+        _check_each(model, self.each)
         try:
             found = fit(
                 model,
@@ -142,3 +147,15 @@ class MaximumLikelihood:
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))
+
+
+def _check_each(model: Model, each: Sequence[str]) -> None:
+    """Refuse names of parameters that the model does not have."""
+    for name in each:
+        if name not in model.parameter_names:
+            raise InputError(
+                f"each of {name!r}",
+                f"a parameter of the model: {', '.join(model.parameter_names)}",
+                "correct the name",
+                place="each",
+            )

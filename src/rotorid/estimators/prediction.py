@@ -89,7 +89,7 @@ def by_likelihood(
     records: Sequence[Observation], evaluations: Sequence[Evaluation]
 ) -> list[Predicted]:
     """Predict inputs, or readings where a record hides a coordinate; linear models."""
-    hidden = any(record.hidden or not record.inputs for record in records)
+    hidden = any(r.hidden or not r.inputs or r.lines.passive for r in records)
     return [
         (_readings if hidden else _inputs)(record, at)
         for record, at in zip(records, evaluations, strict=True)

@@ -11,7 +11,7 @@ from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
 from rotorid.experiment.kinds import check_own, plan_record, read_table
 from rotorid.experiment.methods import build_estimator, default_method
-from rotorid.experiment.names import constraints, fixed_values
+from rotorid.experiment.names import constraints, fixed_values, own_values
 from rotorid.experiment.recording import (
     Recording,
     averaged,
@@ -19,7 +19,7 @@ from rotorid.experiment.recording import (
     measured,
     quiet_record,
 )
-from rotorid.experiment.schema import ExperimentFile, Method
+from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
 from rotorid.lines import Lines
 from rotorid.models import Model, load_model
 from rotorid.record import PeriodicRecord, Record
@@ -111,15 +111,9 @@ class Experiment:
         found: list[PeriodicRecord | Lines] = []
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
-                if entry.kind != "samples":
-                    found.append(read_table(self.folder, entry, plan, self.model))
-                    continue
-                if entry.periodic:
-                    found.append(averaged(self.folder, entry, plan, currents=currents))
-                    continue
-                record = measured(self.folder, entry, plan, currents=currents)
-                quiet = quiet_record(self.folder, entry, plan, currents=currents)
-                found.append(lines_of(record, quiet, entry, self.model))
+                one = self._one(entry, plan, currents=currents)
+                own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
+                found.append(one.with_parameters(**own) if own else one)
             except InputError as error:
                 if error.place not in KEYS:
                     raise
@@ -128,6 +122,18 @@ class Experiment:
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
         return found
+
+    def _one(
+        self, entry: RecordEntry, plan: Recording, *, currents: bool
+    ) -> PeriodicRecord | Lines:
+        """Read one record by its kind."""
+        if entry.kind != "samples":
+            return read_table(self.folder, entry, plan, self.model)
+        if entry.periodic:
+            return averaged(self.folder, entry, plan, currents=currents)
+        record = measured(self.folder, entry, plan, currents=currents)
+        quiet = quiet_record(self.folder, entry, plan, currents=currents)
+        return lines_of(record, quiet, entry, self.model)
 
     def records(self, method: Method | None = None) -> list[PeriodicRecord | Lines]:
         """Read every record and cut it into periods, or take the lines of the whole.
@@ -215,6 +221,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
             channels.append(plan_record(record, entry.channels, model, where))
+            own_values(record.parameters, model, f"records.{number}.parameters")
         return Experiment(
             file=str(path),
             folder=where,

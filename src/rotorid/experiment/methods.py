@@ -49,6 +49,7 @@ def _maximum_likelihood(
         runout=entry.estimator.runout,
         gains=tuple(entry.estimator.gains),
         delays=tuple(entry.estimator.delays),
+        each=tuple(name for name, p in entry.parameters.items() if p.each),
     )
 
 
@@ -61,6 +62,14 @@ def _uncertain(entry: ChannelEntry) -> bool:
     """Tell whether the dynamics of a channel, or of a law's column, are not known exactly."""
     entries = (entry.dynamics, *(column.dynamics for column in entry.columns))
     return any(d is not None and d.uncertain for d in entries)
+
+
+def _refused(place: str) -> str:
+    """Say what stands at a place that only a likelihood can weigh."""
+    if place.endswith(".min, max"):
+        return "a bound"
+    differs = place.endswith(".each") or (place.startswith("records.") and "parameters" in place)
+    return "parameters that differ between records" if differs else "a deviation"
 
 
 def _refuse_deviations(entry: ExperimentFile) -> None:
@@ -87,12 +96,14 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
     columns = [(place, column) for place, c in channels.items() for column in c.columns]
     places += [f"{place}.{c.column}.gain_std" for place, c in columns if c.gain_std]
     places += [f"{place}.{c.column}.delay.std" for place, c in columns if c.delay.std]
+    places += [f"parameters.{name}.each" for name, p in entry.parameters.items() if p.each]
+    places += [f"records.{i}.parameters" for i, r in enumerate(entry.records) if r.parameters]
     places += [f"parameters.{name}.min, max" for name, p in entry.parameters.items() if p.bounded]
     places += [f"constraints.{i}.min, max" for i, c in enumerate(entry.constraints) if c.bounded]
     if places:
         raise InputError(
-            "a bound" if places[0].endswith(".min, max") else "a deviation",
-            "exact values for this method",
+            _refused(places[0]),
+            "exact values, the same in all records, for this method",
             "use ml",
             place=places[0],
         )

@@ -14,6 +14,7 @@ from rotorid.experiment.schema import (
     ChannelEntry,
     ConstraintEntry,
     DynamicsEntry,
+    OwnEntry,
     ParameterEntry,
     RecordEntry,
     TimeEntry,
@@ -136,6 +137,29 @@ def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[st
                 if key == "fixed":
                     fixed[name] = number
     return fixed
+
+
+def own_values(
+    entries: Mapping[str, OwnEntry], model: Model, place: str
+) -> dict[str, tuple[float, float]]:
+    """Return the parameters that a record has to itself, value and deviation in SI."""
+    known = {p.name: p for p in model.parameters}
+    found = {}
+    for name, entry in entries.items():
+        where = f"{place}.{name}"
+        if name not in known:
+            raise unknown(name, known, "parameter", where)
+        key, given = ("fixed", entry.fixed) if entry.value is None else ("value", entry.value)
+        value = to_si(given, known[name].unit, place=f"{where}.{key}")
+        # A trial mass of none is 0, whatever the model says of those that are there.
+        if value < 0:
+            _check_sign(value, known[name].positive, f"{where}.{key}")
+        std = 0.0
+        if entry.std is not None:
+            std = to_si(entry.std, known[name].unit, place=f"{where}.std")
+            _check_deviation(std, f"{where}.std")
+        found[name] = (value, std)
+    return found
 
 
 def _check_sign(number: float, positive: bool, place: str) -> None:

@@ -288,7 +288,26 @@ class AngleEntry(Schema):
         return self
 
 
-_TABLES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels"}
+class OwnEntry(Schema):
+    """What is known of a parameter in one record."""
+
+    fixed: Quantity | None = None
+    value: Quantity | None = None
+    std: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> OwnEntry:
+        if self.model_fields_set not in ({"fixed"}, {"value", "std"}):
+            raise InputError(
+                " and ".join(sorted(self.model_fields_set)) or "nothing",
+                "fixed, or value and std",
+                "say what the parameter was in this record; each = true in [parameters] lets "
+                "every record have an unknown one of its own",
+            )
+        return self
+
+
+_TABLES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels", "parameters"}
 """Keys of a record that is a table."""
 
 
@@ -317,6 +336,7 @@ class RecordEntry(Schema):
     references: Annotated[list[str] | None, Field(min_length=1)] = None
     quiet: str | None = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
+    parameters: dict[str, OwnEntry] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_rotation(self) -> RecordEntry:
@@ -433,6 +453,7 @@ class ParameterEntry(_Knowledge):
 
     fixed: Quantity | None = None
     start: Quantity | None = None
+    each: StrictBool = False
 
     @model_validator(mode="after")
     def _one_kind(self) -> ParameterEntry:
@@ -440,12 +461,12 @@ class ParameterEntry(_Knowledge):
             key for key in ("fixed", "value", "std", "start") if getattr(self, key) is not None
         }
         kinds: list[set[str]] = [{"value", "std"}, {"start"}]
-        kinds.append(set() if self.bounded else {"fixed"})
+        kinds.append(set() if self.bounded or self.each else {"fixed"})
         if given not in kinds:
             raise InputError(
                 " and ".join(sorted(given)) or "nothing",
-                "fixed, or value and std, or start",
-                "keep one of these; min and max may stand beside the last two, or alone",
+                "fixed, or each, or value and std, or start",
+                "keep one of these; min and max may stand beside the last two, or alone, each too",
             )
         return self
 

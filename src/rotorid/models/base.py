@@ -15,7 +15,7 @@ from sympy.polys.matrices import DomainMatrix
 from rotorid.models.dependence import independent_signals
 from rotorid.models.expression import Expression
 from rotorid.models.terms import Monomial, Product
-from rotorid.record import Floats
+from rotorid.record import Floats, Integers
 from rotorid.units import multiply_units
 
 
@@ -81,6 +81,23 @@ def gather_base(
         found_units.append(multiply_units([(units[p], n) for p, n in powers if n]))
     kept = tuple(scanned[pivot] for pivot in pivots)
     return BaseParameters(tuple(names), tuple(found_units), gather, kept)
+
+
+def base_names(
+    base: BaseParameters, monomials: Integers, parameters: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the names of base parameters, the parameters called otherwise."""
+    named = [monomial_name(tuple(powers), parameters) for powers in monomials.tolist()]
+    found = []
+    for row, kept in zip(base.gather, base.kept, strict=True):
+        order = [kept, *(i for i in np.flatnonzero(row).tolist() if i != kept)]
+        text = ""
+        for i in order:
+            factor = "" if abs(row[i]) == 1 else f"{abs(row[i]):.12g}*"
+            sign = " + " if row[i] > 0 else " - "
+            text += (sign if text else "") + factor + named[i]
+        found.append(text)
+    return tuple(found)
 
 
 def _rational(value: Fraction) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
-from rotorid.models.base import BaseParameters, gather_base
+from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.dimensions import unit_faults
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import RESERVED, Expression, symbol
@@ -172,6 +172,10 @@ class Model:
     def base_jacobian(self, values: ArrayLike) -> Floats:
         """Return d base / d physical, shape (base, parameter)."""
         return self.base.gather @ self.monomial_jacobian(values)
+
+    def base_named(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of the base parameters, the parameters called otherwise."""
+        return base_names(self.base, self.monomials, names)
 
     def values(self, by_name: Mapping[str, float]) -> Floats:
         """Return parameter values in order, shape (parameter,), from values by name.

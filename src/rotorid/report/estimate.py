@@ -77,11 +77,11 @@ def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
 def _record_pictures(
     estimate: Estimate, model: Model | None, records: Sequence[PeriodicRecord | Lines]
 ) -> Iterator[Picture]:
-    for number, record in enumerate(records, start=1):
-        where = f", record {number}" if len(records) > 1 else ""
+    for number, record in enumerate(records):
+        where = f", record {number + 1}" if len(records) > 1 else ""
         if isinstance(record, Lines):
-            known = model is not None and speaks_of(model, estimate, record)
-            found = predict_lines(model, estimate, [record])[0] if model and known else None
+            known = model is not None and speaks_of(model, estimate, record, number)
+            found = predict_lines(model, estimate, [record], number)[0] if model and known else None
             yield picture(
                 spectra.draw_lines(record, found),
                 f"Lines{where}",
@@ -89,7 +89,7 @@ def _record_pictures(
                 "noise that the estimate was weighted by.",
             )
             continue
-        waves = None if model is None else force_waves(model, estimate, record)
+        waves = None if model is None else force_waves(model, estimate, record, number)
         if waves is not None:
             yield picture(
                 pictures.draw_forces(waves),

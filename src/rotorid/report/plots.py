@@ -13,21 +13,25 @@ from rotorid.record import PeriodicRecord
 from rotorid.signals.spectrum import synthesize
 
 
-def speaks_of(model: Model, estimate: Estimate, record: PeriodicRecord | Lines) -> bool:
+def speaks_of(
+    model: Model, estimate: Estimate, record: PeriodicRecord | Lines, number: int
+) -> bool:
     """Tell whether an estimate leaves nothing open that a prediction of this record needs."""
     known = all(np.isfinite(v.value) for v in estimate.parameters) and record.phase_known
-    return known and not missing_values(model, estimate)
+    return known and not missing_values(model, estimate, number, record.parameters)
 
 
-def force_waves(model: Model, estimate: Estimate, record: PeriodicRecord) -> ForceWaves | None:
+def force_waves(
+    model: Model, estimate: Estimate, record: PeriodicRecord, number: int = 0
+) -> ForceWaves | None:
     """Return a record's channels as measured and as an estimate predicts them.
 
     ``None`` where the estimate leaves a parameter open or is of another model, and where the
     phase of the rotor is not known.
     """
-    if not speaks_of(model, estimate, record):
+    if not speaks_of(model, estimate, record, number):
         return None
-    (found,) = predict_lines(model, estimate, [record])
+    (found,) = predict_lines(model, estimate, [record], number)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(found.size > 0, np.sqrt(found.wrong / found.size), np.nan)
     return ForceWaves(

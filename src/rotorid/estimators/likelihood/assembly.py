@@ -131,7 +131,8 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
                     "put their values in, or estimate the physical parameters",
                     place=sensor.channel.name,
                 )
-            factors = tuple(np.repeat(np.arange(len(t.powers)), t.powers).tolist())
+            held = np.repeat(layout.held, t.powers).tolist() if any(t.powers) else []
+            factors = tuple(held)
             terms.append(Term(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
     return terms
 
@@ -229,6 +230,7 @@ def sensing_of(reads: Floats, rank: int) -> Sensing:
 
 def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likelihood:
     """Build the likelihood of one record, the `number`-th of its machine."""
+    layout = layout.of_record(number)
     lines, reads = observation.lines, observation.reads
     order = list(observation.order)
     data = lines.mean[:, order]

@@ -54,6 +54,14 @@ class Fit:
         """The problem that was solved."""
         return self.solution.point.problem
 
+    @property
+    def covariance(self) -> Floats:
+        """The covariance of all unknowns, zero where they are fixed."""
+        layout, free = self.prepared.layout, self.prepared.layout.free
+        covariance = np.zeros((len(layout.unknowns), len(layout.unknowns)))
+        covariance[np.ix_(free, free)] = self.inference.covariance
+        return covariance
+
 
 def fit(
     model: Model,

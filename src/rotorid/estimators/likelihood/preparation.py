@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial, eliminate
-from rotorid.estimators.likelihood.nuisances import Nuisance, Unknown
+from rotorid.estimators.likelihood.nuisances import Nuisance, Own, Unknown
 from rotorid.estimators.likelihood.relations import Polynomial, Relations
 from rotorid.estimators.likelihood.unknowns import Layout, base_factors, physical_factors
 from rotorid.models import Model
@@ -62,7 +62,9 @@ def prepare(
     extra = [unknown for nuisance in nuisances for unknown in nuisance.unknowns]
     _check_names(model, extra, knowledge, base)
     held: dict[str, float] = {}
+    own = {n.unknowns[0].name: n for n in nuisances if isinstance(n, Own)}
     if base:
+        _refuse_own(own)
         held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
         model = model.substitute(held)
         names = zip(model.base.names, model.base.units, strict=True)
@@ -74,13 +76,36 @@ def prepare(
             for p in model.parameters
         ]
         factors = physical_factors(model)
-    unknowns = tuple(_informed(unknown, knowledge) for unknown in (*parameters, *extra))
-    layout = Layout(model, unknowns, tuple(factors), base, tuple(nuisances))
-    layout = _started(layout)
+    informed = [_informed(unknown, knowledge) for unknown in parameters]
+    for unknown in extra:
+        here = own.get(unknown.name)
+        if here is not None and unknown.std is None:
+            unknown = replace(informed[here.parameter], name=unknown.name)
+        informed.append(_informed(unknown, knowledge))
+    layout = Layout(model, tuple(informed), tuple(factors), base, tuple(nuisances))
+    layout = _started(replace(layout, unknowns=_without_idle(layout)))
     exact, known = _relations(layout, knowledge)
     bounds = _bounds(layout, knowledge)
     _check_relations(layout, exact)
     return Prepared(layout, exact, known, bounds, held)
+
+
+def _refuse_own(own: Mapping[str, Own]) -> None:
+    """Refuse parameters of single records among base parameters."""
+    if own:
+        raise InputError(
+            f"{next(iter(own))}, a parameter that differs between records",
+            "the same parameters in every record, where base parameters are asked for",
+            "estimate the physical parameters, or each record by itself",
+        )
+
+
+def _without_idle(layout: Layout) -> tuple[Unknown, ...]:
+    """Hold the common unknowns that no record uses, so that nothing depends on them."""
+    return tuple(
+        replace(u, start=1.0, std=0.0) if i in layout.idle else u
+        for i, u in enumerate(layout.unknowns)
+    )
 
 
 def _informed(unknown: Unknown, knowledge: Knowledge) -> Unknown:
@@ -166,12 +191,12 @@ def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relatio
     if layout.base:
         return _base_relations(layout, knowledge), Relations.build(known, count)
     for constraint in knowledge.constraints:
-        polynomial = _padded(layout, constraint)
         text = f"{constraint.expression} = {constraint.value:g}"
-        if constraint.std > 0:
-            known.append((polynomial, constraint.std, text))
-        else:
-            exact.append((polynomial, 1.0, text))
+        for polynomial in _of_records(layout, _padded(layout, constraint)):
+            if constraint.std > 0:
+                known.append((polynomial, constraint.std, text))
+            else:
+                exact.append((polynomial, 1.0, text))
     return Relations.build(exact, count), Relations.build(known, count)
 
 
@@ -188,6 +213,26 @@ def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], flo
     constant = (0,) * len(layout.unknowns)
     polynomial[constant] = polynomial.get(constant, 0.0) - constraint.value
     return polynomial
+
+
+def _of_records(
+    layout: Layout, polynomial: dict[tuple[int, ...], float]
+) -> list[dict[tuple[int, ...], float]]:
+    """Return a polynomial in what it means in each record, where every record has its own."""
+    if not any(powers[i] for powers in polynomial for i in layout.idle):
+        return [polynomial]
+    records = {n.record for n in layout.nuisances if isinstance(n, Own)}
+    found = []
+    for number in sorted(records):
+        own = {i: at for i, at in layout.of_record(number).own.items() if i in layout.idle}
+        moved: dict[tuple[int, ...], float] = {}
+        for powers, coefficient in polynomial.items():
+            there = list(powers)
+            for i, at in own.items():
+                there[at], there[i] = there[i], 0
+            moved[tuple(there)] = coefficient
+        found.append(moved)
+    return found
 
 
 def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
@@ -221,10 +266,10 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:
         for limit, sign in ((lower, 1.0), (upper, -1.0)):
             if limit is None:
                 continue
-            polynomial = _padded(layout, Constraint(expression, limit))
-            signed = {powers: sign * c for powers, c in polynomial.items()}
             relation = ">=" if sign > 0 else "<="
-            rows.append((signed, 1.0, f"{expression} {relation} {limit:g}"))
+            for polynomial in _of_records(layout, _padded(layout, Constraint(expression, limit))):
+                signed = {powers: sign * c for powers, c in polynomial.items()}
+                rows.append((signed, 1.0, f"{expression} {relation} {limit:g}"))
     return Relations.build(rows, count)
 
 

@@ -52,7 +52,8 @@ def summarize(model: Model, fit: Fit) -> Estimate:
     # Where a search failed, nothing follows of what the records determine.
     arrived = fit.solution.converged
     combinations = open_combinations(layout, point, inference) if arrived else []
-    count = layout.parameters
+    count = layout.named
+    kept = [v for i, v in enumerate(values[:count]) if i not in layout.idle]
     held = [
         Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
         for name, value in fit.prepared.substituted.items()
@@ -61,7 +62,7 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         model=model.name,
         method="ml",
         status=_status(fit, p_value),
-        parameters=(*values[:count], *held),
+        parameters=(*kept, *held),
         nuisance=tuple(v for v in values[count:] if not v.fixed),
         derived=(
             *_derived(model, fit),
@@ -145,7 +146,7 @@ def _physical(model: Model, fit: Fit) -> Floats:
     """Return the physical parameters at the minimum, NaN where base parameters leave them open."""
     layout, point = fit.prepared.layout, fit.solution.point
     if not layout.base:
-        return point.unknowns[: layout.parameters]
+        return point.unknowns[layout.of_record(0).held]
     values = physical_start(layout.model, point.unknowns[: layout.parameters])
     known = {**dict(zip(layout.model.parameter_names, values.tolist(), strict=True))}
     known |= fit.prepared.substituted
@@ -165,21 +166,34 @@ def _line_misfits(fit: Fit) -> list[LineMisfit]:
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
     """Return base parameters from physical ones, or the other way round."""
     layout, inference = fit.prepared.layout, fit.inference
-    count, free = layout.parameters, layout.free
-    inner = free < count
-    covariance = np.zeros((count, count))
-    covariance[np.ix_(free[inner], free[inner])] = inference.covariance[np.ix_(inner, inner)]
-    values = fit.solution.point.unknowns[:count]
     if layout.base:
+        inner = layout.free < layout.parameters
         if inference.undetermined[inner].any():
             return ()
-        return physical_from_base(layout.model, values, covariance)
-    found = base_from_physical(model, values, covariance)
-    slopes = model.base_jacobian(values)[:, free[inner]] * inference.scale[inner]
+        held = layout.held
+        values = fit.solution.point.unknowns[held]
+        return physical_from_base(layout.model, values, fit.covariance[np.ix_(held, held)])
+    found: dict[str, Value] = {}
+    for number in range(len(fit.records)):
+        for value in _base_of(model, fit, number):
+            found.setdefault(value.name, value)
+    return tuple(found.values())
+
+
+def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
+    """Return the base parameters of one record, under the names of what it has to itself."""
+    layout, inference = fit.prepared.layout.of_record(number), fit.inference
+    held, free = layout.held, layout.free
+    values, covariance = fit.solution.point.unknowns[held], fit.covariance
+    names = [layout.unknowns[i].name for i in held]
+    found = base_from_physical(model, values, covariance[np.ix_(held, held)], names)
+    every = np.zeros((len(found), len(layout.unknowns)))
+    every[:, held] = model.base_jacobian(values)
+    slopes = every[:, free] * inference.scale
     largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
     slopes = slopes / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
     length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
-    along = slopes / np.where(length > 0, length, 1.0) @ inference.null[inner]
+    along = slopes / np.where(length > 0, length, 1.0) @ inference.null
     unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
     return tuple(
         Value(v.name, v.unit, np.nan, np.nan) if lost else v

@@ -244,8 +244,8 @@ class _Search:
         layout = self.case.prepared.layout
         return [
             Option(f"prior {u.name}", u.unit, prior=u.name)
-            for u in layout.unknowns[: layout.parameters]
-            if u.std is not None
+            for u in layout.unknowns[: layout.named]
+            if u.std is not None and layout.index[u.name] not in layout.idle
         ]
 
     def scored(self, options: Sequence[Option]) -> list[tuple[Option | Shift, Suspect]]:

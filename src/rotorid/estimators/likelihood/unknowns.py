@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimators.likelihood.nuisances import Constant, Nuisance, Unknown
+from rotorid.estimators.likelihood.nuisances import Constant, Nuisance, Own, Unknown
 from rotorid.models import Model
 from rotorid.models.linear import LinearForm
 from rotorid.record import Floats, Integers
@@ -36,6 +36,9 @@ class Layout:
     base : bool
         The parameters are the base ones.
     nuisances : sequence of Nuisance
+        Those of parameters that differ between records (`Own`) first.
+    own : mapping of int to int
+        Of the layout of one record: parameters that it has to itself, and their unknowns.
     """
 
     model: Model
@@ -43,6 +46,7 @@ class Layout:
     monomial_factors: tuple[tuple[int, ...] | None, ...]
     base: bool
     nuisances: tuple[Nuisance, ...] = ()
+    own: Mapping[int, int] = field(default_factory=dict)
     index: Mapping[str, int] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -67,6 +71,31 @@ class Layout:
             yield nuisance, np.arange(first, last)
             first = last
 
+    def of_record(self, number: int) -> Layout:
+        """Return the layout with the parameters that a record has to itself in their places."""
+        own = {
+            nuisance.parameter: int(at[0])
+            for nuisance, at in self.places()
+            if isinstance(nuisance, Own) and nuisance.record == number
+        }
+        if not own:
+            return self
+        factors = tuple(
+            None if f is None else tuple(sorted(own.get(i, i) for i in f))
+            for f in self.monomial_factors
+        )
+        return replace(self, monomial_factors=factors, own=own)
+
+    @property
+    def held(self) -> Integers:
+        """Where the parameters of the model stand among the unknowns, shape (parameter,)."""
+        return np.array([self.own.get(i, i) for i in range(self.parameters)], dtype=np.int64)
+
+    @cached_property
+    def idle(self) -> frozenset[int]:
+        """Parameters that every record has to itself: the common unknown stands for nothing."""
+        return frozenset(n.parameter for n in self.nuisances if isinstance(n, Own) and n.alone)
+
     def constant(self, name: str, role: str) -> int | None:
         """Return the unknown that stands for a constant of an input's force law, if one does."""
         for nuisance, where in self.places():
@@ -90,12 +119,19 @@ class Layout:
             found |= set(only)
             if len(only) > 1:
                 entangled |= set(only)
-        return found - entangled
+        alike = found - entangled
+        own = ((n, at) for n, at in self.places() if isinstance(n, Own))
+        return alike | {int(at[0]) for n, at in own if n.parameter in alike}
 
     @cached_property
     def parameters(self) -> int:
-        """Number of parameters of the model among the unknowns; they come first."""
-        return sum(not unknown.nuisance for unknown in self.unknowns)
+        """Number of parameters of the model; they come first among the unknowns."""
+        return len(self.model.base.names if self.base else self.model.parameters)
+
+    @cached_property
+    def named(self) -> int:
+        """Number of unknowns that are parameters, those of single records included."""
+        return self.parameters + sum(isinstance(n, Own) for n in self.nuisances)
 
 
 def physical_factors(model: Model) -> tuple[tuple[int, ...], ...]:

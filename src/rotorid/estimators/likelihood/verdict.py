@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,13 +29,34 @@ BLOCKS = 8
 
 def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
     """Judge an answer: as a machine, against its halves, and where its cost is too good."""
-    total = gate.physical(model, estimate)
+    total = gate.physical(model, _of_one_record(model, estimate, fit))
     free, std = _free(fit)
     if estimate.status in ("ok", "rejected"):
         halves = answers_of_parts(fit.solution.point, fit.records, 2)
         if halves is not None:
             total += gate.agreement(free, halves, std)
     return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit))))
+
+
+def _of_one_record(model: Model, estimate: Estimate, fit: Fit) -> Estimate:
+    """Return an estimate as one of the first record, where records differ in parameters."""
+    whole = fit.prepared.layout
+    if whole.named == whole.parameters:
+        return estimate
+    layout = whole.of_record(0)
+    names = [whole.unknowns[i].name for i in layout.held]
+    found = {v.name: v for v in estimate.parameters}
+    values = [
+        replace(found[name], name=parameter)
+        for name, parameter in zip(names, model.parameter_names, strict=True)
+    ]
+    free = [int(i) for i in layout.held if not whole.unknowns[i].fixed]
+    return estimate.with_(
+        parameters=tuple(values),
+        nuisance=(),
+        derived=(),
+        covariance=fit.covariance[np.ix_(free, free)],
+    )
 
 
 def _free(fit: Fit) -> tuple[list[str], np.ndarray]:

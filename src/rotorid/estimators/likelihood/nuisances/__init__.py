@@ -16,6 +16,7 @@ from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, Displ
 from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.missing import Missing, MissingEntry, MissingLoad
 from rotorid.estimators.likelihood.nuisances.multiplier import Multiplier
+from rotorid.estimators.likelihood.nuisances.own import Own
 from rotorid.estimators.likelihood.nuisances.phase import Phase
 from rotorid.estimators.likelihood.nuisances.response import Response
 from rotorid.estimators.likelihood.nuisances.runout import Runout
@@ -30,6 +31,7 @@ __all__ = [
     "Multiplier",
     "Nuisance",
     "Nuisances",
+    "Own",
     "Reading",
     "Turn",
     "Unknown",
@@ -38,6 +40,7 @@ __all__ = [
 ]
 
 KINDS: tuple[type[Nuisance], ...] = (
+    Own,  # parameters of the model: they stand before what is unknown of the measurement
     CurrentGain,
     DisplacementGain,
     Runout,

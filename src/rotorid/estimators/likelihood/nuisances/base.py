@@ -66,11 +66,14 @@ class Nuisances:
         Force per current of each input, one force per displacement for all, or one per input.
     delays : sequence of {"force", "position"}
         One common delay for all channels of that kind.
+    each : sequence of str
+        Parameters of the model that every record has to itself.
     """
 
     runout: bool = False
     gains: tuple[str, ...] = ()
     delays: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for given, allowed, key in (
