@@ -15,6 +15,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Known, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
+from rotorid.signals.shift import shifted
 from rotorid.signals.spectrum import line_spectra
 from rotorid.values import Arrays
 
@@ -142,6 +143,37 @@ class PhasorClock(Arrays):
         return PhasorClock(np.full(len(self.speed), speed))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Arrays):
+    """The samples behind the lines: of a mean period, or of a whole record.
+
+    Parameters
+    ----------
+    values : array, shape (sample, channel)
+        As recorded, hold, delay and dynamics not corrected.
+    sample_rate : float
+        Hz.
+    lines_kept : int array, shape (line,)
+        Numbers of the lines.
+    period : int or None
+        Samples of a period.
+    """
+
+    values: Floats
+    sample_rate: float
+    lines_kept: Integers
+    period: int | None = None
+
+    def column(self, index: int, channel: Channel) -> Floats:
+        """Return the samples of a channel without its delay, shape (sample,)."""
+        steps = channel.delay * self.sample_rate
+        return shifted(self.values[:, index], steps, self.period)
+
+    def lines(self, signals: Floats) -> Complexes:
+        """Return the lines of signals over the same time, (sample, signal) -> (line, signal)."""
+        return line_spectra(signals, self.lines_kept)
+
+
 def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     """Set lines to zero that are rounding of their signal, lines (line, signal)."""
     size = np.sqrt((samples**2).mean(axis=0))
@@ -186,6 +218,8 @@ class Lines(Arrays):
     parameters : mapping of str to float or str or (value, std)
         Parameters of the machine that this record has to itself, known exactly or with a
         deviation: a trial mass.
+    samples : Samples, optional
+        The samples behind the lines, where there are some.
     """
 
     channels: tuple[Channel, ...]
@@ -204,6 +238,7 @@ class Lines(Arrays):
     checks: tuple[Check, ...] = ()
     passive: bool = False
     parameters: Mapping[str, Known] = field(default_factory=dict)
+    samples: Samples | None = None
 
     def with_parameters(self, **parameters: Known) -> Lines:
         """Return the lines with parameters of the machine that this record has to itself.
@@ -237,6 +272,7 @@ class Lines(Arrays):
             warnings=record.warnings,
             checks=record.checks,
             parameters=record.parameters,
+            samples=Samples(record.mean, record.sample_rate, record.harmonics, len(record.mean)),
         )
 
     @property

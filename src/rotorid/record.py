@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,39 @@ class Drive:
     position: Mapping[str, float] = field(default_factory=dict)
 
 
+class LawConstant(NamedTuple):
+    """A constant of a force law: SI; `std` is 0 where it is exact, infinite where it is unknown.
+
+    `shared` is the name under which several channels share it, empty where it is their own.
+    """
+
+    unit: str
+    value: float
+    std: float = 0.0
+    positive: bool = False
+    shared: str = ""
+
+
+class ForceLaw(Protocol):
+    """The law with which the force of a channel was read, kept since its constants may be off."""
+
+    @property
+    def constants(self) -> Mapping[str, LawConstant]:
+        """Constants by name."""
+
+    @property
+    def position(self) -> Mapping[str, float]:
+        """Displacement in the actuator as a combination of channels."""
+
+    def flowing(self, force: Floats, position: Floats) -> Floats:
+        """Return the current that made a force."""
+
+    def force(
+        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
+    ) -> Floats | Complexes:
+        """Return the force with some constants changed by so much."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """One measured quantity.
@@ -106,6 +139,8 @@ class Channel:
         The channel holds a current, not the input itself. Maximum likelihood only.
     dynamics : Dynamics, optional
         What an amplifier, a filter or the sensor itself does to each line.
+    law : ForceLaw, optional
+        The channel's force was made of a current, or of flux densities, by this law.
     """
 
     name: str
@@ -117,6 +152,7 @@ class Channel:
     gain_std: float = 0.0
     drive: Drive | None = None
     dynamics: Dynamics | None = None
+    law: ForceLaw | None = None
 
     @property
     def combination(self) -> Mapping[str, float]:

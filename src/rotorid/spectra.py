@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft
 
 from rotorid.errors import InputError
-from rotorid.lines import Lines, WholeClock
+from rotorid.lines import Lines, Samples, WholeClock
 from rotorid.record import Complexes, Floats, Integers, Record
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
@@ -156,7 +156,19 @@ def spectra(
         phase_std=record.phase_std,
         source=record.source,
         warnings=told,
+        samples=_samples_behind(window, names, kept),
     )
+
+
+def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:
+    """Keep the samples of a record, where a force law may have other constants than stated."""
+    record = window.record
+    if all(record.channels[record.names.index(name)].law is None for name in names):
+        return None
+    columns = [record.names.index(name) for name in names]
+    used = record.samples[window.first : window.first + window.count]
+    whole = columns == list(range(used.shape[1]))
+    return Samples(used if whole else used[:, columns], record.sample_rate, kept)
 
 
 def _window(record: Record, skip: float, until: float | None) -> _Window:

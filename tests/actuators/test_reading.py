@@ -123,11 +123,6 @@ def test_constants_of_the_law_give_the_gain_its_deviation() -> None:
     law = with_std(Linear(ki=120.0), ki=1.2)
     record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
     assert record.channels[0].gain_std == pytest.approx(0.01)
-    magnet = forces(
-        recorded(False, 0.0, 0.0),
-        {"F": ForceReading(with_std(MAGNET, constant=0.02 * MAGNET.constant), ("i",))},
-    )
-    assert magnet.channels[0].gain_std == pytest.approx(0.02)
 
 
 def test_displacement_as_a_combination_of_sensors() -> None:

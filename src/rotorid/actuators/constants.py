@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
@@ -21,6 +21,8 @@ _STEP = 1e-30
 def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any], Any]) -> Floats:
     """Return the first-order deviation of ``function(law)`` from those of the law's constants.
 
+    Where the function depends on a constant that is unknown, it is infinite.
+
     The slopes come from complex steps, exact to rounding; the constants are taken as independent.
     """
     total: Any = 0.0
@@ -28,16 +30,19 @@ def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any],
         deviation = getattr(law, f"{name}_std")
         if deviation:
             step = _STEP * (abs(getattr(law, name)) or 1.0)
-            moved = _moved(law, name, getattr(law, name) + 1j * step)
-            total = total + (np.imag(function(moved)) / step * deviation) ** 2
+            slope = np.imag(function(with_moved(law, {name: 1j * step}))) / step
+            if deviation == np.inf:  # zero times infinity would be no number
+                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
+            total = total + (slope * deviation) ** 2
     return np.asarray(np.sqrt(total), dtype=float)
 
 
-def _moved(law: Any, name: str, value: complex) -> Any:
-    """Return a copy of a law with one constant moved, unchecked."""
+def with_moved(law: Any, changes: Mapping[str, complex]) -> Any:
+    """Return a copy of a law with constants moved by so much, unchecked."""
     copy = object.__new__(type(law))
     for field in law.__dataclass_fields__:
-        object.__setattr__(copy, field, value if field == name else getattr(law, field))
+        value = getattr(law, field)
+        object.__setattr__(copy, field, value + changes[field] if field in changes else value)
     return copy
 
 
@@ -65,9 +70,9 @@ def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] 
         value = getattr(law, f"{name}_std")
         require(
             value,
-            bool(np.isfinite(value) and value >= 0),
+            bool(value >= 0),
             f"{name}_std",
-            "a standard deviation of 0 or more",
+            "a standard deviation of 0 or more, infinite where the constant is unknown",
             "correct it",
         )
 

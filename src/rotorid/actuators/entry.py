@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Annotated, Literal, NamedTuple, TypeVar
 
+import numpy as np
 from pydantic import BeforeValidator, Field, StrictInt
 
 from rotorid.actuators.constants import MU0, with_std
@@ -20,25 +21,28 @@ LawName = Literal["linear", "differential", "flux"]
 
 
 class Constant(NamedTuple):
-    """A constant of a force law and its standard deviation, SI."""
+    """A constant of a force law, SI; `std` 0: exact, infinite: unknown, with a value to start."""
 
     value: float
     std: float = 0.0
+    shared: str = ""
 
 
 def _constant(unit: str) -> BeforeValidator:
     def read(value: object) -> Constant:
-        if isinstance(value, dict):
-            if set(value) != {"value", "std"}:
-                raise InputError(
-                    f"the keys {', '.join(sorted(value)) or '(none)'}",
-                    "value and std, or a quantity alone",
-                    f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}",
-                )
-            return Constant(
-                to_si(value["value"], unit, place="value"), to_si(value["std"], unit, place="std")
+        if not isinstance(value, dict):
+            return Constant(to_si(value, unit))
+        keys, shared = set(value) - {"shared"}, value.get("shared", "")
+        if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
+            raise InputError(
+                f"the keys {', '.join(sorted(value)) or '(none)'}",
+                "value and std, or start, or a quantity alone; a name in shared beside them",
+                f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
             )
-        return Constant(to_si(value, unit))
+        if keys == {"start"}:
+            return Constant(to_si(value["start"], unit, place="start"), np.inf, shared)
+        number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
+        return Constant(number, std, shared)
 
     return BeforeValidator(read)
 
@@ -85,8 +89,35 @@ class LawEntry(Schema):
             if isinstance(getattr(self, key), Constant) and getattr(self, key).std
         )
 
+    @property
+    def shared(self) -> dict[str, str]:
+        """Names under which constants of the law are shared, by its fields."""
+        found = {key: getattr(self, key) for key in type(self).model_fields}
+        return {
+            {"K": "constant", "area": "area" if self.law == "flux" else "constant"}.get(key, key): (
+                constant.shared
+            )
+            for key, constant in found.items()
+            if isinstance(constant, Constant) and constant.shared
+        }
+
+    def _refuse_unknown(self) -> None:
+        """Refuse unknown constants of the linear law, which stand elsewhere."""
+        for key in ("ki", "ks"):
+            constant = getattr(self, key)
+            if self.law != "linear" or constant is None:
+                continue
+            if constant.std == np.inf or constant.shared:
+                raise InputError(
+                    f"an unknown or shared {key}",
+                    "a quantity, or value and std",
+                    f'write gains = ["{key}"] under [estimator] to estimate it',
+                    place=key,
+                )
+
     def build(self) -> Linear | Differential | Flux:
         """Return the law."""
+        self._refuse_unknown()
         needed, more = _KEYS[self.law]
         for key in needed:
             if getattr(self, key) is None:
@@ -130,7 +161,7 @@ class LawEntry(Schema):
             return self.K
         area, turns = self.area or Constant(0.0), self.turns or 0.0
         factor = MU0 * turns**2 / 4
-        return Constant(factor * area.value, factor * area.std)
+        return Constant(factor * area.value, factor * area.std, area.shared)
 
 
 def _with_deviations(build: Callable[..., L], **constants: Constant | None) -> L:

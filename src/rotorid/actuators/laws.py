@@ -115,6 +115,11 @@ def magnet_fluxes(
     return ahead, behind
 
 
+def bent(flux: Any, knee: Any) -> Any:
+    """Bend a flux as `magnet_fluxes` does, ``knee = saturation^-KNEE``, which may be 0."""
+    return flux * (1 + flux**KNEE * knee) ** (-1 / KNEE)
+
+
 _CONSTANTS = ("constant", "bias", "gap", "angle", "bias_difference", "iron", "saturation")
 
 

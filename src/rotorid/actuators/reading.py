@@ -24,12 +24,13 @@ amplifier enters a law that bends only by its square.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rotorid.actuators.flux import Flux
-from rotorid.actuators.laws import CurrentLaw, Linear
+from rotorid.actuators.laws import CurrentLaw, Differential, Linear
+from rotorid.actuators.source import ForceSource
 from rotorid.errors import InputError
 from rotorid.record import Channel, Floats, Record
 from rotorid.signals.shift import extended, shifted
@@ -53,11 +54,14 @@ class ForceReading:
         The channel of the current; of the flux densities B1 and B2 for `Flux`.
     position : mapping of str to float
         Displacement in the actuator as a combination of channels, in m; empty for `Flux`.
+    shared : mapping of str to str
+        Names under which constants of the law are the same ones as those of other inputs.
     """
 
     law: CurrentLaw | Flux
     channels: tuple[str, ...]
     position: Mapping[str, float] = field(default_factory=dict)
+    shared: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
@@ -94,8 +98,9 @@ def forces(
     -------
     Record
         With a channel of each input's force in place of the first channel it came from; the
-        others that were used up, and are no positions, are dropped. The deviations of a law's
-        constants are in the channel's `gain_std`.
+        others that were used up, and are no positions, are dropped. What the force was made of
+        stays with its channel (`law`), for constants of bent laws that are not known exactly; the
+        deviation of a linear law's constants is in `gain_std`.
 
     Raises
     ------
@@ -218,21 +223,32 @@ class _Reader:
             if isinstance(reading.law, Flux):
                 fluxes = [self.column(flux) for flux in reading.channels]
                 force = reading.law.force(*fluxes)
-                deviation = reading.law.force_std(*fluxes)
             else:
-                force, deviation = self._from_current(reading.law, source, reading.position)
+                force = self._from_current(reading.law, source, reading.position)
         except InputError as error:
             raise error.at(file=self.record.source, place=name) from None
-        return _channel(name, force, deviation, source), force
+        return self._channel(name, force, reading, source), force
+
+    def _channel(self, name: str, force: Floats, reading: ForceReading, source: Channel) -> Channel:
+        """Return the channel of a force, with what is known of its law."""
+        law = reading.law
+        plain = Channel(name, "N", delay_std=source.delay_std, gain_std=source.gain_std)
+        if isinstance(law, Differential | Flux):
+            return replace(plain, law=ForceSource(law, reading.position, reading.shared))
+        current = self.record.column(source.name)
+        deviation = law.force_std(current, self.displacement(reading.position, 0.0))
+        size = float(np.sqrt(np.mean(force**2)))
+        spread = float(np.sqrt(np.mean(np.broadcast_to(deviation, force.shape) ** 2)))
+        relative = spread / size if size > 0 else 0.0
+        return replace(plain, gain_std=float(np.hypot(source.gain_std, relative)))
 
     def _from_current(
         self, law: CurrentLaw, source: Channel, position: Mapping[str, float]
-    ) -> tuple[Floats, Floats]:
+    ) -> Floats:
         step = 1 / self.record.sample_rate
         if source.dynamics is not None:
             current = self.flowing(source)
-            force = law.force(current, self.displacement(position, 0.0))
-            return force, law.force_std(current, self.displacement(position, 0.0))
+            return law.force(current, self.displacement(position, 0.0))
         current = self.record.column(source.name)
         points = zip(_NODES * step, _WEIGHTS, strict=True) if source.hold else ((0.0, 1.0),)
         total = np.zeros_like(current)
@@ -240,16 +256,4 @@ class _Reader:
             lead = node - source.delay  # from a reading to an instant at which its current flows
             force = law.force(current, self.displacement(position, lead))
             total += weight * self.shifted(force, -lead)
-        return total, law.force_std(current, self.displacement(position, 0.0))
-
-
-def _channel(name: str, force: Floats, deviation: Floats, source: Channel) -> Channel:
-    size = float(np.sqrt(np.mean(force**2)))
-    spread = float(np.sqrt(np.mean(np.broadcast_to(deviation, force.shape) ** 2)))
-    relative = spread / size if size > 0 else 0.0
-    return Channel(
-        name,
-        "N",
-        delay_std=source.delay_std,
-        gain_std=float(np.hypot(source.gain_std, relative)),
-    )
+        return total

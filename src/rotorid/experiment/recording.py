@@ -43,11 +43,14 @@ class InputLaw:
         Its columns, among the sources of the `Recording`.
     position : mapping of str to float
         Displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law.
+    shared : mapping of str to str
+        Names under which constants of the law are shared with other inputs.
     """
 
     law: Linear | Differential | Flux
     sources: tuple[str, ...]
     position: Mapping[str, float]
+    shared: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def recording(
                 gain_std=column.gain_std,
                 dynamics=_law_dynamics(law, column.dynamics, folder, place),
             )
-        laws[name] = InputLaw(law, tuple(labels), position)
+        laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
     return Recording(sources, laws)
 
 
@@ -351,7 +354,7 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
             position = as_channels(sensors, law.position) if law.position else {}
         except InputError as error:
             raise error.at(file=record.source, place=f"channels.{name}.position") from None
-        found[name] = ForceReading(law.law, law.sources, position)
+        found[name] = ForceReading(law.law, law.sources, position, law.shared)
     return found
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
+from rotorid.estimators.likelihood.force_laws import bound_laws
 from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
@@ -345,6 +346,7 @@ def _calibration(
         _readings(layout, observation.lines, names),
         phase,
         orders,
+        bound_laws(observation, layout.places()),
     )
 
 

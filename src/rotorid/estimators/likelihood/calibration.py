@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotorid.estimators.likelihood.force_laws import BoundLaw
 from rotorid.estimators.likelihood.nuisances import Factor
 from rotorid.record import Complexes, Floats, Integers
 
@@ -88,6 +89,7 @@ class Calibration:
         The unknown that adds to phi.
     phase_orders : array, shape (order,)
         Orders n of exp(i n phi) into which the loads are split; (0,) where the phase is known.
+    laws : sequence of BoundLaw
     """
 
     omega: Floats
@@ -96,6 +98,7 @@ class Calibration:
     readings: Readings | None = None
     phase_unknown: int | None = None
     phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
+    laws: tuple[BoundLaw, ...] = ()
 
     @property
     def affine(self) -> Integers:
@@ -117,6 +120,10 @@ class Calibration:
             parts = cos * unknowns[self.readings.cos] + sin * unknowns[self.readings.sin]
             for j, channel in enumerate(self.readings.channel):  # several may act on one
                 added[:, channel] += parts[:, j]
+        for law in self.laws:
+            read = law.at(unknowns)
+            factors[:, law.channel] *= read.gain
+            added[:, law.channel] -= read.rest
         return CalibrationState(
             factors, added, np.exp(1j * self.phase_orders * self.phase(unknowns))
         )
@@ -132,6 +139,11 @@ class Calibration:
             jacobian[:, :, bound.unknowns] += factor_columns(
                 bound.nuisance, unknowns[bound.unknowns], bound.channels, at, data
             )
+        for law in self.laws:
+            line = at.columns[:, :, law.channel] * data[:, law.channel, None]
+            for unknown, slope in law.slopes(unknowns):
+                jacobian[:, :, unknown] += slope.gain / law.at(unknowns).gain * line
+                jacobian[:, :, unknown] += at.plain[:, :, law.channel] * slope.rest[:, None]
         self.add_readings(jacobian, at, np.arange(len(unknowns)))
         if self.phase_unknown is not None:
             self._add_phase(jacobian, at, self.phase_unknown)

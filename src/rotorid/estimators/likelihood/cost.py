@@ -379,7 +379,7 @@ class Evaluation:
         """Return d(rows of s) / d unknowns, shape (line, row, unknown), before the projection."""
         p = self.problem
         data, motion = self.corrected()
-        forces = (self.state.factors * data)[:, : p.inputs]
+        forces = (self.state.factors * data - self.state.readings)[:, : p.inputs]
         sources = np.concatenate([motion, forces], axis=1)
         monomial_columns = np.zeros((p.lines, p.all_rows, p.load.shape[3]), dtype=np.complex128)
         monomial_columns[:, : p.rows] = self.load

@@ -30,6 +30,7 @@ def predicted_readings(at: Evaluation) -> Complexes:
     """Return what the sensors should read, ``y = C Z^-1 (B u + g) + r``, (line, sensor)."""
     p, equations, forces = at.problem, at.equations, at.forces
     true = at.state.factors * p.data
+    true[:, :forces] -= at.state.readings[:, :forces]
     right = (at.inputs[:, :equations, :forces] @ true[:, :forces, None])[:, :, 0]
     right += (at.load @ at.mu)[:, :equations]
     if at.ends is not None:

@@ -30,6 +30,8 @@ from rotorid.estimators.likelihood.leads import (
 from rotorid.estimators.likelihood.nuisances import (
     Constant,
     Factor,
+    Knee,
+    LawConstant,
     Multiplier,
     Nuisance,
     Reading,
@@ -109,7 +111,7 @@ def _apart(nuisance: Nuisance) -> bool:
     """Tell whether a nuisance says what no factor does: k_i is one, and gains are positive."""
     if isinstance(nuisance, Constant):
         return nuisance.role == "ks"
-    return isinstance(nuisance, Factor | Reading) and not isinstance(nuisance, Gain)
+    return isinstance(nuisance, Factor | Reading | LawConstant) and not isinstance(nuisance, Gain)
 
 
 def _harmonic_runout(records: Sequence[Observation]) -> list[Nuisance]:
@@ -128,6 +130,8 @@ def _size(option: Option, values: Floats) -> float:
     """Return the size of what several unknowns say: a gain, or the amplitude of a turning load."""
     if isinstance(option.nuisance, Multiplier):
         return float(1 / values[0]) if values[0] else np.nan
+    if isinstance(option.nuisance, Knee):
+        return option.nuisance.saturation(float(values[0]))
     if len(values) == 1:
         return float(values[0])
     return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
@@ -503,6 +507,9 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     if isinstance(option.nuisance, Multiplier) and value is not None:
         told = f"{option.term}{size}{factor_name(value)}"
         return told, "check the unit, the sign and the calibration of the channel"
+    if isinstance(option.nuisance, LawConstant):
+        told = f"{option.term} of the force laws{size}"
+        return told, f"correct it, or have it estimated: {option.term} = {{ start = ... }}"
     if isinstance(option.nuisance, Factor):
         return f"{option.term}{size}", "check the channel, or declare it unknown"
     return f"{option.term}{size}", "add the term to the model"

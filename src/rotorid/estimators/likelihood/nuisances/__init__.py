@@ -14,6 +14,7 @@ from rotorid.estimators.likelihood.nuisances.base import (
 from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
 from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
 from rotorid.estimators.likelihood.nuisances.gain import Gain
+from rotorid.estimators.likelihood.nuisances.law_constant import Knee, LawConstant
 from rotorid.estimators.likelihood.nuisances.missing import Missing, MissingEntry, MissingLoad
 from rotorid.estimators.likelihood.nuisances.multiplier import Multiplier
 from rotorid.estimators.likelihood.nuisances.own import Own
@@ -25,6 +26,8 @@ from rotorid.observation import Observation
 __all__ = [
     "Constant",
     "Factor",
+    "Knee",
+    "LawConstant",
     "Missing",
     "MissingEntry",
     "MissingLoad",
@@ -43,6 +46,8 @@ KINDS: tuple[type[Nuisance], ...] = (
     Own,  # parameters of the model: they stand before what is unknown of the measurement
     CurrentGain,
     DisplacementGain,
+    LawConstant,
+    Knee,
     Runout,
     Gain,
     CommonDelay,

@@ -1,0 +1,124 @@
+"""Forces of laws that bend, read again with other constants, as the unknowns say.
+
+A constant such as the gap is no factor of a line. The samples behind the lines, mean period or
+whole record, go through the law again; what changes is added to the lines as they were read. The
+samples carry the noise of their mean only, and only the change is taken from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.estimators.likelihood.nuisances import LawConstant, Nuisance
+from rotorid.lines import Samples
+from rotorid.observation import Observation
+from rotorid.record import Channel, Complexes, Floats, ForceLaw, Integers
+
+STEP = 1e-30
+"""A complex step: the derivative of what is computed with it is exact to rounding."""
+
+
+@dataclass(frozen=True)
+class Reread:
+    """A force with other constants: ``gain * line + rest`` in place of the line.
+
+    Parameters
+    ----------
+    gain : float
+        Of the whole force, so that its noise follows too.
+    rest : complex array, shape (line,)
+    """
+
+    gain: float
+    rest: Complexes
+
+
+@dataclass(frozen=True)
+class BoundLaw:
+    """A force law of which constants are unknown, with the samples that went through it.
+
+    Parameters
+    ----------
+    channel : int
+    law : ForceLaw
+    constants : sequence of (LawConstant, int)
+        With the place of their unknown.
+    samples : Samples
+    flowing, position, force : array, shape (sample,)
+        What goes through the law, and the force with the constants as they are stated.
+    """
+
+    channel: int
+    law: ForceLaw
+    constants: tuple[tuple[LawConstant, int], ...]
+    samples: Samples
+    flowing: Floats
+    position: Floats
+    force: Floats
+
+    @classmethod
+    def of(
+        cls,
+        observation: Observation,
+        number: int,
+        law: ForceLaw,
+        constants: tuple[tuple[LawConstant, int], ...],
+    ) -> BoundLaw:
+        """Find what went through the law of an input."""
+        lines, samples = observation.lines, observation.lines.samples
+        assert samples is not None
+        where = {name: k for k, name in enumerate(lines.names)}
+        position = np.zeros(len(samples.values))
+        for name, share in law.position.items():
+            position += share * samples.column(where[name], lines.channels[where[name]])
+        read = samples.values[:, observation.input_columns[number]]
+        flowing = law.flowing(read, position)
+        force = law.force(flowing, position, {}).real
+        return cls(number, law, constants, samples, flowing, position, force)
+
+    def _moved(self, unknowns: Floats, step: int | None = None) -> Floats | Complexes:
+        """Return the force at the unknowns, one of them moved by a complex step."""
+        changes: dict[str, complex] = {}
+        for nuisance, at in self.constants:
+            value = unknowns[at] + (STEP * 1j if at == step else 0.0)
+            for name, change in nuisance.changes(value).items():
+                changes[name] = changes.get(name, 0.0) + change
+        return self.law.force(self.flowing, self.position, changes)
+
+    def _split(self, change: Floats) -> Reread:
+        """Return a change of the force as a share of the force itself, and the rest."""
+        about = self.force - self.force.mean()
+        size = float(about @ about)
+        gain = float(about @ change) / size if size > 0 else 0.0
+        return Reread(gain, self.samples.lines((change - gain * self.force)[:, None])[:, 0])
+
+    def at(self, unknowns: Floats) -> Reread:
+        """Return what becomes of the lines of the force."""
+        change = self._split(self._moved(unknowns).real - self.force)
+        return Reread(1 + change.gain, change.rest)
+
+    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
+        """Yield the derivative of `at` by each unknown."""
+        for _, at in self.constants:
+            yield at, self._split(self._moved(unknowns, at).imag / STEP)
+
+
+def bound_laws(
+    observation: Observation, places: Iterator[tuple[Nuisance, Integers]]
+) -> tuple[BoundLaw, ...]:
+    """Return the laws of a record's inputs of which a nuisance is a constant."""
+    unknown = [(n, int(at[0])) for n, at in places if isinstance(n, LawConstant)]
+    if not unknown or observation.lines.samples is None:
+        return ()
+
+    def acting(channel: Channel) -> tuple[tuple[LawConstant, int], ...]:
+        return tuple((n, at) for n, at in unknown if channel.name in n.inputs)
+
+    return tuple(
+        BoundLaw.of(observation, number, channel.law, acting(channel))
+        for number, channel in enumerate(observation.inputs)
+        if channel.law is not None and acting(channel)
+    )

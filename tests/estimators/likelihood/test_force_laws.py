@@ -1,0 +1,193 @@
+"""Constants of force laws that bend, as unknowns: a mass on a spring between two magnets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rotorid.actuators import Differential, Flux, ForceReading, forces
+from rotorid.actuators.source import ForceSource
+from rotorid.errors import InputError
+from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances, every_nuisance
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.identify import identify
+from rotorid.models import load_model
+from rotorid.observation import bind
+from rotorid.record import Channel, PeriodicRecord, Record
+from rotorid.signals import average
+from rotorid.signals.spectrum import synthesize
+from rotorid.spectra import spectra
+
+MODEL = load_model("jeffcott")
+TRUTH = {"m": 2.0, "c": 60.0, "k": 4e5, "xi": 0.0, "zeta": 0.0}
+MAGNET = Differential(constant=4e-6, bias=2.0, gap=4e-4)
+RATE, F0, PERIODS, SIZE = 5000.0, 10.0, 20, 500
+LINES = np.array([1, 3, 5, 7, 9, 11, 15, 19, 23])
+
+
+def samples(size: float) -> np.ndarray:
+    """Return currents and displacements, x and y, of the true magnets, without noise."""
+    rng = np.random.default_rng(1)
+    omega = 2 * np.pi * F0 * LINES
+    pushed = size * np.exp(2j * np.pi * rng.uniform(size=(len(LINES), 2)))
+    moved = pushed / (TRUTH["k"] - TRUTH["m"] * omega**2 + 1j * omega * TRUTH["c"])[:, None]
+    force, position = synthesize(pushed, LINES, SIZE), synthesize(moved, LINES, SIZE)
+    current = ForceSource(MAGNET).flowing(force, position)
+    return np.tile(np.concatenate([current, position], axis=1), (PERIODS, 1))
+
+
+def recorded(law: Differential, shared: dict[str, str] | None = None, size: float = 3.0) -> Record:
+    """Return the record with its forces, of this size on each line, read with a law."""
+    rng = np.random.default_rng(2)
+    noise = rng.standard_normal((PERIODS * SIZE, 4)) * [5e-3, 5e-3, 1e-7, 1e-7]
+    channels = [Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))]
+    record = Record(channels, samples(size) + noise, RATE)
+    readings = {
+        "F_x": ForceReading(law, ("i",), {"x": 1.0}, shared or {}),
+        "F_y": ForceReading(law, ("j",), {"y": 1.0}, shared or {}),
+    }
+    return forces(record, readings, period=SIZE)
+
+
+def periods(
+    law: Differential, shared: dict[str, str] | None = None, size: float = 3.0
+) -> PeriodicRecord:
+    return average(recorded(law, shared, size), F0, harmonics=LINES)
+
+
+STILL = {"xi": 0.0, "zeta": 0.0}
+
+
+UNKNOWN = {"gap": 4.2e-4, "bias": 1.9, "constant": 4.3e-6}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_an_unknown_constant_is_found(name: str) -> None:
+    """From 5 % off, within its deviations, common to both axes; the mass gives the scale."""
+    law = replace(MAGNET, **{name: UNKNOWN[name], f"{name}_std": np.inf})
+    label = {"constant": "K"}.get(name, name)
+    found = identify(
+        MODEL, periods(law, {name: "magnets"}), MaximumLikelihood(fixed={"m": TRUTH["m"], **STILL})
+    )
+    value = next(v for v in found.nuisance if v.name == f"{label}[magnets]")
+    truth = getattr(MAGNET, name)
+    assert found.status == "ok"
+    assert value.std < 2e-3 * truth
+    assert abs(value.value - truth) < 4 * value.std
+    assert abs(found.value("k") - TRUTH["k"]) < 4 * found.std("k")
+    assert abs(found.value("c") - TRUTH["c"]) < 4 * found.std("c")
+
+
+def test_a_prior_widens_the_deviations_as_the_gain_does() -> None:
+    """1 % of the gap is 2 % of k_i: of every force, and so of the mass.
+
+    As long as the motion is so small that the bend of the law does not tell the gap.
+    """
+    law, ml = replace(MAGNET, gap_std=0.01 * MAGNET.gap), MaximumLikelihood(fixed=STILL)
+    plain = identify(MODEL, periods(MAGNET, size=0.3), ml)
+    own = identify(MODEL, periods(law, size=0.3), ml)
+    common = identify(MODEL, periods(law, {"gap": "magnets"}, 0.3), ml)
+    assert [v.name for v in own.nuisance] == ["gap[F_x]", "gap[F_y]"]
+    assert plain.std("m") < 6e-3 * TRUTH["m"]
+    assert common.std("m") == pytest.approx(0.02 * TRUTH["m"], rel=0.1)
+    assert own.std("m") == pytest.approx(0.02 * TRUTH["m"] / np.sqrt(2), rel=0.1)
+
+
+def test_a_wrong_gap_is_suspected_by_its_name() -> None:
+    """With the stiffness known; beyond the lines of a linear law it is the iron, too."""
+    found = identify(
+        MODEL,
+        periods(replace(MAGNET, gap=4.2e-4)),
+        MaximumLikelihood(fixed={"m": TRUTH["m"], "k": TRUTH["k"], **STILL}),
+    )
+    assert found.status == "rejected"
+    suspect = {s.term: s for s in found.suspects}
+    first = [s.term for s in found.suspects[:4]]
+    assert {"gap", "iron"} <= {*first}
+    assert suspect["gap"].value == pytest.approx(MAGNET.gap, rel=1e-3)
+    assert suspect["iron"].value == pytest.approx(-2e-5, rel=0.02)
+    told = " ".join(found.warnings)
+    assert "of the force laws = " in told
+    assert "have it estimated" in told
+
+
+def test_derivatives_against_differences() -> None:
+    law = replace(
+        MAGNET,
+        **dict.fromkeys(("gap_std", "bias_std", "iron_std", "bias_difference_std"), np.inf),
+        saturation=7000.0,
+        saturation_std=np.inf,
+    )
+    observation = bind(MODEL, periods(law, {"bias": "magnets"}))
+    nuisances = asked_nuisances([observation], Nuisances())
+    guess = {name: 1.1 * value for name, value in TRUTH.items()}
+    layout = prepare(MODEL, Knowledge(), nuisances, False, guess).layout
+    likelihood = assemble(layout, observation)
+    x, scale = layout.start.copy(), np.abs(layout.start)
+    scale[scale == 0] = 1e-2 * 4e-4
+    free = [u.name.partition("[")[0] for u in layout.unknowns[layout.parameters :]]
+    assert free.count("bias") == 1
+    assert free.count("gap") == free.count("iron") == free.count("saturation") == 2
+    x[layout.parameters :] += 0.02 * scale[layout.parameters :]
+    at = likelihood.evaluate(x)
+    gradient = 2 * at.jacobian().T @ at.residual
+    for j in range(layout.parameters, len(x)):
+        costs = []
+        for step in (-1e-5, 1e-5):
+            moved = x.copy()
+            moved[j] += step * scale[j]
+            costs.append(likelihood.evaluate(moved).cost)
+        found = (costs[1] - costs[0]) / 2e-5
+        assert gradient[j] * scale[j] == pytest.approx(found, rel=1e-5, abs=1e-6 * at.cost)
+
+
+def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
+    """Reading with the right gap, and reading with a wrong one that is put right, agree."""
+    wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, gap_std=1e-5), {"gap": "g"}))
+    right = periods(MAGNET)
+    nuisances = asked_nuisances([wrong], Nuisances())
+    layout = prepare(MODEL, Knowledge(), nuisances, False, TRUTH).layout
+    x = layout.start.copy()
+    x[layout.index["gap[g]"]] = MAGNET.gap
+    state = assemble(layout, wrong).evaluate(x).state
+    order = [wrong.lines.names.index(c.name) for c in wrong.channels]
+    found = state.factors * wrong.lines.mean[:, order] - state.readings
+    np.testing.assert_allclose(found[:, :2], right.mean_spectrum[:, :2], atol=1e-4)
+
+
+def test_records_without_periods_keep_their_samples_for_it() -> None:
+    law = replace(MAGNET, gap=4.1e-4, gap_std=np.inf)
+    record = recorded(law, {"gap": "magnets"})
+    lines = spectra(record, (5.0, 250.0), inputs=("F_x", "F_y"))
+    assert lines.samples is not None
+    assert np.shares_memory(lines.samples.values, record.samples)
+    plain = replace(record, channels=tuple(replace(c, law=None) for c in record.channels))
+    assert spectra(plain, (5.0, 250.0), inputs=("F_x", "F_y")).samples is None
+    found = identify(MODEL, lines, MaximumLikelihood(fixed={"m": TRUTH["m"], **STILL}))
+    gap = next(v for v in found.nuisance if v.name == "gap[magnets]")
+    assert abs(gap.value - MAGNET.gap) < max(5 * gap.std, 2e-3 * MAGNET.gap)
+
+
+def test_what_is_shared_is_stated_alike() -> None:
+    record = recorded(replace(MAGNET, gap_std=1e-5), {"gap": "magnets"})
+    channels = list(record.channels)
+    other = replace(MAGNET, gap=5e-4, gap_std=1e-5)
+    channels[1] = replace(channels[1], law=ForceSource(other, {"y": 1.0}, {"gap": "magnets"}))
+    mixed = average(replace(record, channels=channels), F0, harmonics=LINES)
+    with pytest.raises(InputError, match=r"channels\.F_x\.gap: found gap of magnets as 0\.0004"):
+        identify(MODEL, mixed, "ml")
+
+
+def test_what_every_law_may_have_wrong() -> None:
+    every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, periods(MAGNET))])}
+    assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
+    record = recorded(MAGNET)
+    flux = tuple(
+        replace(c, law=None if c.law is None else ForceSource(Flux(2e-4))) for c in record.channels
+    )
+    fluxes = average(replace(record, channels=flux), F0, harmonics=LINES)
+    every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, fluxes)])}
+    assert "area" in every
+    assert not {"gap", "saturation"} & every
