@@ -15,6 +15,7 @@ from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood
 from rotorid.identify import identify
 from rotorid.record import Channel, Record
+from rotorid.signals import local_polynomial
 from rotorid.signals.local_polynomial import columns_of, half_width, local_covariance
 from rotorid.spectra import TRANSIENT, spectra
 
@@ -148,21 +149,63 @@ def test_covariance_of_white_noise_beside_a_smooth_response():
     assert not found.bent
 
 
-def test_the_order_grows_until_no_bend_is_left():
-    """A resonance as wide as the window: order 2 would take its bend for noise."""
-    rng = np.random.default_rng(4)
-    count = 3000
+def driven(rng: np.random.Generator, response: np.ndarray, channels: int = 1):
+    """Return lines of channels that respond alike to one reference, with noise of size one."""
+    count = len(response)
     reference = rng.standard_normal((count, 1, 2)) @ np.array([1, 1j])
-    distance = (np.arange(count) - 1500)[:, None]
-    noise = rng.standard_normal((count, 1, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    none = np.zeros((count, 0), dtype=complex)
-    orders = []
-    for width in (1e6, 20.0, 0.5):
-        lines = 1e2 / (1 + 1j * distance / width) * reference + noise
-        orders.append(local_covariance(lines, reference, none, np.arange(1400, 1600)))
-    assert orders[0].order == 2
-    assert orders[1].order > 2
-    np.testing.assert_allclose(orders[1].matrices.real.mean(), 1.0, atol=0.1)
+    noise = rng.standard_normal((count, channels, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    return response[:, None] * reference + noise, reference
+
+
+NO_ROTATION = np.zeros((3000, 0), dtype=complex)
+
+
+@pytest.mark.parametrize(("width", "bend"), [(1e6, 1.0), (20.0, 1.2), (2.0, 50.0)])
+def test_a_resonance_is_no_noise(monkeypatch, width, bend):
+    """A resonance within the window: polynomials leave its bend, a pair of poles does not."""
+    response = 1e2 / (1 + 1j * (np.arange(3000) - 1500) / width)
+    lines, reference = driven(np.random.default_rng(4), response, 2)
+
+    def power() -> float:
+        found = local_covariance(lines, reference, NO_ROTATION, np.arange(1400, 1600))
+        return float(np.diagonal(found.matrices, axis1=1, axis2=2).real.mean())
+
+    monkeypatch.setattr(local_polynomial, "ORDERS", (2,))
+    assert power() == pytest.approx(1.0, abs=0.1)
+    monkeypatch.setattr(local_polynomial, "RESONANT", 1e-300)
+    assert power() > bend
+
+
+def test_the_order_grows_until_no_bend_is_left():
+    """More resonances within the window than a pair of poles follows."""
+    rng = np.random.default_rng(4)
+    at = np.arange(3000)[:, None] - np.array([1480, 1492, 1504, 1516])
+    response = (1e2 / (1 + 1j * at / 6.0) * np.array([1, -1, 1j, -1j])).sum(axis=1)
+    lines, reference = driven(rng, response)
+    found = local_covariance(lines, reference, NO_ROTATION, np.arange(1400, 1600))
+    assert found.order > 2
+
+
+@pytest.mark.parametrize("channels", [2, 8])
+def test_noise_alone_gets_no_poles(channels):
+    """Poles that noise alone would choose take noise away: few windows have them."""
+    rng = np.random.default_rng(6)
+    noise = rng.standard_normal((500, 2 * channels + 9, channels, 2)) @ np.array([1, 1j])
+    offset = np.tile(np.linspace(-1, 1, noise.shape[1]), (500, 1))
+    powers = offset[:, :, None] ** np.arange(3)
+    nothing, kept = np.zeros((*offset.shape, 0), dtype=complex), np.ones(offset.shape, dtype=bool)
+    regression = local_polynomial._Regression(20, nothing, nothing, powers, offset, kept)
+    fit = regression.resonant(noise, np.full(500, noise.shape[1] - 3))
+    assert fit.resonant.mean() < 0.02
+
+
+def test_hum_is_no_resonance():
+    """What does not decay within the record stands out of the noise; it leaks as poles do."""
+    rng = np.random.default_rng(7)
+    lines, reference = driven(rng, np.full(3000, 10.0), 2)
+    lines = lines + 300.0 / (np.arange(3000)[:, None] - 1500.3)
+    found = local_covariance(lines, reference, NO_ROTATION, np.arange(1400, 1600))
+    assert 1500 in found.standing_out
 
 
 def test_the_window_grows_with_channels_and_references():
