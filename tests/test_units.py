@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError
+from rotorid.unit_text import _by_pint, _by_table, _table
 from rotorid.units import check_unit, multiply_units, si_factor, to_si
 
 
@@ -155,3 +156,20 @@ def test_a_unit_of_64_characters_is_read_and_of_65_is_not():
     assert si_factor(text) == 1.0
     with pytest.raises(InputError, match="no product of units"):
         si_factor(text.replace("m *", "m * "))
+
+
+@pytest.mark.parametrize("name", _table())
+def test_the_table_of_common_units_says_what_pint_says(name: str) -> None:
+    """Factor, symbols, dimension and the kind of rate, alone and in products."""
+    for form in ("{}", "{}^2", "1/{}", "kg {}/(s^2 A)", "N * m**2/{}"):
+        ours, theirs = (read(form.format(name)) for read in (_by_table, _by_pint))
+        assert ours is not None
+        assert theirs is not None
+        assert ours.factor == pytest.approx(theirs.factor, rel=1e-14)
+        assert (ours.atoms, ours.dimension) == (theirs.atoms, theirs.dimension)
+        assert ours.turns == theirs.turns
+
+
+@pytest.mark.parametrize("text", ["N/m/s", "furlong", "m^2.5", "(N m)^2", "N/(m/s)", "m 1"])
+def test_what_the_table_does_not_hold_is_for_pint(text: str) -> None:
+    assert _by_table(text) is None

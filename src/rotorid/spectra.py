@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from rotorid.errors import InputError
 from rotorid.lines import Lines, Samples, WholeClock
@@ -46,7 +46,7 @@ class _Window:
         used = samples[self.first : self.first + self.count]
         out = np.empty((self.count // 2 + 1, used.shape[1]), dtype=np.complex128)
         for column in range(used.shape[1]):
-            out[:, column] = fft.rfft(used[:, column], norm="forward")
+            out[:, column] = scipy.fft.rfft(used[:, column], norm="forward")
         return out
 
     def channels(self, names: Sequence[str]) -> Complexes:

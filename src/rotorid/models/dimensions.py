@@ -7,7 +7,8 @@ from fractions import Fraction
 
 from rotorid.models.expression import Expression
 from rotorid.models.terms import DERIVATIVES, Monomial, Product
-from rotorid.units import Dimension, dimension_of, dimension_text
+from rotorid.unit_text import Dimension
+from rotorid.units import dimension_of
 
 _SAME = {"Abs"}
 _NUMBER = Dimension()
@@ -32,7 +33,7 @@ def unit_faults(
         told = [_product_dimension(product, parameters, symbols) for product in plain]
         found = dict.fromkeys(unit for unit in told if unit is not None)
         if len(found) > 1:
-            shown = " and in ".join(dimension_text(unit) for unit in found)
+            shown = " and in ".join(str(unit) for unit in found)
             faults.append(f"equation {row + 1} adds terms in {shown}: check it")
     return faults
 
@@ -77,8 +78,7 @@ def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> D
         exponent = signal.exp
         if inner[0] is None or not exponent.is_Rational:
             return None
-        power: Dimension = inner[0] ** Fraction(int(exponent.p), int(exponent.q))
-        return power
+        return inner[0] ** Fraction(int(exponent.p), int(exponent.q))
     if signal.is_Mul:
         total = _NUMBER
         for unit in inner:

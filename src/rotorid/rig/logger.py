@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
@@ -231,12 +231,14 @@ def decimated(samples: Floats, every: int) -> Floats:
     """
     if every == 1:
         return samples
-    taps, beta = signal.kaiserord(120.0, 0.8 / (every / 2))
+    taps, beta = scipy.signal.kaiserord(120.0, 0.8 / (every / 2))
     half = taps // 2 + 1
-    weights = signal.firwin(2 * half + 1, 0.5, window=("kaiser", beta), fs=every)
+    weights = scipy.signal.firwin(2 * half + 1, 0.5, window=("kaiser", beta), fs=every)
     widths = [(half, half), *[(0, 0)] * (samples.ndim - 1)]
     padded = np.pad(samples, widths, mode="reflect", reflect_type="odd")
-    return np.asarray(signal.upfirdn(weights, padded, down=1, axis=0)[2 * half : -2 * half : every])
+    return np.asarray(
+        scipy.signal.upfirdn(weights, padded, down=1, axis=0)[2 * half : -2 * half : every]
+    )
 
 
 def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | None:

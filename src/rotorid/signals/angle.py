@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from rotorid.errors import InputError
 from rotorid.record import Booleans, Floats, Integers
@@ -177,7 +177,7 @@ def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
 def _without_excursions(lines: Floats) -> Floats:
     """Take out what comes back by itself: lines that are lost until the next index."""
     trend = np.linspace(lines[0], lines[-1], len(lines))
-    usual = ndimage.median_filter(lines - trend, 4 * WINDOW + 1, mode="nearest")
+    usual = scipy.ndimage.median_filter(lines - trend, 4 * WINDOW + 1, mode="nearest")
     left = np.abs(lines - trend - usual)
     away = left > max(EXCURSION, 8 * float(np.median(left)) / 0.6745)
     return np.asarray(np.where(away, trend + usual, lines))

@@ -7,8 +7,8 @@ a line between periods, from differences of neighbours, which a slow drift does 
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
+from rotorid.distributions import f_limit
 from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Verdict
 from rotorid.signals.checks_samples import is_input
 from rotorid.signals.settling import LEAST_PERIODS, detect_settling
@@ -110,7 +110,7 @@ def check_silent(periods: PeriodicRecord) -> list[Check]:
     mean = np.abs(periods.mean_spectrum)
     noisy = deviation.max(axis=0) > NO_SCATTER * np.maximum(mean.max(axis=0), 1e-300)
     # The deviation is itself a guess: what chance exceeds as seldom, by F.
-    ratio = np.sqrt(stats.f.isf(np.exp(-(SILENT**2)), 2, freedom))
+    ratio = np.sqrt(f_limit(np.exp(-(SILENT**2)), 2, freedom))
     there = mean > np.where(noisy, ratio * deviation, NO_SCATTER * mean.max(axis=0))
     for wanted, what, cure in (
         (True, "input", "excite the machine, or correct the fundamental"),
@@ -175,7 +175,7 @@ def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
     ratio = moved.mean(axis=0) / np.maximum(within.mean(axis=0), floor)
     freedom = 2 * min(lines, MOST_DIRECTIONS)
     worst = int(np.argmax(ratio))
-    limit = stats.f.isf(UNSETTLED / channels, freedom, freedom * (count - 2))
+    limit = f_limit(UNSETTLED / channels, freedom, freedom * (count - 2))
     return (worst if ratio[worst] > limit else None), float(np.sqrt(ratio[worst]))
 
 
@@ -188,7 +188,7 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Check]:
     size = _without_trend(spectra)
     typical = np.median(size, axis=0)
     # Slow random motion puts one number, its change over the period, on all lines.
-    limit = stats.f.isf(FALSE_ALARM / size.shape[1], 1, max(count // 2, 1))
+    limit = f_limit(FALSE_ALARM / size.shape[1], 1, max(count // 2, 1))
     out = size > np.maximum(limit, KNOCK**2) * np.maximum(typical, 1e-300)
     knocked = np.flatnonzero(out.any(axis=1))
     # What is true of many periods is no knock.
@@ -243,7 +243,7 @@ def check_drift(periods: PeriodicRecord) -> list[Check]:
     floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
     strength = (np.abs(slope) ** 2 / np.maximum(variance, floor)).mean(axis=0)
     lines = periods.spectra.shape[1]
-    limit = max(DRIFT**2 / lines, stats.f.isf(FALSE_ALARM, 2 * min(lines, MOST_DIRECTIONS), 8))
+    limit = max(DRIFT**2 / lines, f_limit(FALSE_ALARM, 2 * min(lines, MOST_DIRECTIONS), 8))
     found = []
     for c in np.flatnonzero(strength > limit):
         k = int(np.argmax(np.abs(slope[:, c])))

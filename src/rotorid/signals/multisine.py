@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import linalg, optimize
 
 from rotorid.errors import InputError
 from rotorid.record import Complexes, Floats, Integers
@@ -248,7 +248,7 @@ def orthogonal(signals: Multisine) -> tuple[Multisine, ...]:
     matrix (signal, run) is the lines' amplitude times a DFT matrix, which has condition 1 where
     the amplitudes are equal.
     """
-    turns = linalg.dft(len(signals.names)).conj()
+    turns = scipy.linalg.dft(len(signals.names)).conj()
     return tuple(replace(signals, amplitudes=signals.amplitudes * turn) for turn in turns)
 
 
@@ -294,7 +294,7 @@ def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Comple
     for start in (given, *_sweeps(size)):
         angle = start
         for step in range(1, steps + 1):
-            angle = optimize.minimize(
+            angle = scipy.optimize.minimize(
                 cost, angle, args=(2**step,), jac=True, method="L-BFGS-B", options={"maxiter": 300}
             ).x
             peak = cost(angle, 2**20)[0]

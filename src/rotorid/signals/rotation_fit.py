@@ -12,11 +12,15 @@ uniform distribution, width / sqrt(12), where nothing else limits it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import interpolate, special
+import scipy
 
 from rotorid.record import Floats
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 KNOTS_PER_SECOND = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Densities of knots that are tried: two a second follow what a drive's controller leaves of slow
@@ -86,7 +90,7 @@ class RotationFit:
         Interior knots.
     """
 
-    spline: interpolate.BSpline
+    spline: BSpline
     std: float
     noise: float
     knots: int
@@ -95,7 +99,7 @@ class RotationFit:
 def fit_rotation(readings: Readings) -> RotationFit:
     """Fit the smoothest rotation that the readings bear."""
     used = readings.some(READINGS)
-    best: tuple[float, interpolate.BSpline, float, int] | None = None
+    best: tuple[float, scipy.interpolate.BSpline, float, int] | None = None
     failed = 0
     for degree, count in _candidates(used):
         least = (count + degree + 1) * np.log(len(used.time))
@@ -126,9 +130,7 @@ def _candidates(readings: Readings) -> list[tuple[int, int]]:
     return found
 
 
-def _uncertainty(
-    readings: Readings, spline: interpolate.BSpline, noise: float, count: int
-) -> float:
+def _uncertainty(readings: Readings, spline: BSpline, noise: float, count: int) -> float:
     """Return the deviation of the angle, taken as common to all times.
 
     What the readings between two knots leave to a local offset, on average; and no less than what
@@ -149,11 +151,11 @@ def _uncertainty(
     return float(max(np.sqrt(np.mean(squares)), least))
 
 
-def _moved(spline: interpolate.BSpline, offset: float) -> interpolate.BSpline:
-    return interpolate.BSpline(spline.t, spline.c + offset, spline.k)
+def _moved(spline: BSpline, offset: float) -> BSpline:
+    return scipy.interpolate.BSpline(spline.t, spline.c + offset, spline.k)
 
 
-def _fit(readings: Readings, count: int, degree: int) -> tuple[interpolate.BSpline, float, float]:
+def _fit(readings: Readings, count: int, degree: int) -> tuple[BSpline, float, float]:
     """Return the spline with so many knots, the noise and the logarithm of the likelihood."""
     time = readings.time
     inner = np.linspace(time[0], time[-1], count + 2)[1:-1]
@@ -163,7 +165,7 @@ def _fit(readings: Readings, count: int, degree: int) -> tuple[interpolate.BSpli
     if width == 0:
         noise = max(float(np.sqrt((left**2).mean())), _floor(readings))
         return spline, noise, _likelihood(readings, spline, noise)
-    tried: list[tuple[interpolate.BSpline, float, float]] = []
+    tried: list[tuple[BSpline, float, float]] = []
     for part in _noises(left, width):
         spline, likelihood = _newton(readings, spline, part * width, inner, degree)
         tried.append((spline, part * width, likelihood))
@@ -185,23 +187,23 @@ def _floor(readings: Readings) -> float:
 
 def _least_squares(
     readings: Readings, values: Floats, weights: Floats, inner: Floats, degree: int
-) -> interpolate.BSpline:
+) -> BSpline:
     """Return the weighted least-squares spline (FITPACK: Givens rotations)."""
     # Values relative to a straight line, so that thousands of radians cost no figures.
     line = np.polynomial.Polynomial.fit(readings.time, readings.middle, 1)
     rest = values - line(readings.time)
-    knots, coefficients, _ = interpolate.splrep(
+    knots, coefficients, _ = scipy.interpolate.splrep(
         readings.time, rest, w=weights, t=inner, k=degree, task=-1
     )
-    spline = interpolate.BSpline(knots, coefficients[: len(knots) - degree - 1], degree)
+    spline = scipy.interpolate.BSpline(knots, coefficients[: len(knots) - degree - 1], degree)
     # The line has B-spline coefficients at the averages of the knots (Greville).
     places = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(spline.c))])
-    return interpolate.BSpline(knots, spline.c + line(places), degree)
+    return scipy.interpolate.BSpline(knots, spline.c + line(places), degree)
 
 
 def _newton(
-    readings: Readings, spline: interpolate.BSpline, noise: float, inner: Floats, degree: int
-) -> tuple[interpolate.BSpline, float]:
+    readings: Readings, spline: BSpline, noise: float, inner: Floats, degree: int
+) -> tuple[BSpline, float]:
     """Raise the likelihood by Newton's method; each step is a weighted least-squares spline."""
     value = _likelihood(readings, spline, noise)
     for _ in range(_STEPS):
@@ -213,7 +215,7 @@ def _newton(
         step = _least_squares(readings, goal, np.sqrt(curvature), inner, degree)
         for part in (1.0, 0.5, 0.25, 0.1, 0.02):
             coefficients = (1 - part) * spline.c + part * step.c
-            trial = interpolate.BSpline(step.t, coefficients, degree)
+            trial = scipy.interpolate.BSpline(step.t, coefficients, degree)
             gained = _likelihood(readings, trial, noise) - value
             if gained > 0:
                 break
@@ -225,7 +227,7 @@ def _newton(
     return spline, value
 
 
-def _likelihood(readings: Readings, spline: interpolate.BSpline, noise: float) -> float:
+def _likelihood(readings: Readings, spline: BSpline, noise: float) -> float:
     """Return the logarithm of the likelihood of all readings."""
     left = readings.middle - spline(readings.time)
     return float(_log_chance(left, readings.half, noise).sum())
@@ -237,14 +239,14 @@ def _log_chance(left: Floats, half: Floats, noise: float) -> Floats:
     # In the tail where both are of one sign, the differences of small numbers are kept.
     side = np.where(left > 0, -1.0, 1.0)
     top, bottom = np.maximum(side * high, side * low), np.minimum(side * high, side * low)
-    first, second = special.log_ndtr(top), special.log_ndtr(bottom)
+    first, second = scipy.special.log_ndtr(top), scipy.special.log_ndtr(bottom)
     with np.errstate(divide="ignore"):
         inside = first + np.log1p(-np.exp(np.minimum(second - first, -1e-16)))
     density = -0.5 * (left / noise) ** 2 - np.log(noise * np.sqrt(2 * np.pi))
     return np.asarray(np.where(half > 0, inside, density))
 
 
-def _slopes(readings: Readings, spline: interpolate.BSpline, noise: float) -> tuple[Floats, Floats]:
+def _slopes(readings: Readings, spline: BSpline, noise: float) -> tuple[Floats, Floats]:
     """Return slope and curvature of each logarithm, in units of the noise."""
     left = readings.middle - spline(readings.time)
     high, low = (left + readings.half) / noise, (left - readings.half) / noise
@@ -259,7 +261,7 @@ def _slopes(readings: Readings, spline: interpolate.BSpline, noise: float) -> tu
     return score, np.where(plain, 1.0, np.clip(curvature, 0.0, 1.0))
 
 
-def _offset(readings: Readings, spline: interpolate.BSpline, noise: float) -> tuple[float, float]:
+def _offset(readings: Readings, spline: BSpline, noise: float) -> tuple[float, float]:
     """Return mean and deviation of the offset that the readings leave, whatever their noise."""
     used = readings.some(INDEPENDENT)
     left, width = used.middle - spline(used.time), float(used.half.max())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from rotorid.record import Floats
 
@@ -32,7 +32,7 @@ def shifted(samples: Floats, steps: float, period: int | None = None) -> Floats:
     whole_signal = extended(samples, max(-first, 0), max(last, 0), period)
     begin = max(first, 0)
     window = whole_signal[begin : begin + len(samples) + last - first]
-    return np.asarray(signal.correlate(window, weights, mode="valid"))
+    return np.asarray(scipy.signal.correlate(window, weights, mode="valid"))
 
 
 def extended(samples: Floats, before: int, after: int, period: int | None) -> Floats:

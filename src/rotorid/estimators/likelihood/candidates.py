@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+import scipy
 import sympy as sp
-from scipy.optimize import linear_sum_assignment
 
 from rotorid.estimators.likelihood.nuisances import Missing, MissingEntry, MissingLoad, Unknown
 from rotorid.estimators.likelihood.unknowns import linear_form
@@ -148,7 +148,7 @@ def _order(inertia: Floats) -> tuple[Integers, Floats]:
     n = len(inertia)
     size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
     scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
-    rows, columns = linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
+    rows, columns = scipy.optimize.linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
     order = np.empty(n, dtype=np.int64)
     order[columns] = rows
     return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)

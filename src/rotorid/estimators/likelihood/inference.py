@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from rotorid.distributions import f_tail, gamma_tail
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
@@ -42,11 +42,11 @@ class Expectation:
         excess = spread * self.dof - 2
         if excess < 1e-9:  # C is known, or holds part of what it weighs: a gamma distribution
             shape = min(2 / spread, 1e15)
-            return float(stats.chi2.sf(cost / self.mean * shape, shape))
+            return gamma_tail(cost / self.mean * shape / 2, shape / 2)
         nu = (2 * self.dof - 4 + 4 * spread * self.dof) / excess
         if nu <= 4:
             nu = 4.0 + 1e-6
-        return float(stats.f.sf(cost / self.mean * nu / (nu - 2), self.dof, nu))
+        return f_tail(cost / self.mean * nu / (nu - 2), self.dof, nu)
 
 
 def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.relations import Relations
@@ -99,7 +99,7 @@ class Tangent:
         sides, gap = sides / length[:, None], gap / length
         target = np.append(np.zeros(width), 1.0)
         try:
-            weights, left = nnls(np.concatenate([sides.T, gap[None]]), target)
+            weights, left = scipy.optimize.nnls(np.concatenate([sides.T, gap[None]]), target)
         except RuntimeError:
             return None
         if left < 1e-12:  # the bounds contradict one another

@@ -1,0 +1,230 @@
+"""What a text such as ``"kg mm^2/s"`` says: its factor to SI, and powers of SI symbols.
+
+The common spellings are read by a table, which a test holds against pint; pint itself reads what
+is not in it. It takes longer to load than most records take to identify.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pint
+
+MAX_LENGTH = 64
+_POWER = re.compile(r"(?:\^|\*\*)\s*-?[1-9]\d?(?!\s*(?:\^|\*\*|[\d.]))")
+_FACTORS = re.compile(r"(?:[A-Za-z_°%µμΩ]+|\b1\b|[\s*/()])*")
+_SPELLING = str.maketrans({"·": "*", "⋅": "*", "²": "^2", "³": "^3"})
+
+# SI symbols in the order in which they are written, with pint's name and what they are made of.
+_SYMBOLS: dict[str, tuple[str, dict[str, int]]] = {
+    "kg": ("gram", {"kg": 1}),
+    "N": ("newton", {"kg": 1, "m": 1, "s": -2}),
+    "Pa": ("pascal", {"kg": 1, "m": -1, "s": -2}),
+    "J": ("joule", {"kg": 1, "m": 2, "s": -2}),
+    "W": ("watt", {"kg": 1, "m": 2, "s": -3}),
+    "V": ("volt", {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "T": ("tesla", {"kg": 1, "s": -2, "A": -1}),
+    "Wb": ("weber", {"kg": 1, "m": 2, "s": -2, "A": -1}),
+    "H": ("henry", {"kg": 1, "m": 2, "s": -2, "A": -2}),
+    "ohm": ("ohm", {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "C": ("coulomb", {"A": 1, "s": 1}),
+    "Hz": ("hertz", {"s": -1}),
+    "A": ("ampere", {"A": 1}),
+    "K": ("kelvin", {"K": 1}),
+    "m": ("meter", {"m": 1}),
+    "s": ("second", {"s": 1}),
+    "rad": ("radian", {"rad": 1}),
+}
+ORDER = {symbol: rank for rank, symbol in enumerate(_SYMBOLS)}
+_ATOMS = {name: symbol for symbol, (name, _) in _SYMBOLS.items()}
+_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
+_PREFIXES = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "M": 6, "G": 9}
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Powers of kg, m, s, A and K; an angle is a number."""
+
+    powers: frozenset[tuple[str, Fraction]] = frozenset()
+
+    @classmethod
+    def of(cls, powers: Mapping[str, float | Fraction]) -> Dimension:
+        """Return the dimension with these powers."""
+        return cls(frozenset((name, Fraction(n)) for name, n in powers.items() if n))
+
+    def __mul__(self, other: Dimension) -> Dimension:
+        mine, others = dict(self.powers), dict(other.powers)
+        return self.of({name: mine.get(name, 0) + others.get(name, 0) for name in mine | others})
+
+    def __pow__(self, exponent: int | Fraction) -> Dimension:
+        return self.of({name: power * exponent for name, power in self.powers})
+
+    def __str__(self) -> str:
+        parts = [symbol_power(name, power) for name, power in sorted(self.powers)]
+        return " ".join(parts) or "plain numbers"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: what turns a value into SI, and SI symbols with their powers.
+
+    Derived units are kept as they are written: N m is not J. A unit `turns` where its text counts
+    revolutions: Hz.
+    """
+
+    factor: float
+    atoms: Mapping[str, int]
+    dimension: Dimension
+    turns: bool
+
+
+def symbol_power(symbol: str, power: object) -> str:
+    """Return a symbol with its power, such as ``m^2``."""
+    return symbol if power == 1 else f"{symbol}^{power}"
+
+
+def base_powers(atoms: Mapping[str, int]) -> dict[str, int]:
+    """Return the powers of kg, m, s, A, K and rad in a product of SI symbols."""
+    total: Counter[str] = Counter()
+    for atom, power in atoms.items():
+        _, base = _SYMBOLS.get(atom, ("", {atom: 1}))
+        for name, exponent in base.items():
+            total[name] += exponent * power
+    return {name: power for name, power in total.items() if power}
+
+
+def with_force(base: Mapping[str, int]) -> dict[str, int]:
+    """Write a mass over a time as a force: kg m/s^2 as N, kg/s as N s/m."""
+    mass, time = base.get("kg", 0), base.get("s", 0)
+    if abs(mass) != 1 or mass * time >= 0:
+        return dict(base)
+    force = {**base, "N": mass, "kg": 0, "m": base.get("m", 0) - mass, "s": time + 2 * mass}
+    return {atom: power for atom, power in force.items() if power}
+
+
+@cache
+def read_unit(text: str) -> Unit:
+    """Return the unit of a text; ValueError says why there is none."""
+    spelled = text.translate(_SPELLING)
+    if len(text) > MAX_LENGTH or not _FACTORS.fullmatch(_POWER.sub(" ", spelled)):
+        raise ValueError("no product of units")
+    return _by_table(spelled) or _by_pint(spelled)
+
+
+@cache
+def _table() -> dict[str, tuple[float, int, dict[str, int]]]:
+    """Return what each common name is: a factor, a power of ten, and powers of SI symbols."""
+    table: dict[str, tuple[float, int, dict[str, int]]] = {
+        "cm": (1.0, -2, {"m": 1}),
+        "Nm": (1.0, 0, {"N": 1, "m": 1}),
+        "min": (60.0, 0, {"s": 1}),
+        "rev": (2 * math.pi, 0, {"rad": 1}),
+        "rpm": (2 * math.pi / 60, 0, {"rad": 1, "s": -1}),
+        "deg": (math.pi / 180, 0, {"rad": 1}),
+        "%": (1.0, -2, {}),
+    }
+    for symbol in _SYMBOLS:
+        stem, own = ("g", -3) if symbol == "kg" else (symbol, 0)
+        for prefix, power in _PREFIXES.items():
+            table[prefix + stem] = (1.0, power + own, {symbol: 1})
+    return table
+
+
+_NAME = r"[A-Za-zµμ%]+(?:\^-?[1-9]\d?)?"
+_PRODUCT = rf"{_NAME}(?:(?:\s*\*\s*|\s+){_NAME})*"
+_COMMON = re.compile(rf"({_PRODUCT}|1)(?:\s*/\s*(?:({_NAME})|\(\s*({_PRODUCT})\s*\)))?")
+
+
+def _by_table(text: str) -> Unit | None:
+    """Read a product of common names, over another or over nothing; ``None`` for anything else."""
+    match = _COMMON.fullmatch(text.replace("**", "^"))
+    if match is None:
+        return None
+    above, *below = match.groups(default="")
+    factor, ten, atoms = 1.0, 0, Counter[str]()
+    for part, sign in ((above, 1), ("".join(below), -1)):
+        for name in re.findall(_NAME, part):
+            stem, _, power = name.partition("^")
+            if stem not in _table():
+                return None
+            exponent = sign * int(power or 1)
+            size, tens, symbols = _table()[stem]
+            factor, ten = factor * size**exponent, ten + tens * exponent
+            for symbol, own in symbols.items():
+                atoms[symbol] += own * exponent
+    if abs(ten) > 99:  # pint says what is wrong with it
+        return None
+    present = {atom: power for atom, power in atoms.items() if power}
+    powers = {name: power for name, power in base_powers(present).items() if name != "rad"}
+    return Unit(factor * float(f"1e{ten}"), present, Dimension.of(powers), "Hz" in present)
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    import pint  # only where the table does not do
+
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
+    registry.define("newton_meter = newton * meter = Nm")  # pint: 1000 m/kg
+    registry.define("@alias revolution = rev")
+    return registry
+
+
+def _by_pint(text: str) -> Unit:
+    """Read any text.
+
+    pint multiplies and exponentiates what it reads, so it gets unit names, the number 1 and
+    powers of two digits at most.
+    """
+    from pint import UndefinedUnitError
+
+    try:
+        unit = _registry().parse_units(text)
+        origin = _registry().Quantity(0.0, unit).to_base_units().magnitude
+        size = float(_registry().Quantity(1.0, unit).to_base_units().magnitude)
+    except UndefinedUnitError as error:
+        raise ValueError(f"unknown name {''.join(error.unit_names)}") from None
+    except Exception:  # pint's parser raises whatever its operators do
+        raise ValueError("no product of units") from None
+    if origin != 0.0:
+        raise ValueError("its zero is not zero in SI")
+    if not (size > 0 and math.isfinite(size)):
+        raise ValueError("too large or too small")
+    dimension = {_BASE.get(name, name): n for name, n in _powers(unit.dimensionality)}
+    turns = "hertz" in {_split(name) for name in unit._units}
+    return Unit(size, _atoms(unit), Dimension.of(dimension), turns)
+
+
+def _split(name: str) -> str:
+    """Return pint's name of a unit without its prefix."""
+    candidates = _registry().parse_unit_name(name)
+    return str(candidates[0][1]) if candidates else name
+
+
+def _atoms(unit: pint.Unit) -> dict[str, int]:
+    """Return the SI symbols of a unit and their powers, derived units kept as they are."""
+    atoms: Counter[str] = Counter()
+    for name, exponent in _powers(unit._units):
+        base = _split(name)
+        if base in _ATOMS:
+            parts = {_ATOMS[base]: 1}
+        else:
+            made = _registry().Quantity(1.0, _registry().Unit(name)).to_base_units().units
+            parts = with_force(
+                {_ATOMS.get(_split(n), n): power for n, power in _powers(made._units)}
+            )
+        for atom, power in parts.items():
+            atoms[atom] += power * exponent
+    return {atom: power for atom, power in atoms.items() if power}
+
+
+def _powers(powers: Mapping[str, Any]) -> Iterable[tuple[str, int]]:
+    """Return pint's names and their powers; all are whole, see `_POWER`."""
+    return [(name, int(float(power))) for name, power in powers.items()]
