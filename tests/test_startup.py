@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rotorid as rid
@@ -25,8 +27,32 @@ HEAVY = {
 COMPLETION = {"_ROTORID_COMPLETE": "bash_complete", "COMP_WORDS": "rotorid id", "COMP_CWORD": "1"}
 
 
+EXPERIMENT = """
+model = "jeffcott"
+[[records]]
+file = "run.csv"
+sample_rate = "2 kHz"
+fundamental = "10 Hz"
+harmonics = [1]
+skip = "0 s"
+[channels]
+F_x = { column = "fx", unit = "N" }
+F_y = { column = "fy", unit = "N" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+[estimator]
+method = "batch"
+"""
+
+
 def loaded(code: str, environment: dict[str, str] | None = None) -> tuple[set[str], str]:
     """Return the packages that a process has loaded when it ends, and what it printed."""
+    names, out = modules(code, environment)
+    return {name.partition(".")[0] for name in names}, out
+
+
+def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[str], str]:
+    """Return the modules that a process has loaded when it ends, and what it printed."""
     told = (
         f"import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr)); {code}"
     )
@@ -37,7 +63,7 @@ def loaded(code: str, environment: dict[str, str] | None = None) -> tuple[set[st
         text=True,
         check=True,
     )
-    return {name.partition(".")[0] for name in process.stderr.split()}, process.stdout
+    return set(process.stderr.split()), process.stdout
 
 
 @pytest.mark.parametrize(
@@ -56,6 +82,24 @@ def test_what_is_not_needed_is_not_loaded(
     assert "rotorid" in packages
     assert not packages & HEAVY
     assert printed in out
+
+
+def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) -> None:
+    """No algebra, no formats but the file's own, no other method, no pictures."""
+    path = tmp_path / "run.toml"
+    path.write_text(EXPERIMENT)
+    time = np.arange(2000) / 2000
+    force, position = np.sin(2 * np.pi * 10 * time), np.cos(2 * np.pi * 10 * time)
+    noise = 0.1 * np.random.default_rng(1).standard_normal((2000, 4))
+    columns = np.column_stack([force, force, position, position]) + noise
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="fx,fy,x,y", comments="")
+    names, out = modules(f"from rotorid.cli import run; run(['identify', {str(path)!r}])")
+    assert "jeffcott, batch" in out
+    packages = {name.partition(".")[0] for name in names}
+    assert not packages & (HEAVY - {"numpy", "pydantic", "scipy"})
+    slow = {f"scipy.{part}" for part in ("stats", "signal", "optimize", "interpolate", "ndimage")}
+    ours = {"rotorid.estimators.maximum_likelihood", "rotorid.models.symbolic", "rotorid.rig"}
+    assert not names & (slow | ours)
 
 
 def test_public_names_are_there_and_listed() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from reprlib import Repr
 from textwrap import shorten
@@ -430,7 +431,7 @@ class Estimate(ByContent):
         """Return the result as plain data, as the result file holds it."""
         from rotorid import __version__
 
-        data = _ESTIMATE.dump_python(self, mode="json", exclude=_LEFT_OUT)
+        data = _adapter().dump_python(self, mode="json", exclude=_LEFT_OUT)
         return {"schema": SCHEMA, "version": __version__, **data}
 
     def save(self, path: str | Path) -> None:
@@ -441,16 +442,20 @@ class Estimate(ByContent):
         OSError
             Where the file cannot be written.
         """
-        text = _PLAIN.dump_json(self.to_dict(), indent=2)
+        text = TypeAdapter(dict[str, Any]).dump_json(self.to_dict(), indent=2)
         Path(path).write_bytes(text + b"\n")
 
 
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
-_PLAIN = TypeAdapter(dict[str, Any])
-_ESTIMATE = TypeAdapter(Estimate)
 _EVERY = {"__all__": {"fixed", "std_inflated"}}
 _LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
+
+
+@cache
+def _adapter() -> TypeAdapter[Estimate]:
+    """Return what reads and writes estimates; to build it takes its time."""
+    return TypeAdapter(Estimate)
 
 
 def _table(title: str, values: Sequence[Value]) -> Table:
@@ -594,7 +599,7 @@ def load_estimate(path: str | Path) -> Estimate:
         if head.schema_ not in READABLE:
             found, expected = f"schema {head.schema_!r}", " or ".join(map(repr, READABLE))
             raise ReadError(found, expected, cure, file=file)
-        return _ESTIMATE.validate_json(content)
+        return _adapter().validate_json(content)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None

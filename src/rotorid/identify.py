@@ -9,7 +9,8 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Value
-from rotorid.estimators import Estimator, by_name, gate
+from rotorid.estimators import gate
+from rotorid.estimators.methods import Estimator, by_name
 from rotorid.models import Model
 from rotorid.observation import Data, Observation
 from rotorid.record import Check, PeriodicRecord

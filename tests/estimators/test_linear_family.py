@@ -29,6 +29,7 @@ from rotorid.errors import InputError
 from rotorid.estimators import Batch, LeastSquares, Sequential
 from rotorid.identify import identify
 from rotorid.models import load_model, parse_model
+from rotorid.models.symbolic import to_sympy
 from rotorid.record import Channel, Record
 from rotorid.signals.average import average
 
@@ -123,7 +124,8 @@ def by_hand(model, record, free_weight):
     design = np.zeros((samples, len(B), len(model.base.names)))
     for term in model.terms:
         names = sorted(map(str, term.signal.free_symbols))
-        function = sympy.lambdify([sympy.Symbol(n, real=True) for n in names], term.signal)
+        symbols = [sympy.Symbol(n, real=True) for n in names]
+        function = sympy.lambdify(symbols, to_sympy(term.signal))
         signal = back(filtered(function(*(point[n] for n in names))))
         if not model.monomials[term.monomial].any():
             target[:, term.row] -= term.coefficient * signal

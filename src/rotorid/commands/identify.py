@@ -6,7 +6,6 @@ from hashlib import file_digest
 from pathlib import Path
 from typing import Any
 
-from rotorid import __version__
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import check_outputs, progress, show, write, write_text
 from rotorid.errors import InputError
@@ -51,6 +50,8 @@ def run(
 
 def provenance(plan: Experiment, command: str) -> Provenance:
     """Return what went into an estimate: files with their sha256, experiment, version, command."""
+    from rotorid import __version__  # its look-up takes its time
+
     files = [path for path in dict.fromkeys(plan.files) if path.is_file()]
     text = Path(plan.file).read_text(encoding="utf-8")
     return Provenance(tuple(map(_source, files)), text, __version__, command)

@@ -15,7 +15,7 @@ import numpy as np
 from rotorid.estimate import Estimate, Value
 from rotorid.models import Model
 from rotorid.models.expression import symbol
-from rotorid.models.linear import LinearForm
+from rotorid.models.linear import LinearForm, speed_factor
 from rotorid.record import Check, Floats
 
 SURE = 3.0
@@ -179,7 +179,7 @@ def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
             continue
         where = (kept[term.monomial], term.row, term.column)
         if term.order == 2 and not term.factor.free_symbols:
-            mass[where] += term.coefficient * float(term.factor)
+            mass[where] += term.coefficient * speed_factor(term.factor, 0.0)
         elif term.order == 1 and term.factor == symbol("Omega"):
             gyroscopic[where] += term.coefficient
     return mass, gyroscopic

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import scipy.linalg
-import sympy as sp
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models import Model
-from rotorid.models.expression import parse, symbol
+from rotorid.models.terms import polynomial
 from rotorid.observation import Observation
 from rotorid.record import Floats
 from rotorid.units import quantity
@@ -83,16 +83,22 @@ def constraint_polynomial(
 ) -> dict[tuple[int, ...], float]:
     """Return a constraint's expression as ``{exponents of the parameters: coefficient}``."""
     fixed = fixed or {}
-    names = frozenset([*model.parameter_names, *fixed])
+    names = list(dict.fromkeys([*model.parameter_names, *fixed]))
     place = f"constraint {constraint.expression[:60]!r}"
     try:
-        text = parse(constraint.expression, names=names, linear=names)
+        terms = polynomial(constraint.expression, names)
     except ModelError as error:
         raise error.at(place=place) from None
-    numbers = {symbol(name): sp.Rational(repr(float(value))) for name, value in fixed.items()}
-    value = sp.expand(text.xreplace(numbers))
-    gens = [symbol(name) for name in model.parameter_names]
-    return {m: float(c) for m, c in sp.Poly(value, *gens).terms()}
+    exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
+    found: dict[tuple[int, ...], Fraction] = {}
+    for powers, coefficient in terms.items():
+        left = []
+        for name, power in zip(names, powers, strict=True):
+            coefficient *= exact[name] ** power if name in exact else 1
+            left.append(0 if name in exact else power)
+        kept = tuple(left[: len(model.parameter_names)])
+        found[kept] = found.get(kept, Fraction(0)) + coefficient
+    return {m: float(c) for m, c in found.items() if c} or {(0,) * len(model.parameter_names): 0.0}
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from functools import cached_property
 from pathlib import Path
 
 from rotorid.errors import InputError
-from rotorid.estimators import Estimator
 from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.methods import Estimator
 from rotorid.experiment.kinds import check_own, plan_record, read_table
 from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values, own_values

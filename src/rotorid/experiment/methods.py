@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
+from rotorid import estimators
 from rotorid.errors import InputError
-from rotorid.estimators import (
-    Batch,
-    Constraint,
-    Estimator,
-    LeastSquares,
-    MaximumLikelihood,
-    Sequential,
-)
+from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.methods import Estimator
 from rotorid.experiment.names import bounds, stated
 from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
 from rotorid.models import Model
@@ -28,8 +23,10 @@ def build_estimator(
         return _maximum_likelihood(entry, fixed, constraints, model)
     _refuse_deviations(entry)
     if method == "batch":
-        return Batch(free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints)
-    family = LeastSquares if method == "ls" else Sequential
+        return estimators.Batch(
+            free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints
+        )
+    family = estimators.LeastSquares if method == "ls" else estimators.Sequential
     return family(fixed=fixed, constraints=constraints)
 
 
@@ -40,7 +37,7 @@ def _maximum_likelihood(
     model: Model,
 ) -> Estimator:
     values, deviations = (stated(entry.parameters, model, key) for key in ("value", "std"))
-    return MaximumLikelihood(
+    return estimators.MaximumLikelihood(
         fixed=fixed,
         constraints=constraints,
         known={name: (value, deviations[name]) for name, value in values.items()},

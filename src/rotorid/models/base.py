@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from sympy import QQ
-from sympy.polys.matrices import DomainMatrix
 
 from rotorid.models.dependence import independent_signals
 from rotorid.models.expression import Expression
@@ -63,13 +61,10 @@ def gather_base(
     scanned = [i for i in sorted(occurring) if any(monomials[i])]
     if not scanned:
         return BaseParameters((), (), np.zeros((0, len(monomials))), ())
-    sparse = {
-        entry: {k: _rational(row[i]) for k, i in enumerate(scanned) if row.get(i)}
-        for entry, row in rows.items()
-        if any(row.get(i) for i in scanned)
-    }
-    reduced, pivots = DomainMatrix(sparse, (len(entries), len(scanned)), QQ).rref()
-    merged = reduced.to_dense().to_list()[: len(pivots)]
+    sparse = [{k: row[i] for k, i in enumerate(scanned) if row.get(i)} for row in rows.values()]
+    reduced = _echelon(sparse)
+    pivots = list(reduced)
+    merged = [[reduced[p].get(k, Fraction(0)) for k in range(len(scanned))] for p in pivots]
     names, found_units = [], []
     gather = np.zeros((len(pivots), len(monomials)))
     for row, (pivot, ratios) in enumerate(zip(pivots, merged, strict=True)):
@@ -100,8 +95,29 @@ def base_names(
     return tuple(found)
 
 
-def _rational(value: Fraction) -> Any:
-    return QQ(value.numerator, value.denominator)
+def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fraction]]:
+    """Return the reduced row echelon form of sparse rows, by the column of each pivot."""
+    reduced: dict[int, dict[int, Fraction]] = {}
+    for row in rows:
+        for pivot in sorted(reduced.keys() & row.keys()):
+            row = _without(row, pivot, reduced[pivot])
+        if not row:
+            continue
+        first = min(row)
+        row = {column: value / row[first] for column, value in row.items()}
+        for pivot, above in reduced.items():
+            reduced[pivot] = _without(above, first, row)
+        reduced[first] = row
+    return dict(sorted(reduced.items()))
+
+
+def _without(
+    row: dict[int, Fraction], column: int, pivot: dict[int, Fraction]
+) -> dict[int, Fraction]:
+    """Take from a row what makes one of its columns zero."""
+    factor = row.get(column, Fraction(0))
+    left = {k: row.get(k, Fraction(0)) - factor * pivot.get(k, Fraction(0)) for k in row | pivot}
+    return {k: value for k, value in left.items() if value}
 
 
 def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import sympy as sp
-
 from rotorid.errors import InputError
-from rotorid.models.expression import parse, symbol
-from rotorid.models.terms import DERIVATIVES
+from rotorid.models.terms import DERIVATIVES, polynomial
 
 
 @dataclass(frozen=True)
@@ -35,13 +32,12 @@ def sensor_terms(
 ) -> tuple[SensorTerm, ...]:
     """Return the terms of a combination such as ``x1'' - L_a*theta_y``."""
     moving = [name + dots for name in coordinates for dots in DERIVATIVES]
-    names = frozenset([*moving, *parameters])
     try:
-        value = sp.expand(parse(text, names=names, linear=names))
+        terms = polynomial(text, [*moving, *parameters])
     except InputError as error:
         raise error.at(place=place) from None
     found = []
-    for powers, coefficient in sp.Poly(value, *map(symbol, [*moving, *parameters])).terms():
+    for powers, coefficient in terms.items():
         motion, rest = powers[: len(moving)], powers[len(moving) :]
         if sum(motion) != 1:
             raise InputError(

@@ -15,15 +15,14 @@ from fractions import Fraction
 from itertools import takewhile
 
 import numpy as np
-import sympy as sp
 
 from rotorid.models.evaluation import MAX_VALUE, evaluate
-from rotorid.models.expression import Expression
+from rotorid.models.expression import Expression, Factor, number, product
 
 _DIGITS = 100
 _TOLERANCE = Decimal("1e-40")  # what is left of a dependent column
 _MAX_GROUP = 80  # signals; larger groups count as independent
-_SCALES = (sp.Rational(1), sp.Rational(3), sp.Rational(1, 30), sp.Rational(1, 10**5))
+_SCALES = (Fraction(1), Fraction(3), Fraction(1, 30), Fraction(1, 10**5))
 
 Combination = Mapping[Expression, Fraction]
 
@@ -35,17 +34,22 @@ def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combi
     for outer, members in _groups(everything).items():
         if 1 < len(members) <= _MAX_GROUP and not all(_is_power_product(m) for m in members):
             for inner, relation in _relations(_suspects(members)).items():
-                found[outer * inner] = {outer * other: c for other, c in relation.items()}
+                found[_times(outer, inner)] = {_times(outer, s): c for s, c in relation.items()}
     return found
 
 
 def _is_power_product(value: Expression) -> bool:
-    return not any(_holds_function(factor) for factor in sp.Mul.make_args(value))
+    return not any(_holds_function(factor) for factor in value.factors)
 
 
-def _holds_function(factor: Expression) -> bool:
-    base, exponent = factor.as_base_exp()
-    return not (base.is_Symbol or base.is_number) or not exponent.is_Integer or exponent < 0
+def _holds_function(factor: Factor) -> bool:
+    base, exponent = factor
+    return base.kind != "name" or exponent.denominator != 1 or exponent < 0
+
+
+def _times(one: Expression, other: Expression) -> Expression:
+    """Return the product of expressions that share no base."""
+    return product([*one.factors, *other.factors])
 
 
 def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]:
@@ -55,18 +59,14 @@ def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]
     """
     inside: set[Expression] = set()
     for signal in signals:
-        for factor in sp.Mul.make_args(signal):
+        for factor in signal.factors:
             if _holds_function(factor):
-                inside |= factor.free_symbols
+                inside |= factor[0].free_symbols
     groups: dict[Expression, list[Expression]] = defaultdict(list)
     for signal in signals:
-        inner, outer = sp.Integer(1), sp.Integer(1)
-        for factor in sp.Mul.make_args(signal):
-            if factor.free_symbols & inside:
-                inner *= factor
-            else:
-                outer *= factor
-        groups[outer].append(inner)
+        inner = [factor for factor in signal.factors if factor[0].free_symbols & inside]
+        outer = [factor for factor in signal.factors if not factor[0].free_symbols & inside]
+        groups[product(outer)].append(product(inner))
     return groups
 
 
@@ -91,12 +91,14 @@ def _suspects(signals: Sequence[Expression]) -> list[Expression]:
 
 
 def _names(signals: Sequence[Expression]) -> list[Expression]:
-    return sorted(set().union(*(s.free_symbols for s in signals)), key=str)
+    return sorted(set[Expression]().union(*(s.free_symbols for s in signals)), key=str)
 
 
 def _relations(signals: Sequence[Expression]) -> dict[Expression, Combination]:
     """Return the dependent signals in terms of the others, by Gauss and Jordan."""
     relations: dict[Expression, Combination] = {}
+    if not signals:
+        return relations
     with localcontext() as context:
         context.prec = _DIGITS
         rows = _samples(signals)
@@ -131,10 +133,13 @@ def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
 
     Points of one size alone would let functions that are alike there pass for dependent.
     """
+    from rotorid.models.symbolic import to_sympy  # its arithmetic of any length
+
     names, wanted, rows = _names(signals), len(_SCALES) * (len(signals) + 5), []
+    symbols, symbolic = ([to_sympy(v) for v in values] for values in (names, signals))
     for k in range(8 * wanted):
-        point = {name: _coordinate(i, k) for i, name in enumerate(names)}
-        values = (signal.evalf(_DIGITS, subs=point) for signal in signals)
+        point = {name: to_sympy(number(_coordinate(i, k))) for i, name in enumerate(symbols)}
+        values = (signal.evalf(_DIGITS, subs=point) for signal in symbolic)
         real = list(takewhile(lambda value: value.is_Float or value.is_Rational, values))
         if len(real) == len(signals):
             rows.append([Decimal(str(value)) for value in real])
@@ -143,10 +148,10 @@ def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
     return []
 
 
-def _coordinate(i: int, k: int) -> Expression:
+def _coordinate(i: int, k: int) -> Fraction:
     """Return coordinate i of point k: several sizes, both signs, no pattern."""
     mixed = (7919 * (k + 1) ** 2 + 104729 * (i + 1) ** 3) % 99991
-    return _SCALES[k % len(_SCALES)] * (sp.Rational(mixed, 49999) - 1)
+    return _SCALES[k % len(_SCALES)] * (Fraction(mixed, 49999) - 1)
 
 
 def _near(value: Decimal) -> Fraction:

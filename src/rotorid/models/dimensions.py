@@ -10,7 +10,7 @@ from rotorid.models.terms import DERIVATIVES, Monomial, Product
 from rotorid.unit_text import Dimension
 from rotorid.units import dimension_of
 
-_SAME = {"Abs"}
+_SAME = {"abs"}
 _NUMBER = Dimension()
 
 
@@ -69,23 +69,19 @@ def _monomial(monomial: Monomial, parameters: list[Dimension]) -> Dimension:
 
 def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> Dimension | None:
     """Return the dimension of a signal; ``None`` where it cannot be told."""
-    if signal.is_Symbol:
+    if signal.kind == "name":
         return symbols[str(signal)]
-    if signal.is_number:
+    if not signal.free_symbols:
         return _NUMBER
-    inner = [_signal_dimension(argument, symbols) for argument in signal.args]
-    if signal.is_Pow:
-        exponent = signal.exp
-        if inner[0] is None or not exponent.is_Rational:
-            return None
-        return inner[0] ** Fraction(int(exponent.p), int(exponent.q))
-    if signal.is_Mul:
+    if signal.kind in ("product", "power"):
         total = _NUMBER
-        for unit in inner:
+        for base, exponent in signal.factors:
+            unit = _signal_dimension(base, symbols)
             if unit is None:
                 return None
-            total = total * unit
+            total = total * unit**exponent
         return total
-    if signal.is_Add:
+    inner = [_signal_dimension(part, symbols) for part in signal.parts]
+    if signal.kind == "sum":
         return inner[0] if len(set(inner)) == 1 else None
-    return inner[0] if signal.func.__name__ in _SAME else _NUMBER
+    return inner[0] if signal.kind in _SAME else _NUMBER

@@ -1,303 +1,106 @@
-"""Text to symbolic expressions, by a grammar; and their values on arrays.
+"""Signals of a model: products, sums, powers and functions of names and numbers.
 
-Nothing is ever evaluated as code. What a text may cost is bounded before it is computed: its
-length, its nesting, the size of its numbers, the degree and the number of terms it expands to.
+A value to compare, to show and to evaluate. Its algebra is done before: by `plain` where
+polynomials do, else by sympy in `symbolic`, which takes longer to load than most records take to
+identify.
 """
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
+from fractions import Fraction
+from functools import cache, cached_property
 from typing import Any
 
-import numpy as np
-import sympy as sp
-from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
-from lark.exceptions import VisitError
-
-from rotorid.errors import ModelError
-
-MAX_LENGTH = 100_000
-MAX_NESTING = 64
-MAX_TERMS = 5_000
-MAX_DEGREE = 32
-MAX_EXPONENT = 280  # decimal exponent of a number
 RESERVED = ("t", "Omega", "phi")
-FUNCTIONS = {
-    "sin": sp.sin,
-    "cos": sp.cos,
-    "tan": sp.tan,
-    "exp": sp.exp,
-    "sqrt": sp.sqrt,
-    "abs": sp.Abs,
-    "sign": sp.sign,
-    "tanh": sp.tanh,
-}
-Expression = Any  # a sympy expression; sympy carries no types of its own
+FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh")
+_RANK = {"number": 0, "name": 1}  # in a product
+Factor = tuple["Expression", Fraction]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """What `kind` says of `parts`.
+
+    A name holds its text, a number its fraction, a power its base and its exponent (a fraction);
+    sums, products and functions hold expressions.
+    """
+
+    kind: str
+    parts: tuple[Any, ...] = ()
+
+    @cached_property
+    def free_symbols(self) -> frozenset[Expression]:
+        """The names in it, as expressions."""
+        if self.kind == "name":
+            return frozenset((self,))
+        inner = (part for part in self.parts if isinstance(part, Expression))
+        return frozenset[Expression]().union(*(part.free_symbols for part in inner))
+
+    @cached_property
+    def factors(self) -> tuple[Factor, ...]:
+        """Bases and exponents that it is the product of."""
+        if self.kind == "product":
+            return tuple(factor for part in self.parts for factor in part.factors)
+        if self.kind == "power":
+            return ((self.parts[0], self.parts[1]),)
+        return () if self == ONE else ((self, Fraction(1)),)
+
+    @cached_property
+    def _text(self) -> str:
+        if self.kind in ("name", "number"):
+            return str(self.parts[0])
+        if self.kind == "sum":
+            return " + ".join(map(str, self.parts)).replace("+ -", "- ")
+        if self.kind in ("product", "power"):
+            return _product_text(self.factors)
+        return f"{self.kind}({self.parts[0]})" if self.parts else self.kind
+
+    def __str__(self) -> str:
+        return self._text
+
+
+def number(value: int | Fraction) -> Expression:
+    """Return a number."""
+    return Expression("number", (Fraction(value),))
+
+
+ONE = number(1)
 
 
 @cache
 def symbol(name: str) -> Expression:
-    """Return the real symbol of a name (``q'`` is a name like any other)."""
-    return sp.Symbol(name, real=True)
+    """Return a name (``q'`` is a name like any other)."""
+    return Expression("name", (name,))
 
 
-@dataclass(frozen=True)
-class _Node:
-    """An expression with bounds on what expanding it costs."""
-
-    value: Expression
-    terms: int = 1
-    degree: int = 0
-    depth: int = 0
-
-
-class _Builder(Transformer[Token, Any]):
-    """Builds expressions while parsing, refusing what is too large or has no meaning."""
-
-    def __init__(self, names: frozenset[str], linear: frozenset[str], inner: str) -> None:
-        super().__init__()
-        self.names, self.linear, self.inner = names, linear, inner
-
-    def number(self, children: list[Token]) -> _Node:
-        text = str(children[0])
-        value = float(text)
-        if not re.search("[1-9]", re.split("[eE]", text)[0]):
-            return _Node(sp.Integer(0))  # 0e999999999 is not to be computed
-        if len(text) > 60 or not 1e-200 < value < 1e200:
-            raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
-        return _Node(sp.Rational(text))
-
-    def name(self, children: list[Token]) -> _Node:
-        name = str(children[0])
-        if name == "pi":
-            return _Node(sp.pi)
-        if name not in self.names:
-            raise _unknown(name, self.names, self.inner)
-        return _Node(symbol(name), degree=1)
-
-    def sum(self, children: list[Any]) -> _Node:
-        nodes: list[_Node] = children[::2]
-        signs = [1, *(-1 if sign == "-" else 1 for sign in children[1::2])]
-        value = sp.Add(*(s * node.value for s, node in zip(signs, nodes, strict=True)))
-        return self._checked(
-            value, sum(n.terms for n in nodes), max(n.degree for n in nodes), nodes
-        )
-
-    def negative(self, children: list[_Node]) -> _Node:
-        (node,) = children
-        return self._checked(-node.value, node.terms, node.degree, children)
-
-    def product(self, children: list[Any]) -> _Node:
-        nodes: list[_Node] = children[::2]
-        factors = [nodes[0].value]
-        for operator, node in zip(children[1::2], nodes[1:], strict=True):
-            factors.append(node.value if operator == "*" else self._reciprocal(node))
-        terms = 1
-        for node in nodes:
-            terms = min(terms * node.terms, 10 * MAX_TERMS)
-        return self._checked(sp.Mul(*factors), terms, sum(n.degree for n in nodes), nodes)
-
-    def _reciprocal(self, node: _Node) -> Expression:
-        divisor = sp.expand(node.value)
-        self._refuse_parameters(divisor, "a division by")
-        if vanishes(divisor):
-            raise ModelError(
-                f"a division by zero (by {shown(node.value)})", "a divisor", "remove it"
-            )
-        return 1 / divisor
-
-    def power(self, children: list[_Node]) -> _Node:
-        base, exponent = children
-        value = exponent.value
-        if not value.is_Rational:
-            raise ModelError(
-                f"the exponent {shown(value)}", "a rational number", "write a number there"
-            )
-        whole = bool(value.is_Integer) and value >= 0
-        if not whole:
-            expanded = sp.expand(base.value)
-            self._refuse_parameters(expanded, f"the power {shown(value)} of")
-            if vanishes(expanded):
-                raise ModelError(
-                    f"the power {shown(value)} of zero ({shown(base.value)})",
-                    "a base other than zero",
-                    "remove it",
-                )
-        size = max(1, abs(int(value)))
-        number = base.value.is_number
-        degree = 0 if number else max(base.degree, 1) * size
-        limit = 300 if number else MAX_DEGREE
-        if size > limit or degree > limit:
-            raise ModelError(
-                f"the power {shown(value)}", f"a degree of at most {limit}", "write it smaller"
-            )
-        terms = min(base.terms**size, 10 * MAX_TERMS) if whole else 1
-        return self._checked(base.value**value, terms, degree, children)
-
-    def call(self, children: list[Any]) -> _Node:
-        function, node = str(children[0]), children[1]
-        if function in self.names:
-            raise ModelError(
-                f"{function[:60]!r} before a parenthesis",
-                "a function or an operator there",
-                f"write {function[:60]}*(...) for a product",
-            )
-        if function not in FUNCTIONS:
-            raise _unknown(function, frozenset(FUNCTIONS), "a function: one of")
-        argument = sp.expand(node.value)
-        self._refuse_parameters(argument, f"{function} of")
-        if argument.is_number and abs(float(argument)) > 300 and function == "exp":
-            raise ModelError(f"exp({shown(argument)})", "a finite number", "scale it")
-        # One nonlinear function counts as one factor, however large its argument.
-        return self._checked(FUNCTIONS[function](argument), 1, 1, [node])
-
-    def equation(self, children: list[_Node]) -> Expression:
-        left, right = children
-        return self._checked(left.value - right.value, left.terms + right.terms, 0, children).value
-
-    def _refuse_parameters(self, value: Expression, what: str) -> None:
-        held = sorted(str(s) for s in value.free_symbols if str(s) in self.linear)
-        if held:
-            raise ModelError(
-                f"{what} {shown(value)}, which holds {', '.join(held)}",
-                "a polynomial in the parameters, inputs to the first power only",
-                "name the whole expression as a parameter of its own",
-            )
-
-    def _checked(self, value: Expression, terms: int, degree: int, nodes: list[_Node]) -> _Node:
-        depth = 1 + max(node.depth for node in nodes)
-        if terms > MAX_TERMS:
-            raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
-        if degree > MAX_DEGREE:
-            raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
-        if depth > MAX_NESTING:
-            raise _too_deep()
-        if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
-            raise _not_real(value)
-        if value.is_number and value != 0:
-            check_number(value)
-        return _Node(value, terms, degree, depth)
+def product(factors: Iterable[Factor]) -> Expression:
+    """Return the product of powers of different bases: the same one whatever their order."""
+    ordered = sorted(factors, key=lambda f: (_RANK.get(f[0].kind, 2), str(f[0]), f[1]))
+    parts = [base if n == 1 else Expression("power", (base, Fraction(n))) for base, n in ordered]
+    if len(parts) < 2:
+        return parts[0] if parts else ONE
+    return Expression("product", tuple(parts))
 
 
-def vanishes(value: Expression) -> bool:
-    """Tell whether an expanded expression is zero whatever its symbols are."""
-    names = sorted(value.free_symbols, key=str)
-    if value == 0 or value.is_Rational or value.is_polynomial(*names):
-        return bool(value == 0)
-    for scale, sign in ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1)):
-        point = {
-            name: sp.Rational((2 * i + 3) * (sign if i % 2 else 1), (7 * i + 11) * scale)
-            for i, name in enumerate(names)
-        }
-        if _is_significant(value.evalf(15, subs=point)):
-            return False
-    return True
+def _product_text(factors: Iterable[Factor]) -> str:
+    above = [_power_text(base, n) for base, n in factors if n > 0]
+    below = [_power_text(base, -n) for base, n in factors if n < 0]
+    text = "*".join(above) or "1"
+    if text.startswith("-1*"):
+        text = f"-{text[3:]}"
+    if not below:
+        return text
+    return f"{text}/{below[0]}" if len(below) == 1 else f"{text}/({'*'.join(below)})"
 
 
-def _is_significant(number: Expression) -> bool:
-    """Tell a number from what cancellation leaves of zero: no digit of that is right."""
-    return bool(number != 0) and all(part._prec > 1 for part in number.atoms(sp.Float))
-
-
-def check_number(value: Expression) -> None:
-    """Refuse a number that is complex, too large or too small, or zero in disguise."""
-    number = sp.N(value, 15)
-    real, imaginary = number.as_real_imag()
-    if imaginary != 0:
-        raise _not_real(value)
-    if not value.is_Rational and not _is_significant(number):
-        raise ModelError(f"{shown(value)}, which is zero", "a number", "write 0 or remove it")
-    if not sp.Float(10) ** -MAX_EXPONENT < abs(real) < sp.Float(10) ** MAX_EXPONENT:
-        raise ModelError(
-            f"{shown(value)}, too large or too small a number", f"1e+-{MAX_EXPONENT}", "scale it"
-        )
-
-
-def _not_real(value: Expression) -> ModelError:
-    return ModelError(
-        f"{shown(value)}: no finite real number", "real numbers", "check divisors and roots"
-    )
-
-
-def _too_deep() -> ModelError:
-    return ModelError(
-        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
-    )
-
-
-def shown(value: Expression) -> str:
-    """Return an expression as text for a message, shortened."""
-    text = str(value).replace("**", "^")
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
-    from difflib import get_close_matches
-
-    near = get_close_matches(name, sorted(names), n=1)
-    cure = (
-        f"did you mean {near[0]}?"
-        if near
-        else "declare it in the model file, or write the name that is"
-    )
-    listed = sorted(names)
-    shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
-    return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
-
-
-@cache
-def _parser(start: str) -> Lark:
-    grammar = files("rotorid.models").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", start=start, maybe_placeholders=False)
-
-
-def parse(
-    text: str, *, names: frozenset[str], linear: frozenset[str] = frozenset(), start: str = "sum"
-) -> Expression:
-    """Parse one expression (or equation, as left side minus right side)."""
-    if len(text) > MAX_LENGTH:
-        raise ModelError(
-            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
-        )
-    depth = np.cumsum([{"(": 1, ")": -1}.get(c, 0) for c in text] or [0])
-    if depth.max() > MAX_NESTING:
-        raise _too_deep()
-    builder = _Builder(names, linear, "a declared name: one of")
-    try:
-        return _value(builder.transform(_parser(start).parse(text)))
-    except VisitError as error:
-        if isinstance(error.orig_exc, ModelError):
-            raise error.orig_exc from None
-        if isinstance(error.orig_exc, RecursionError):
-            raise _too_deep() from None
-        raise
-    except UnexpectedInput as error:
-        raise _syntax_error(error, text, start) from None
-    except RecursionError:
-        raise _too_deep() from None
-
-
-def _value(result: Any) -> Expression:
-    return result.value if isinstance(result, _Node) else result
-
-
-def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
-    column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
-    cure = "write a name or a number there, or take out what does not belong"
-    if isinstance(error, UnexpectedCharacters):
-        found = repr(text[error.pos_in_stream or 0])
-    else:
-        token = getattr(error, "token", "")
-        found = repr(str(token)[:40]) if str(token) else "the end of the text"
-        if getattr(token, "type", "") in ("NAME", "NUMBER", "FUNCTION", "LPAR"):
-            cure = "write an operator before it: * for a product"
-    expected = "an equation: expression = expression" if start == "equation" else "an expression"
-    return ModelError(
-        f"{found} in {text[:60]!r}",
-        f"{expected} of names, numbers, + - * / ^ and ( )",
-        cure,
-        place=f"column {column}",
-    )
+def _power_text(base: Expression, exponent: Fraction) -> str:
+    text = str(base)
+    if exponent == Fraction(1, 2):
+        return f"sqrt({text})"
+    if base.kind in ("sum", "product", "power") or (base.kind == "number" and exponent != 1):
+        text = f"({text})"
+    if exponent == 1:
+        return text
+    return f"{text}**{exponent}" if exponent.denominator == 1 else f"{text}**({exponent})"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models.evaluation import evaluate, is_usable
-from rotorid.models.expression import RESERVED, Expression, symbol
+from rotorid.models.expression import RESERVED, Expression, product, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 
@@ -201,9 +202,9 @@ def motion_factor(
 ) -> tuple[int, int, Expression] | None:
     """Split a signal into a coordinate's derivative and a factor that holds Omega at the most."""
     moving = [s for s in signal.free_symbols if str(s) not in RESERVED]
-    if len(moving) != 1:
+    if len(moving) != 1 or (alone := (moving[0], Fraction(1))) not in signal.factors:
         return None
-    factor = signal / moving[0]
+    factor = product(f for f in signal.factors if f != alone)
     if not factor.free_symbols <= {symbol("Omega")}:
         return None
     name = str(moving[0]).rstrip("'")

@@ -353,7 +353,7 @@ def _substituted(
     products: Sequence[Product], parameters: Sequence[str], fixed: Mapping[str, float]
 ) -> tuple[Product, ...]:
     exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
-    gathered: dict[tuple[int, Monomial, object], Fraction] = {}
+    gathered: dict[tuple[int, Monomial, Expression], Fraction] = {}
     for product in products:
         coefficient, monomial = product.coefficient, []
         for name, power in zip(parameters, product.monomial, strict=True):

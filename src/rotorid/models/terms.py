@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-import sympy as sp
-
 from rotorid.errors import ModelError
-from rotorid.models.evaluation import check_evaluable
-from rotorid.models.expression import (
-    MAX_EXPONENT,
-    MAX_TERMS,
-    RESERVED,
-    Expression,
-    check_number,
-    parse,
-    shown,
-    symbol,
-)
+from rotorid.models.expression import RESERVED, Expression, product, symbol
+from rotorid.models.plain import Polynomial, read_plain
 
+MAX_TERMS = 5_000
+MAX_EXPONENT = 280  # decimal exponent of a number
 Monomial = tuple[int, ...]  # exponent of each parameter
+Terms = dict[tuple[Monomial, Expression], Fraction]
 DERIVATIVES = ("", "'", "''")
 
 
@@ -89,13 +80,12 @@ def split_equations(texts: Sequence[str], names: Names) -> Equations:
 
 def _products(row: int, text: str, names: Names) -> list[Product]:
     linear = frozenset([*names.parameters, *names.inputs])
-    value = sp.expand(parse(text, names=names.all, linear=linear, start="equation"))
-    inputs = frozenset(symbol(name) for name in names.inputs)
-    index = {symbol(name): i for i, name in enumerate(names.parameters)}
-    gathered: dict[tuple[Monomial, Expression], Fraction] = defaultdict(Fraction)
-    for term in sp.Add.make_args(value):
-        monomial, signal, coefficient = _factors(term, index, inputs)
-        gathered[monomial, signal] += coefficient
+    value = read_plain(text, names=names.all, linear=linear, start="equation")
+    gathered = None if value is None else _plain_terms(value, names)
+    if gathered is None:
+        from rotorid.models.symbolic import equation_terms  # sympy: where polynomials do not do
+
+        gathered = equation_terms(text, names.all, names.parameters, names.inputs)
     products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
     motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
     if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
@@ -116,34 +106,23 @@ def out_of_range(coefficient: Fraction) -> bool:
     return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
 
 
-def _factors(
-    term: Expression, index: dict[Expression, int], inputs: frozenset[Expression]
-) -> tuple[Monomial, Expression, Fraction]:
-    exponents = [0] * len(index)
-    coefficient, signal = Fraction(1), sp.Integer(1)
-    for factor in sp.Mul.make_args(term):
-        base, exponent = factor.as_base_exp()
-        if factor.is_number:
-            coefficient *= _fraction(factor)
-        elif base in index:
-            exponents[index[base]] += int(exponent)
-        else:
-            signal *= factor
-    if (held := signal.free_symbols & inputs) and signal not in inputs:
-        raise ModelError(
-            f"the term {shown(term)} with the input {min(map(str, held))}",
-            "inputs that stand alone, times numbers and parameters",
-            "give the product an input of its own",
-        )
-    check_evaluable(signal)
-    return tuple(exponents), signal, coefficient
-
-
-def _fraction(number: Expression) -> Fraction:
-    if number.is_Rational:
-        return Fraction(int(number.p), int(number.q))
-    check_number(number)
-    return Fraction(repr(float(number)))  # pi, sqrt(2), ...
+def _plain_terms(value: Polynomial, names: Names) -> Terms | None:
+    """Split plain terms into monomials and signals; ``None`` where an input has company."""
+    index = {symbol(name): i for i, name in enumerate(names.parameters)}
+    inputs = frozenset(symbol(name) for name in names.inputs)
+    gathered: Terms = {}
+    for powers, coefficient in value.items():
+        exponents, signal = [0] * len(index), []
+        for base, power in powers:
+            if base in index:
+                exponents[index[base]] = power
+            else:
+                signal.append((base, Fraction(power)))
+        term = product(signal)
+        if term.free_symbols & inputs and term not in inputs:
+            return None
+        gathered[tuple(exponents), term] = coefficient
+    return gathered
 
 
 def _declaration(monomial: Monomial) -> tuple[int, ...]:
@@ -165,3 +144,18 @@ def _orientation(others: list[Product], forces: list[Product]) -> int:
 
 def _scaled(product: Product, sign: int) -> Product:
     return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
+
+
+def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+    """Return the coefficients of a polynomial by the powers of its names."""
+    known = frozenset(names)
+    value = read_plain(text, names=known, linear=known)
+    if value is None:
+        from rotorid.models.symbolic import polynomial_terms  # sympy: as in `_products`
+
+        return polynomial_terms(text, names)
+    found = {}
+    for powers, coefficient in value.items():
+        by_name = {str(base): power for base, power in powers}
+        found[tuple(by_name.get(name, 0) for name in names)] = coefficient
+    return dict(sorted(found.items(), reverse=True)) or {(0,) * len(names): Fraction(0)}

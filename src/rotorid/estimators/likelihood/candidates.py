@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
 import scipy
-import sympy as sp
 
 from rotorid.estimators.likelihood.nuisances import Missing, MissingEntry, MissingLoad, Unknown
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
-from rotorid.models.expression import Expression, symbol
+from rotorid.models.expression import Expression, product, symbol
 from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
 
@@ -296,8 +296,9 @@ def _between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
 
 def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Candidate:
     """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
-    phi, squared = symbol("phi"), symbol("Omega") ** 2
-    signals: tuple[Expression, ...] = (squared * sp.cos(phi), squared * sp.sin(phi))
+    squared = (symbol("Omega"), Fraction(2))
+    turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
+    signals = [product([squared, factor]) for factor in turning]
     loads = tuple(
         MissingLoad(int(structure.rows[c]), signal, 2 * k + part, float(structure.signs[c]))
         for k, c in enumerate(group)

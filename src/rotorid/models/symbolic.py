@@ -1,0 +1,402 @@
+"""Text to symbolic expressions, by a grammar.
+
+Nothing is ever evaluated as code. What a text may cost is bounded before it is computed: its
+length, its nesting, the size of its numbers, the degree and the number of terms it expands to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
+from lark.exceptions import VisitError
+
+from rotorid.errors import ModelError
+from rotorid.models.expression import FUNCTIONS, Expression, Factor, number, product
+from rotorid.models.expression import symbol as plain_symbol
+from rotorid.models.terms import MAX_EXPONENT, MAX_TERMS, Monomial, Terms
+
+MAX_LENGTH = 100_000
+MAX_NESTING = 64
+MAX_DEGREE = 32
+# What may stand in a signal; the algebra puts cot, sec, csc and coth in their place.
+_FUNCTIONS: dict[str, Any] = {
+    "sin": sp.sin,
+    "cos": sp.cos,
+    "tan": sp.tan,
+    "exp": sp.exp,
+    "sqrt": sp.sqrt,
+    "abs": sp.Abs,
+    "sign": sp.sign,
+    "tanh": sp.tanh,
+    "cot": sp.cot,
+    "sec": sp.sec,
+    "csc": sp.csc,
+    "coth": sp.coth,
+}
+_NAMES = {function: name for name, function in _FUNCTIONS.items()}
+Symbolic = Any  # a sympy expression; sympy carries no types of its own
+
+
+@cache
+def symbol(name: str) -> Symbolic:
+    """Return the real symbol of a name (``q'`` is a name like any other)."""
+    return sp.Symbol(name, real=True)
+
+
+def from_sympy(value: Symbolic) -> Expression:
+    """Return a symbolic expression as what a model keeps."""
+    if value.is_Symbol:
+        return plain_symbol(str(value))
+    if value.is_Rational:
+        return number(_fraction(value))
+    if value is sp.pi:
+        return Expression("pi")
+    if value is sp.E:
+        return Expression("exp", (number(1),))
+    if value.is_Float:
+        return number(Fraction(repr(float(value))))
+    if value.is_Add:
+        return Expression("sum", tuple(from_sympy(part) for part in value.args))
+    if value.is_Mul or value.is_Pow:
+        return product(map(_factor, sp.Mul.make_args(value)))
+    if value.func not in _NAMES:
+        raise ModelError(f"the function {value.func}", ", ".join(FUNCTIONS), "rewrite the term")
+    return Expression(_NAMES[value.func], (from_sympy(value.args[0]),))
+
+
+def _factor(value: Symbolic) -> Factor:
+    base, exponent = (value.base, value.exp) if value.is_Pow else (value, sp.Integer(1))
+    return from_sympy(base), _fraction(exponent)
+
+
+def _fraction(value: Symbolic) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def to_sympy(value: Expression) -> Symbolic:
+    """Return what a model keeps as a symbolic expression."""
+    if value.kind == "name":
+        return symbol(value.parts[0])
+    if value.kind == "pi":
+        return sp.pi
+    if value.kind == "number":
+        return sp.Rational(value.parts[0].numerator, value.parts[0].denominator)
+    if value.kind in ("product", "power"):
+        powers = ((to_sympy(base), n) for base, n in value.factors)
+        return sp.Mul(*(base ** sp.Rational(n.numerator, n.denominator) for base, n in powers))
+    inner = [to_sympy(part) for part in value.parts]
+    return sp.Add(*inner) if value.kind == "sum" else _FUNCTIONS[value.kind](*inner)
+
+
+@dataclass(frozen=True)
+class _Node:
+    """An expression with bounds on what expanding it costs."""
+
+    value: Symbolic
+    terms: int = 1
+    degree: int = 0
+    depth: int = 0
+
+
+class _Builder(Transformer[Token, Any]):
+    """Builds expressions while parsing, refusing what is too large or has no meaning."""
+
+    def __init__(self, names: frozenset[str], linear: frozenset[str], inner: str) -> None:
+        super().__init__()
+        self.names, self.linear, self.inner = names, linear, inner
+
+    def number(self, children: list[Token]) -> _Node:
+        text = str(children[0])
+        value = float(text)
+        if not re.search("[1-9]", re.split("[eE]", text)[0]):
+            return _Node(sp.Integer(0))  # 0e999999999 is not to be computed
+        if len(text) > 60 or not 1e-200 < value < 1e200:
+            raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
+        return _Node(sp.Rational(text))
+
+    def name(self, children: list[Token]) -> _Node:
+        name = str(children[0])
+        if name == "pi":
+            return _Node(sp.pi)
+        if name not in self.names:
+            raise _unknown(name, self.names, self.inner)
+        return _Node(symbol(name), degree=1)
+
+    def sum(self, children: list[Any]) -> _Node:
+        nodes: list[_Node] = children[::2]
+        signs = [1, *(-1 if sign == "-" else 1 for sign in children[1::2])]
+        value = sp.Add(*(s * node.value for s, node in zip(signs, nodes, strict=True)))
+        return self._checked(
+            value, sum(n.terms for n in nodes), max(n.degree for n in nodes), nodes
+        )
+
+    def negative(self, children: list[_Node]) -> _Node:
+        (node,) = children
+        return self._checked(-node.value, node.terms, node.degree, children)
+
+    def product(self, children: list[Any]) -> _Node:
+        nodes: list[_Node] = children[::2]
+        factors = [nodes[0].value]
+        for operator, node in zip(children[1::2], nodes[1:], strict=True):
+            factors.append(node.value if operator == "*" else self._reciprocal(node))
+        terms = 1
+        for node in nodes:
+            terms = min(terms * node.terms, 10 * MAX_TERMS)
+        return self._checked(sp.Mul(*factors), terms, sum(n.degree for n in nodes), nodes)
+
+    def _reciprocal(self, node: _Node) -> Symbolic:
+        divisor = sp.expand(node.value)
+        self._refuse_parameters(divisor, "a division by")
+        if vanishes(divisor):
+            raise ModelError(
+                f"a division by zero (by {shown(node.value)})", "a divisor", "remove it"
+            )
+        return 1 / divisor
+
+    def power(self, children: list[_Node]) -> _Node:
+        base, exponent = children
+        value = exponent.value
+        if not value.is_Rational:
+            raise ModelError(
+                f"the exponent {shown(value)}", "a rational number", "write a number there"
+            )
+        whole = bool(value.is_Integer) and value >= 0
+        if not whole:
+            expanded = sp.expand(base.value)
+            self._refuse_parameters(expanded, f"the power {shown(value)} of")
+            if vanishes(expanded):
+                raise ModelError(
+                    f"the power {shown(value)} of zero ({shown(base.value)})",
+                    "a base other than zero",
+                    "remove it",
+                )
+        size = max(1, abs(int(value)))
+        number = base.value.is_number
+        degree = 0 if number else max(base.degree, 1) * size
+        limit = 300 if number else MAX_DEGREE
+        if size > limit or degree > limit:
+            raise ModelError(
+                f"the power {shown(value)}", f"a degree of at most {limit}", "write it smaller"
+            )
+        terms = min(base.terms**size, 10 * MAX_TERMS) if whole else 1
+        return self._checked(base.value**value, terms, degree, children)
+
+    def call(self, children: list[Any]) -> _Node:
+        function, node = str(children[0]), children[1]
+        if function in self.names:
+            raise ModelError(
+                f"{function[:60]!r} before a parenthesis",
+                "a function or an operator there",
+                f"write {function[:60]}*(...) for a product",
+            )
+        if function not in FUNCTIONS:
+            raise _unknown(function, frozenset(FUNCTIONS), "a function: one of")
+        argument = sp.expand(node.value)
+        self._refuse_parameters(argument, f"{function} of")
+        if argument.is_number and abs(float(argument)) > 300 and function == "exp":
+            raise ModelError(f"exp({shown(argument)})", "a finite number", "scale it")
+        # One nonlinear function counts as one factor, however large its argument.
+        return self._checked(_FUNCTIONS[function](argument), 1, 1, [node])
+
+    def equation(self, children: list[_Node]) -> Symbolic:
+        left, right = children
+        return self._checked(left.value - right.value, left.terms + right.terms, 0, children).value
+
+    def _refuse_parameters(self, value: Symbolic, what: str) -> None:
+        held = sorted(str(s) for s in value.free_symbols if str(s) in self.linear)
+        if held:
+            raise ModelError(
+                f"{what} {shown(value)}, which holds {', '.join(held)}",
+                "a polynomial in the parameters, inputs to the first power only",
+                "name the whole expression as a parameter of its own",
+            )
+
+    def _checked(self, value: Symbolic, terms: int, degree: int, nodes: list[_Node]) -> _Node:
+        depth = 1 + max(node.depth for node in nodes)
+        if terms > MAX_TERMS:
+            raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
+        if degree > MAX_DEGREE:
+            raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
+        if depth > MAX_NESTING:
+            raise _too_deep()
+        if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
+            raise _not_real(value)
+        if value.is_number and value != 0:
+            check_number(value)
+        return _Node(value, terms, degree, depth)
+
+
+def vanishes(value: Symbolic) -> bool:
+    """Tell whether an expanded expression is zero whatever its symbols are."""
+    names = sorted(value.free_symbols, key=str)
+    if value == 0 or value.is_Rational or value.is_polynomial(*names):
+        return bool(value == 0)
+    for scale, sign in ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1)):
+        point = {
+            name: sp.Rational((2 * i + 3) * (sign if i % 2 else 1), (7 * i + 11) * scale)
+            for i, name in enumerate(names)
+        }
+        if _is_significant(value.evalf(15, subs=point)):
+            return False
+    return True
+
+
+def _is_significant(number: Symbolic) -> bool:
+    """Tell a number from what cancellation leaves of zero: no digit of that is right."""
+    return bool(number != 0) and all(part._prec > 1 for part in number.atoms(sp.Float))
+
+
+def check_number(value: Symbolic) -> None:
+    """Refuse a number that is complex, too large or too small, or zero in disguise."""
+    number = sp.N(value, 15)
+    real, imaginary = number.as_real_imag()
+    if imaginary != 0:
+        raise _not_real(value)
+    if not value.is_Rational and not _is_significant(number):
+        raise ModelError(f"{shown(value)}, which is zero", "a number", "write 0 or remove it")
+    if not sp.Float(10) ** -MAX_EXPONENT < abs(real) < sp.Float(10) ** MAX_EXPONENT:
+        raise ModelError(
+            f"{shown(value)}, too large or too small a number", f"1e+-{MAX_EXPONENT}", "scale it"
+        )
+
+
+def _not_real(value: Symbolic) -> ModelError:
+    return ModelError(
+        f"{shown(value)}: no finite real number", "real numbers", "check divisors and roots"
+    )
+
+
+def _too_deep() -> ModelError:
+    return ModelError(
+        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
+    )
+
+
+def shown(value: Symbolic) -> str:
+    """Return an expression as text for a message, shortened."""
+    text = str(value).replace("**", "^")
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, sorted(names), n=1)
+    cure = (
+        f"did you mean {near[0]}?"
+        if near
+        else "declare it in the model file, or write the name that is"
+    )
+    listed = sorted(names)
+    shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
+    return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
+
+
+@cache
+def _parser(start: str) -> Lark:
+    grammar = files("rotorid.models").joinpath("grammar.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr", start=start, maybe_placeholders=False)
+
+
+def parse(
+    text: str, *, names: frozenset[str], linear: frozenset[str] = frozenset(), start: str = "sum"
+) -> Symbolic:
+    """Parse one expression (or equation, as left side minus right side)."""
+    if len(text) > MAX_LENGTH:
+        raise ModelError(
+            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
+        )
+    depth = np.cumsum([{"(": 1, ")": -1}.get(c, 0) for c in text] or [0])
+    if depth.max() > MAX_NESTING:
+        raise _too_deep()
+    builder = _Builder(names, linear, "a declared name: one of")
+    try:
+        return _value(builder.transform(_parser(start).parse(text)))
+    except VisitError as error:
+        if isinstance(error.orig_exc, ModelError):
+            raise error.orig_exc from None
+        if isinstance(error.orig_exc, RecursionError):
+            raise _too_deep() from None
+        raise
+    except UnexpectedInput as error:
+        raise _syntax_error(error, text, start) from None
+    except RecursionError:
+        raise _too_deep() from None
+
+
+def _value(result: Any) -> Symbolic:
+    return result.value if isinstance(result, _Node) else result
+
+
+def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
+    column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
+    cure = "write a name or a number there, or take out what does not belong"
+    if isinstance(error, UnexpectedCharacters):
+        found = repr(text[error.pos_in_stream or 0])
+    else:
+        token = getattr(error, "token", "")
+        found = repr(str(token)[:40]) if str(token) else "the end of the text"
+        if getattr(token, "type", "") in ("NAME", "NUMBER", "FUNCTION", "LPAR"):
+            cure = "write an operator before it: * for a product"
+    expected = "an equation: expression = expression" if start == "equation" else "an expression"
+    return ModelError(
+        f"{found} in {text[:60]!r}",
+        f"{expected} of names, numbers, + - * / ^ and ( )",
+        cure,
+        place=f"column {column}",
+    )
+
+
+def equation_terms(
+    text: str, names: frozenset[str], parameters: Sequence[str], inputs: Sequence[str]
+) -> Terms:
+    """Return the coefficient of each monomial and signal in an equation, left minus right side."""
+    linear = frozenset([*parameters, *inputs])
+    value = sp.expand(parse(text, names=names, linear=linear, start="equation"))
+    alone = frozenset(symbol(name) for name in inputs)
+    index = {symbol(name): i for i, name in enumerate(parameters)}
+    gathered: Terms = defaultdict(Fraction)
+    for term in sp.Add.make_args(value):
+        exponents = [0] * len(index)
+        coefficient, signal = Fraction(1), sp.Integer(1)
+        for factor in sp.Mul.make_args(term):
+            base, exponent = factor.as_base_exp()
+            if factor.is_number:
+                coefficient *= _coefficient(factor)
+            elif base in index:
+                exponents[index[base]] += int(exponent)
+            else:
+                signal *= factor
+        if (held := signal.free_symbols & alone) and signal not in alone:
+            raise ModelError(
+                f"the term {shown(term)} with the input {min(map(str, held))}",
+                "inputs that stand alone, times numbers and parameters",
+                "give the product an input of its own",
+            )
+        gathered[tuple(exponents), from_sympy(signal)] += coefficient
+    return gathered
+
+
+def _coefficient(number: Symbolic) -> Fraction:
+    if number.is_Rational:
+        return _fraction(number)
+    check_number(number)
+    return Fraction(repr(float(number)))  # pi, sqrt(2), ...
+
+
+def polynomial_terms(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+    """Return the coefficients of a polynomial by the powers of its names."""
+    known = frozenset(names)
+    value = sp.expand(parse(text, names=known, linear=known))
+    terms = sp.Poly(value, *map(symbol, names)).terms()
+    return {m: Fraction(repr(float(c))) for m, c in terms}
