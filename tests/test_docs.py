@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid.models.expression import MAX_TERMS
 from rotorid.models.symbolic import MAX_DEGREE, MAX_NESTING
-from rotorid.models.terms import MAX_TERMS
 from rotorid.units import si_factor
 
 ROOT = Path(__file__).parents[1]

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from rotorid.distributions import gamma_tail
 from rotorid.errors import InputError
 from rotorid.lines import Lines, PhasorClock
 from rotorid.record import Channel, Complexes, Floats, Integers
@@ -221,7 +221,7 @@ def _doubted(rows: _Rows) -> tuple[str, ...]:
     scatter, groups = _scatter(rows)
     dof = 2 * (len(groups) - groups[-1] - 1) * rows.lines.shape[1]
     squares = float((np.abs(2 * scatter) ** 2 / rows.std**2).sum())
-    if not dof or stats.chi2.sf(squares, dof) > CONTRADICTED:
+    if not dof or gamma_tail(squares / 2, dof / 2) > CONTRADICTED:
         return ()
     return (
         f"readings at the same speed scatter {np.sqrt(squares / dof):.3g} times as much as their "

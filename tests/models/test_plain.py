@@ -72,7 +72,13 @@ def test_shipped_models_need_no_algebra(name):
     [
         *("x = y", "2x", "x y", "x^2^2", "x^-1", "x^0", "x^9", "x^y", "x/y", "x/0", "x/(y - y)"),
         *("sqrt(x)", "sin(2*x)", "sin(a)", "z", "pi", "1e200", "(x", "x)", "", "x*", "sin x"),
-        *("x'''", "2.5.1", "(((((((((((((x)))))))))))))", "(x + y + a + b + F + G)^8"),
+        *(
+            "x'''",
+            "2.5.1",
+            f"{'-' * 20}x",
+            "(((((((((((((x)))))))))))))",
+            "(x + y + a + b + F + G)^8",
+        ),
     ],
 )
 def test_what_is_not_plain_is_left_to_the_grammar(text):

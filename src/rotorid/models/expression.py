@@ -16,7 +16,11 @@ from typing import Any
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh")
 _RANK = {"number": 0, "name": 1}  # in a product
+MAX_TERMS = 5_000
+MAX_EXPONENT = 280  # decimal exponent of a number
 Factor = tuple["Expression", Fraction]
+Monomial = tuple[int, ...]  # exponent of each parameter
+Terms = dict[tuple[Monomial, "Expression"], Fraction]
 
 
 @dataclass(frozen=True)

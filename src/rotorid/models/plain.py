@@ -101,9 +101,12 @@ class _Reader:
         return total
 
     def unary(self) -> Polynomial:
-        sign = 1
+        sign = signs = 1
         while taken := self.accepts("+", "-"):
             sign = -sign if taken == "-" else sign
+            signs += 1
+        if signs > _NESTING:
+            raise _NotPlainError
         return {powers: sign * c for powers, c in self.power().items()}
 
     def power(self) -> Polynomial:

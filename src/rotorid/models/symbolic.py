@@ -21,9 +21,18 @@ from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
 from lark.exceptions import VisitError
 
 from rotorid.errors import ModelError
-from rotorid.models.expression import FUNCTIONS, Expression, Factor, number, product
+from rotorid.models.expression import (
+    FUNCTIONS,
+    MAX_EXPONENT,
+    MAX_TERMS,
+    Expression,
+    Factor,
+    Monomial,
+    Terms,
+    number,
+    product,
+)
 from rotorid.models.expression import symbol as plain_symbol
-from rotorid.models.terms import MAX_EXPONENT, MAX_TERMS, Monomial, Terms
 
 MAX_LENGTH = 100_000
 MAX_NESTING = 64

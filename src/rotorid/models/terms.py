@@ -7,13 +7,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rotorid.errors import ModelError
-from rotorid.models.expression import RESERVED, Expression, product, symbol
+from rotorid.models.expression import (
+    MAX_EXPONENT,
+    MAX_TERMS,
+    RESERVED,
+    Expression,
+    Monomial,
+    Terms,
+    product,
+    symbol,
+)
 from rotorid.models.plain import Polynomial, read_plain
 
-MAX_TERMS = 5_000
-MAX_EXPONENT = 280  # decimal exponent of a number
-Monomial = tuple[int, ...]  # exponent of each parameter
-Terms = dict[tuple[Monomial, Expression], Fraction]
 DERIVATIVES = ("", "'", "''")
 
 
