@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from rotorid.models.dependence import independent_signals
-from rotorid.models.expression import Expression
-from rotorid.models.terms import Monomial, Product
+from rotorid.models.expression import Expression, Monomial
+from rotorid.models.terms import Product
 from rotorid.record import Floats, Integers
 from rotorid.units import multiply_units
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from rotorid.models.expression import Expression
-from rotorid.models.terms import DERIVATIVES, Monomial, Product
+from rotorid.models.expression import Expression, Monomial
+from rotorid.models.terms import DERIVATIVES, Product
 from rotorid.unit_text import Dimension
 from rotorid.units import dimension_of
 

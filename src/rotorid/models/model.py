@@ -14,12 +14,11 @@ from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.dimensions import unit_faults
 from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import RESERVED, Expression, symbol
+from rotorid.models.expression import RESERVED, Expression, Monomial, symbol
 from rotorid.models.linear import InputTerm, LinearForm, Term, classify, motion_factor
 from rotorid.models.terms import (
     DERIVATIVES,
     Equations,
-    Monomial,
     Names,
     Product,
     out_of_range,
