@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import io
 import json
+import re
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -60,6 +61,7 @@ def errors(case: str, seed: int, duration: float) -> tuple[str, str, dict[str, f
     stated = f'duration = "{plan.duration:g} s"'
     assert stated in text
     text = text.replace(stated, f'duration = "{duration:g} s"')
+    text = _begun_anywhere(text, seed)
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         rig, out = Path(folder) / "rig.toml", Path(folder) / "run.h5"
         rig.write_text(text, encoding="utf-8")
@@ -84,6 +86,21 @@ def errors(case: str, seed: int, duration: float) -> tuple[str, str, dict[str, f
         if not p["fixed"] and p["std"]
     }
     return case, found["status"], off
+
+
+def _begun_anywhere(text: str, seed: int) -> str:
+    """Return a rig whose record begins at a random angle.
+
+    A speed in step with the sample rate has the pulses of all records at the same places between
+    the samples otherwise, and what the sampling leaves open is then the same error in each.
+    """
+    angle = np.random.default_rng(seed).uniform(-180, 180)
+    return re.sub(
+        r'(\[rotation\][^\[]*?)(phase = "[^"]*"\n|(?=\n\[))',
+        lambda found: f'{found[1].rstrip()}\nphase = "{angle:.6f} deg"\n',
+        text,
+        count=1,
+    )
 
 
 def calibration(
