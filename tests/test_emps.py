@@ -24,6 +24,7 @@ pytestmark = pytest.mark.skipif(
 # Tolerances of this project's requirements; the published values (their section 3.4, another
 # procedure) with their standard deviations.
 EXPECTED = {"M": (95.04, 0.1), "Fv": (203.8, 0.5), "Fc": (20.37, 0.05), "offset": (-3.17, 0.03)}
+PERIODIC = ("period_samples", "fundamental", "band", "harmonics", "skip")
 PUBLISHED = {
     "M": (95.1089, 0.1085),
     "Fv": (203.5034, 1.146),
@@ -85,6 +86,33 @@ def test_record_with_pulses(
     error = predict(experiment.model, result, periods)["F"]
     assert error is not None
     assert error.relative_error == pytest.approx(0.0516, abs=0.0005)
+
+
+# Theory, section 6: the published recipe (their section 3.4) computed once more, without periods.
+WITHOUT_PERIODS = {"M": 95.104, "Fv": 203.13, "Fc": 20.438, "offset": -3.180}
+
+
+def test_without_periods(folder: Path) -> None:
+    """The published recipe: zero-phase low-pass at 100 Hz, every tenth sample."""
+    text = (folder / "experiment.toml").read_text()
+    kept = [line for line in text.splitlines() if line.split(" ")[0] not in PERIODIC]
+    whole = "\n".join(kept).replace(
+        "[[records]]", '[[records]]\ncutoff = "100 Hz"\ndecimate = 10\n', 1
+    )
+    target = folder / "filtered.json"
+    (folder / "filtered.toml").write_text(whole)
+    command = ["identify", str(folder / "filtered.toml"), "--method", "ls", "--json", str(target)]
+    assert run(command) == 0
+    found = rid.load_estimate(target)
+    assert found.status == "ok"
+    assert not found.warnings
+    for name, value in WITHOUT_PERIODS.items():
+        assert found.value(name) == pytest.approx(value, rel=0.005), name
+        assert abs(found.value(name) - PUBLISHED[name][0]) < found.std(name)
+    assert {"low-pass", "left out", "blocks"} <= {c.check for c in found.checks}
+    error = found.prediction["F"]
+    assert error is not None
+    assert error.relative_error == pytest.approx(0.0394, abs=0.0005)
 
 
 @pytest.mark.parametrize("method", ["batch", "sequential"])

@@ -22,6 +22,8 @@ from .estimators import Sequential as Sequential
 from .estimators import predict_accuracy as predict_accuracy
 from .experiment import Experiment as Experiment
 from .experiment import load_experiment as load_experiment
+from .filtered import FilteredRecord as FilteredRecord
+from .filtered import filtered as filtered
 from .identify import identify as identify
 from .io import read_record as read_record
 from .lines import Lines as Lines

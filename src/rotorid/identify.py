@@ -26,7 +26,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     Parameters
     ----------
     model : Model
-    periods : PeriodicRecord or Lines, or sequence of them
+    periods : PeriodicRecord, Lines or FilteredRecord, or sequence of them
         Records of one machine; several are identified together.
     estimator : Estimator or str
         `LeastSquares`, `Batch`, `Sequential`, `MaximumLikelihood`, one of your own, or the name
@@ -75,7 +75,8 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     silent = [c for c in checks if c.check == NO_SCATTER and c.verdict != "ok" and not c.channel]
     if silent:
         estimate = without_deviations(estimate)
-    return gate.passed(estimate, gate.data(checks)).with_(checks=checks or estimate.checks)
+    every = tuple(dict.fromkeys((*checks, *estimate.checks)))
+    return gate.passed(estimate, gate.data(checks)).with_(checks=every)
 
 
 def _checks(data: Data) -> tuple[Check, ...]:

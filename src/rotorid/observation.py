@@ -13,12 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.filtered import FilteredRecord
 from rotorid.linalg import null_space, sensor_rank
-from rotorid.lines import Lines
+from rotorid.lines import Lines, WholeClock
 from rotorid.models import Model
 from rotorid.models.combination import SensorTerm, sensor_terms
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Channel, Floats, Known, PeriodicRecord
+from rotorid.signals.covariance import LineCovariance
 
 HIDDEN = 1e-6
 """A coordinate with more than this share in a combination that no sensor reads is hidden."""
@@ -69,6 +71,8 @@ class Observation:
         The periods, where the record has them.
     own : mapping of str to float or str or (value, std)
         Parameters that the record has to itself, as they were given.
+    filtered : FilteredRecord or None
+        The samples, where there are these in place of lines.
     """
 
     model: Model
@@ -78,6 +82,7 @@ class Observation:
     sensors: tuple[Sensor, ...]
     periodic: PeriodicRecord | None = None
     own: Mapping[str, Known] = field(default_factory=dict)
+    filtered: FilteredRecord | None = None
 
     @cached_property
     def direct(self) -> tuple[Sensor, ...]:
@@ -139,7 +144,9 @@ class Observation:
         return replace(self, lines=lines, sensors=(*self.sensors, added), periodic=None)
 
 
-Data = PeriodicRecord | Lines | Observation
+Measured = PeriodicRecord | Lines | FilteredRecord
+"""What is made of a record before it meets a model."""
+Data = Measured | Observation
 """What a model can be bound to; what is bound already is taken as it is."""
 
 
@@ -149,7 +156,7 @@ def bind(model: Model, data: Data) -> Observation:
     Parameters
     ----------
     model : Model
-    data : PeriodicRecord, Lines, or Observation
+    data : PeriodicRecord, Lines, FilteredRecord, or Observation
 
     Returns
     -------
@@ -172,7 +179,7 @@ def bind(model: Model, data: Data) -> Observation:
     """
     if isinstance(data, Observation):
         return data.rebound(model)
-    lines = data if isinstance(data, Lines) else Lines.of_periods(data)
+    lines = _lines(data)
     if lines.passive:
         lines = _unforced(model, lines)
     where = {name: k for k, name in enumerate(lines.names)}
@@ -205,6 +212,31 @@ def bind(model: Model, data: Data) -> Observation:
         sensors,
         data if isinstance(data, PeriodicRecord) else None,
         lines.parameters,
+        data if isinstance(data, FilteredRecord) else None,
+    )
+
+
+def _lines(data: Measured) -> Lines:
+    """Return the lines of a record; samples that are filtered have none."""
+    if isinstance(data, Lines):
+        return data
+    if isinstance(data, PeriodicRecord):
+        return Lines.of_periods(data)
+    count, none = len(data.channels), np.zeros(0)
+    return Lines(
+        channels=data.channels,
+        frequency=none,
+        speed=none,
+        mean=np.zeros((0, count), dtype=np.complex128),
+        covariance=LineCovariance(np.zeros((0, count, count), dtype=np.complex128), 0, "stated"),
+        multiplicity=none,
+        clock=WholeClock(none, none, none, np.zeros(0, dtype=np.int64)),
+        phase_known=data.record.phase_known,
+        phase_std=data.record.phase_std,
+        source=data.source,
+        warnings=data.warnings,
+        checks=data.checks,
+        parameters=data.parameters,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Prediction
+from rotorid.estimators.by_samples import filtered_records
 from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.nuisances import Own, Turn, Unknown, every_nuisance
@@ -15,6 +16,7 @@ from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.prediction import Predicted, by_likelihood, by_regression, relative_errors
 from rotorid.estimators.regression import Regression
+from rotorid.estimators.sampled import SampledRegression, predicted
 from rotorid.models import Model
 from rotorid.observation import Data, Observation, bind_all
 from rotorid.record import Floats
@@ -34,7 +36,7 @@ def predict(
     model : Model
         The one that was identified.
     estimate : Estimate
-    records : PeriodicRecord or Lines, or sequence of them
+    records : PeriodicRecord, Lines or FilteredRecord, or sequence of them
         The same records, or better other ones.
 
     Returns
@@ -82,6 +84,9 @@ def predict_lines(
         own = record.own if isinstance(record, Observation) else record.parameters
         _check(model, estimate, number, own)
     bound = bind_all(model, records)
+    if filtered_records(bound):
+        reduced, base = base_of(model, estimate)
+        return [predicted(SampledRegression(r.rebound(reduced)), base) for r in bound]
     if model.linear is None:
         reduced, base = base_of(model, estimate)
         return [by_regression(Regression(r.rebound(reduced)), base) for r in bound]

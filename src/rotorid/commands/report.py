@@ -13,9 +13,8 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.experiment import load_experiment
 from rotorid.io.output import check_apart
-from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.record import PeriodicRecord
+from rotorid.observation import Measured
 from rotorid.report.estimate import estimate_report
 
 
@@ -54,7 +53,7 @@ def moved(estimate: Estimate) -> str:
     return ""
 
 
-def read_again(estimate: Estimate) -> tuple[Model | None, Sequence[PeriodicRecord | Lines]]:
+def read_again(estimate: Estimate) -> tuple[Model | None, Sequence[Measured]]:
     """Read the model and the records of an estimate; nothing where the method was the user's."""
     assert estimate.provenance is not None
     model = None

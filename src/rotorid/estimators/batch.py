@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.estimators.by_samples import estimate_by_samples, filtered_records
 from rotorid.estimators.family import LinearEstimator, Problem, force_variance, pose
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block, Solution, solve
@@ -61,7 +62,12 @@ class Batch(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
-        problem, solution = self.solve(model, records)
+        bound = bind_all(model, records)
+        if filtered_records(bound):
+            return estimate_by_samples(
+                "batch", bound, self.fixed, self.constraints, self.free_weight
+            )
+        problem, solution = self.solve(model, bound)
         return problem.summarize("batch", solution)
 
     def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:

@@ -11,7 +11,7 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
 from rotorid.estimators.knowledge import Constraint, Elimination, eliminate, in_si
-from rotorid.estimators.regression import Regression
+from rotorid.estimators.regression import Regression, driven_rows
 from rotorid.estimators.summary import describe_open_directions, summarize
 from rotorid.estimators.weighted import (
     POOLING_PERIODS,
@@ -30,8 +30,8 @@ LEAST_PERIODS = 4
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Regressions of all records, in the unknowns that exact constraints leave.
+class Posed:
+    """A model in the unknowns that fixed values and exact constraints leave.
 
     Parameters
     ----------
@@ -39,20 +39,15 @@ class Problem:
         As given.
     fixed : mapping of str to float
         Substituted values.
-    regressions : sequence of Regression
-        With the model after substitution.
+    model : Model
+        After substitution.
     elimination : Elimination
     """
 
     full: Model
     fixed: Mapping[str, float]
-    regressions: tuple[Regression, ...]
+    model: Model
     elimination: Elimination
-
-    @property
-    def model(self) -> Model:
-        """The model after substitution."""
-        return self.regressions[0].model
 
     @property
     def names(self) -> list[str]:
@@ -71,17 +66,12 @@ class Problem:
         Their equations have zero on the right side, which any multiple of a solution solves.
         """
         holds = (self.structure != 0).any(axis=0)
-        rows = set(self.regressions[0].driven)
+        rows = set(driven_rows(self.model))
         reached = holds[sorted(rows)].any(axis=0)
         while more := {int(r) for r in np.flatnonzero(holds[:, reached].any(axis=1))} - rows:
             rows |= more
             reached = holds[sorted(rows)].any(axis=0)
         return [int(i) for i in np.flatnonzero(~reached)]
-
-    def free_equations(self, regression: Regression) -> tuple[Complexes, Complexes]:
-        """Return design (line, row, free) and target (line, row) of one record."""
-        design = regression.design @ self.elimination.basis
-        return design, regression.target - regression.design @ self.elimination.origin
 
     def base(self, free: Floats) -> Floats:
         """Return the base parameters, shape (base,), NaN where a free one is."""
@@ -89,6 +79,34 @@ class Problem:
         values = self.elimination.origin + self.elimination.basis[:, known] @ free[known]
         values[self.elimination.basis[:, ~known].any(axis=1)] = np.nan
         return np.asarray(values)
+
+    def told(self, undetermined: Floats) -> list[str]:
+        """Say what is wrong with the units, and what the equations leave open, with a cure."""
+        unreached = [
+            f"{self.names[i]} is in no row that a measured input or a known parameter drives"
+            for i in self.unreached
+        ]
+        opened = describe_open_directions(self.names, undetermined)
+        cures = ["fix one of them, excite more lines, or measure more"] if opened else []
+        return [*self.full.unit_faults, *unreached, *opened, *cures]
+
+
+@dataclass(frozen=True)
+class Problem(Posed):
+    """Regressions of all records, in the unknowns that exact constraints leave.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        With the model after substitution.
+    """
+
+    regressions: tuple[Regression, ...]
+
+    def free_equations(self, regression: Regression) -> tuple[Complexes, Complexes]:
+        """Return design (line, row, free) and target (line, row) of one record."""
+        design = regression.design @ self.elimination.basis
+        return design, regression.target - regression.design @ self.elimination.origin
 
     def summarize(self, method: str, solution: Solution) -> Estimate:
         """Return the estimate of a solution, with the sandwich for its covariance."""
@@ -104,12 +122,6 @@ class Problem:
         else:
             free = sandwich(solution.gains, spreads, records)
         basis = self.elimination.basis
-        unreached = [
-            f"{self.names[i]} is in no row that a measured input or a known parameter drives"
-            for i in self.unreached
-        ]
-        opened = describe_open_directions(self.names, solution.undetermined)
-        cures = ["fix one of them, excite more lines, or measure more"] if opened else []
         estimate = summarize(
             method,
             self.full,
@@ -119,7 +131,7 @@ class Problem:
             basis @ free @ basis.T,
             spreads,
             solution.condition_number,
-            [*self.full.unit_faults, *unreached, *opened, *cures],
+            self.told(solution.undetermined),
         )
         verdict = gate.physical(self.full, estimate)
         verdict += gate.prediction(estimate, self._noise(spreads))
@@ -158,7 +170,18 @@ def pose(
     given: Mapping[str, float | str],
     constraints: Sequence[Constraint],
 ) -> Problem:
-    """Substitute what is fixed, eliminate what is constrained, and write the regressions."""
+    """Write the regressions of records, with what is fixed and constrained taken out."""
+    posed = substitute(records, given, constraints)
+    regressions = tuple(Regression(record.rebound(posed.model)) for record in records)
+    return Problem(posed.full, posed.fixed, posed.model, posed.elimination, regressions)
+
+
+def substitute(
+    records: Sequence[Observation],
+    given: Mapping[str, float | str],
+    constraints: Sequence[Constraint],
+) -> Posed:
+    """Substitute what is fixed, and eliminate what is constrained."""
     model = records[0].model
     fixed = in_si(given, model)
     reduced = model.substitute(fixed)
@@ -184,8 +207,7 @@ def pose(
     elimination = eliminate(reduced, constraints, fixed)
     if not elimination.kept:
         raise InputError("every parameter constrained", "something to estimate", "free one")
-    regressions = tuple(Regression(record.rebound(reduced)) for record in records)
-    return Problem(model, dict(fixed), regressions, elimination)
+    return Posed(model, dict(fixed), reduced, elimination)
 
 
 def force_variance(regression: Regression) -> Floats:

@@ -40,7 +40,8 @@ class Information:
 def information_of(model: Model, estimate: Estimate, record: Data) -> Information | None:
     """Return the information of a record about what an estimate left free.
 
-    ``None`` for an estimate by maximum likelihood, whose own covariance says all there is to say.
+    ``None`` for an estimate by maximum likelihood, whose own covariance says all there is to say,
+    and for filtered samples, whose noise nobody knows beforehand.
 
     Raises
     ------
@@ -48,7 +49,7 @@ def information_of(model: Model, estimate: Estimate, record: Data) -> Informatio
         As `information`.
     """
     seen = bind(model, record)
-    if estimate.method == "ml" or seen.hidden:
+    if estimate.method == "ml" or seen.hidden or seen.filtered is not None:
         return None
     held = {value.name: value.value for value in estimate.parameters if value.fixed}
     return information(model.substitute(held), seen)

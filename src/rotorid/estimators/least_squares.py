@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.estimators.by_samples import estimate_by_samples, filtered_records
 from rotorid.estimators.family import LinearEstimator, pose
 from rotorid.estimators.weighted import Block, solve
 from rotorid.models import Model
@@ -47,7 +48,10 @@ class LeastSquares(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
-        problem = pose(bind_all(model, records), self.fixed, self.constraints)
+        bound = bind_all(model, records)
+        if filtered_records(bound):
+            return estimate_by_samples("ls", bound, self.fixed, self.constraints)
+        problem = pose(bound, self.fixed, self.constraints)
         blocks = [
             Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
             for r in problem.regressions

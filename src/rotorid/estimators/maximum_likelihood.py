@@ -9,6 +9,7 @@ from typing import Literal
 from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
+from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.knowledge import Constraint, in_si
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
@@ -131,6 +132,7 @@ class MaximumLikelihood:
         linear_form(model)
         bound, knowledge = bind_all(model, records), self.knowledge(model)
         _check_each(model, self.each)
+        refuse_filtered(bound, "ml")
         try:
             found = fit(
                 model,

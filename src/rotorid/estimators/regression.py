@@ -74,6 +74,42 @@ def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Mot
     return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
 
 
+def driven_rows(model: Model) -> list[int]:
+    """Return the rows with a measured input or a term without parameters."""
+    forced = model.input_matrix.any(axis=1) | model.coefficients[1].any(axis=0)
+    return [int(row) for row in np.flatnonzero(forced)]
+
+
+def sensed(seen: Observation) -> tuple[list[int], Floats]:
+    """Return the columns of the sensors, and what makes coordinates of them, (sensor, coordinate).
+
+    Refuses an observation from which the coordinates do not follow.
+    """
+    if seen.hidden or seen.indirect:
+        derived = [s.channel.name for s in seen.indirect]
+        raise InputError(
+            f"no sensor of {', '.join(seen.hidden)}"
+            if seen.hidden
+            else f"{derived[0]}, which reads a derivative or holds parameters",
+            "every coordinate measured, by sensors of positions",
+            "measure it, or use ml, which needs no such sensor",
+            file=seen.lines.source,
+        )
+    return [sensor.column for sensor in seen.direct], np.asarray(np.linalg.pinv(seen.reads).T)
+
+
+def check_forces(seen: Observation) -> None:
+    """Refuse an input whose channel holds a current."""
+    for channel in seen.inputs:
+        if channel.drive is not None:
+            raise InputError(
+                f"a current in the channel of {channel.name}",
+                "a force",
+                "use ml",
+                file=seen.lines.source,
+            )
+
+
 @dataclass(frozen=True)
 class Regression:
     """The equations of motion of one record, on its lines.
@@ -97,7 +133,8 @@ class Regression:
             raise InputError(
                 "a record without periods",
                 "whole periods for this method",
-                "give its fundamental, or use ml",
+                "give its fundamental, or, without one, the cut-off of a low-pass in place of the "
+                'band (cutoff = "100 Hz", rid.filtered); for a linear model, use ml',
                 file=self.observation.lines.source,
             )
         return self.observation.periodic
@@ -108,31 +145,13 @@ class Regression:
 
         Sensors of several coordinates are solved for them.
         """
-        seen = self.observation
-        if seen.hidden or seen.indirect:
-            derived = [s.channel.name for s in seen.indirect]
-            raise InputError(
-                f"no sensor of {', '.join(seen.hidden)}"
-                if seen.hidden
-                else f"{derived[0]}, which reads a derivative or holds parameters",
-                "every coordinate measured, by sensors of positions",
-                "measure it, or use ml, which needs no such sensor",
-                file=self.record.source,
-            )
-        columns = [sensor.column for sensor in seen.direct]
-        return np.asarray(self.record.spectra[..., columns] @ np.linalg.pinv(seen.reads).T)
+        columns, follow = sensed(self.observation)
+        return np.asarray(self.record.spectra[..., columns] @ follow)
 
     @cached_property
     def inputs(self) -> Complexes:
         """Lines of every input, shape (period, line, input)."""
-        for channel in self.observation.inputs:
-            if channel.drive is not None:
-                raise InputError(
-                    f"a current in the channel of {channel.name}",
-                    "a force",
-                    "use ml",
-                    file=self.record.source,
-                )
+        check_forces(self.observation)
         return self.record.spectra[..., list(self.observation.input_columns)]
 
     @cached_property
@@ -188,9 +207,3 @@ class Regression:
     def rows(self) -> int:
         """Number of equations."""
         return len(self.model.texts)
-
-    @property
-    def driven(self) -> list[int]:
-        """Rows with a measured input or a term without parameters."""
-        forced = self.model.input_matrix.any(axis=1) | self.model.coefficients[1].any(axis=0)
-        return [int(row) for row in np.flatnonzero(forced)]

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.family import LinearEstimator, Problem, force_variance, pose
-from rotorid.estimators.regression import Regression
+from rotorid.estimators.regression import Regression, driven_rows
 from rotorid.estimators.weighted import Block, Solution, pooled, solve
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
@@ -64,7 +65,9 @@ class Sequential(LinearEstimator):
         InputError
             For records that do not fit the model, or knowledge that only ml can use.
         """
-        problem = pose(bind_all(model, records), self.fixed, self.constraints)
+        bound = bind_all(model, records)
+        refuse_filtered(bound, "sequential")
+        problem = pose(bound, self.fixed, self.constraints)
         return problem.summarize("sequential", _solve_stages(problem, plan_stages(problem)))
 
 
@@ -77,7 +80,7 @@ def plan_stages(problem: Problem) -> list[Stage]:
     structure = problem.structure
     holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
     known: Booleans = np.zeros(holds.shape[1], dtype=bool)
-    rows, left = first.driven, set(range(first.rows))
+    rows, left = driven_rows(problem.model), set(range(first.rows))
     stages = []
     while rows:
         unknowns = holds[rows].any(axis=0) & ~known

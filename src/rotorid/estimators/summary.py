@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate, Prediction, Value
 from rotorid.estimators.derived import physical_from_base
 from rotorid.estimators.prediction import by_regression, relative_errors
 from rotorid.estimators.regression import Regression
 from rotorid.models import Model
-from rotorid.record import Complexes, Floats
+from rotorid.record import Booleans, Complexes, Floats
 
 
 def summarize(
@@ -25,19 +26,74 @@ def summarize(
     condition_number: float,
     warnings: Sequence[str],
 ) -> Estimate:
-    """Return the `Estimate` of base parameters and their covariance."""
+    """Return the `Estimate` of base parameters and their covariance, from regressions on lines."""
     model = regressions[0].model
+    records = [r.record for r in regressions]
+    known = np.where(np.isfinite(base), base, 0.0)
+    findings = Findings(
+        base=base,
+        covariance=covariance,
+        inflation=_inflation(regressions, base, spreads),
+        prediction=relative_errors([by_regression(r, known) for r in regressions]),
+        condition_number=condition_number,
+        warnings=(*(w for r in records for w in r.warnings), *warnings),
+        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
+        periods=min(r.periods for r in records),
+    )
+    return result(method, full, fixed, model, findings)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a regression found, as an `Estimate` states it.
+
+    Parameters
+    ----------
+    base : array, shape (base,)
+    covariance : array, shape (base, base)
+    inflation : float
+        Of the deviations, where all of the misfit is taken for noise.
+    prediction : mapping of input to Prediction or None
+    condition_number : float
+    warnings : sequence of str
+    lines_hz : sequence of float
+    periods : int
+    unknown_spread : bool array, shape (base,), optional
+        Parameters of which no deviation can be stated.
+    """
+
+    base: Floats
+    covariance: Floats
+    inflation: float
+    prediction: dict[str, Prediction | None]
+    condition_number: float
+    warnings: tuple[str, ...]
+    lines_hz: tuple[float, ...] = ()
+    periods: int = 1
+    unknown_spread: Booleans | None = None
+
+
+def result(
+    method: str, full: Model, fixed: Mapping[str, float], model: Model, findings: Findings
+) -> Estimate:
+    """Return the `Estimate` of base parameters, with the physical ones that follow."""
+    base, covariance = findings.base, findings.covariance
     determined = np.isfinite(base)
     std = np.where(determined, np.sqrt(np.diag(covariance).clip(0)), np.nan)
-    inflated = std * _inflation(regressions, base, spreads)
-    found = zip(model.base.names, model.base.units, base, std, inflated, strict=True)
+    found = zip(
+        model.base.names, model.base.units, base, std, std * findings.inflation, strict=True
+    )
     parameters = [
         Value(name, unit, float(value), float(s), float(i)) for name, unit, value, s, i in found
     ]
+    if findings.unknown_spread is not None:
+        parameters = [
+            replace(p, std=None, std_inflated=None) if unknown else p
+            for p, unknown in zip(parameters, findings.unknown_spread, strict=True)
+        ]
     units = {p.name: p.unit for p in full.parameters}
     held = [Value(name, units[name], value, 0.0, 0.0, True) for name, value in fixed.items()]
-    records = [r.record for r in regressions]
-    known = np.where(determined, base, 0.0)
+    number = findings.condition_number
     return Estimate(
         model=full.name,
         method=method,
@@ -45,11 +101,11 @@ def summarize(
         parameters=(*parameters, *held),
         derived=physical_from_base(model, base, covariance),
         covariance=covariance,
-        prediction=relative_errors([by_regression(r, known) for r in regressions]),
-        lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
-        periods=min(r.periods for r in records),
-        warnings=(*(w for r in records for w in r.warnings), *warnings),
-        condition_number=condition_number if np.isfinite(condition_number) else None,
+        prediction=findings.prediction,
+        lines_hz=findings.lines_hz,
+        periods=findings.periods,
+        warnings=findings.warnings,
+        condition_number=number if np.isfinite(number) else None,
     )
 
 

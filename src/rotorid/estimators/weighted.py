@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import choose_covariance
@@ -71,6 +73,18 @@ class Block:
         return np.asarray(record.multiplicity[:, None] * transformed.conj())
 
 
+class Equations(Protocol):
+    """Equations of one record: of its lines, or of its samples."""
+
+    def whitened(self) -> tuple[Floats, Floats]:
+        """Return matrix and right side over deviations, (equation, free) and (equation,)."""
+        ...
+
+    def line_gains(self, gains: Floats) -> NDArray[Any]:
+        """Return the gains of whitened equations as those of what was measured."""
+        ...
+
+
 @dataclass(frozen=True)
 class Solution:
     """What least squares gives.
@@ -79,7 +93,7 @@ class Solution:
     ----------
     values : array, shape (free,)
         NaN where the equations do not determine them.
-    gains : sequence of complex array, shape (free, line, row)
+    gains : sequence of array, shape (free, line, row)
         Of each block: how the values answer to its targets.
     condition_number : float
         Of the whitened matrix with columns scaled to length one.
@@ -88,12 +102,12 @@ class Solution:
     """
 
     values: Floats
-    gains: tuple[Complexes, ...]
+    gains: tuple[NDArray[Any], ...]
     condition_number: float
     undetermined: Floats
 
 
-def solve(blocks: Sequence[Block]) -> Solution:
+def solve(blocks: Sequence[Equations]) -> Solution:
     """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
 
     The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is

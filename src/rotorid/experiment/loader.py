@@ -15,14 +15,15 @@ from rotorid.experiment.names import constraints, fixed_values, own_values
 from rotorid.experiment.recording import (
     Recording,
     averaged,
+    filtered_of,
     lines_of,
     measured,
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
-from rotorid.lines import Lines
 from rotorid.models import Model, load_model
-from rotorid.record import PeriodicRecord, Record
+from rotorid.observation import Measured
+from rotorid.record import Record
 from rotorid.signals.period_lines import KEYS
 from rotorid.toml import read_toml
 
@@ -93,22 +94,22 @@ class Experiment:
 
     def method(self, method: Method | None = None) -> Method:
         """Return the method to use: the one given, the file's, or what the model allows."""
-        return method or self.entry.estimator.method or default_method(self.model)
+        return method or self.entry.estimator.method or default_method(self.model, self.entry)
 
     @cached_property
-    def _likelihood_records(self) -> list[PeriodicRecord | Lines]:
+    def _likelihood_records(self) -> list[Measured]:
         return self._observed(currents=True)
 
     @cached_property
-    def _force_records(self) -> list[PeriodicRecord | Lines]:
+    def _force_records(self) -> list[Measured]:
         """The records with forces; those read already, where they hold no current."""
         if "_likelihood_records" in self.__dict__ and not any(p.laws for p in self.channels):
             return self._likelihood_records
         return self._observed(currents=False)
 
-    def _observed(self, *, currents: bool) -> list[PeriodicRecord | Lines]:
-        """Read every record: cut into periods, or as the lines of the whole."""
-        found: list[PeriodicRecord | Lines] = []
+    def _observed(self, *, currents: bool) -> list[Measured]:
+        """Read every record: cut into periods, as the lines of the whole, or filtered."""
+        found: list[Measured] = []
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
                 one = self._one(entry, plan, currents=currents)
@@ -123,20 +124,20 @@ class Experiment:
                 ) from None
         return found
 
-    def _one(
-        self, entry: RecordEntry, plan: Recording, *, currents: bool
-    ) -> PeriodicRecord | Lines:
+    def _one(self, entry: RecordEntry, plan: Recording, *, currents: bool) -> Measured:
         """Read one record by its kind."""
         if entry.kind != "samples":
             return read_table(self.folder, entry, plan, self.model)
         if entry.periodic:
             return averaged(self.folder, entry, plan, currents=currents)
         record = measured(self.folder, entry, plan, currents=currents)
+        if entry.cutoff is not None:
+            return filtered_of(record, entry)
         quiet = quiet_record(self.folder, entry, plan, currents=currents)
         return lines_of(record, quiet, entry, self.model)
 
-    def records(self, method: Method | None = None) -> list[PeriodicRecord | Lines]:
-        """Read every record and cut it into periods, or take the lines of the whole.
+    def records(self, method: Method | None = None) -> list[Measured]:
+        """Read every record and cut it into periods, take the lines of the whole, or filter it.
 
         Parameters
         ----------
@@ -220,6 +221,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
                 check_own(record, entry.channels, model, where)
             except InputError as error:
                 raise error.at(place=f"records.{number}") from None
+            _check_lines(record, model, f"records.{number}.band")
             channels.append(plan_record(record, entry.channels, model, where))
             own_values(record.parameters, model, f"records.{number}.parameters")
         return Experiment(
@@ -233,6 +235,18 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         )
     except InputError as error:
         raise error.at(file=str(path)) from None
+
+
+def _check_lines(record: RecordEntry, model: Model, place: str) -> None:
+    """Refuse the lines of a whole record for a model that is not linear."""
+    if model.linear is None and record.band is not None and not record.periodic:
+        raise InputError(
+            "the lines of a whole record for a model that is not linear in its coordinates",
+            "periods, or samples that are filtered",
+            'write cutoff = "100 Hz" in place of band (five to ten times the frequencies of the '
+            "motion), or the fundamental of a periodic excitation",
+            place=place,
+        )
 
 
 def _model(name: str, experiment: Path) -> Model:

@@ -50,9 +50,10 @@ def _maximum_likelihood(
     )
 
 
-def default_method(model: Model) -> Method:
-    """Return ml where the model is linear in its coordinates, else batch."""
-    return "batch" if model.linear is None else "ml"
+def default_method(model: Model, entry: ExperimentFile) -> Method:
+    """Return ml where the model is linear in its coordinates and there are lines, else batch."""
+    filtered = any(record.cutoff is not None for record in entry.records)
+    return "batch" if filtered or model.linear is None else "ml"
 
 
 def _uncertain(entry: ChannelEntry) -> bool:

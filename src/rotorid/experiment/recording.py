@@ -16,6 +16,7 @@ from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
 from rotorid.experiment.names import combination_of, dynamics_of, source, timing
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
+from rotorid.filtered import FilteredRecord, filtered
 from rotorid.io import Source, read_record
 from rotorid.io.blocks import RecordBlocks, open_blocks
 from rotorid.lines import Lines
@@ -218,6 +219,18 @@ def lines_of(record: Record, quiet: Record | None, entry: RecordEntry, model: Mo
     return replace(lines, warnings=(*record.warnings, *lines.warnings))
 
 
+def filtered_of(record: Record, entry: RecordEntry) -> FilteredRecord:
+    """Return the samples of a record, low-passed and differentiated."""
+    assert entry.cutoff is not None  # the schema sees to it
+    return filtered(
+        record,
+        entry.cutoff,
+        decimate=entry.decimate or 1,
+        leave_out=entry.leave_out or (),
+        skip=entry.skip or 0.0,
+    )
+
+
 def _said(entry: RecordEntry) -> dict[str, Any]:
     """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
@@ -273,6 +286,8 @@ def _highest(entry: RecordEntry) -> float | None:
     """Return the frequency of the highest line in Hz, where the file tells it."""
     if entry.band is not None:
         return entry.band[1]
+    if entry.cutoff is not None:
+        return entry.cutoff
     if entry.fundamental is not None and entry.harmonics:
         return max(entry.harmonics) * entry.fundamental
     return None

@@ -335,6 +335,9 @@ class RecordEntry(Schema):
     mask: str | None = None
     references: Annotated[list[str] | None, Field(min_length=1)] = None
     quiet: str | None = None
+    cutoff: Hertz | None = None
+    decimate: Annotated[StrictInt | None, Field(ge=1, le=10**6)] = None
+    leave_out: Annotated[list[str] | None, Field(min_length=1)] = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
     parameters: dict[str, OwnEntry] = Field(default_factory=dict)
 
@@ -387,10 +390,19 @@ class RecordEntry(Schema):
     @model_validator(mode="after")
     def _one_of_each(self) -> RecordEntry:
         pairs = [("file", "files"), ("fundamental", "period_samples"), ("harmonics", "band")]
-        for first, second in pairs if self.kind == "samples" else pairs[:1]:
+        lined = self.kind == "samples" and self.cutoff is None
+        for first, second in pairs if lined else pairs[:1]:
             given = [key for key in (first, second) if getattr(self, key) is not None]
             if not given and first == "fundamental" and self.band is not None:
                 continue  # the lines of the whole record
+            if not given and first == "fundamental":
+                raise InputError(
+                    "neither fundamental nor band nor cutoff",
+                    "what is made of the record: periods, lines of the whole, or filtered samples",
+                    "give the fundamental of a periodic excitation; without one, the band that was "
+                    'excited, or, for a model that is not linear, cutoff = "100 Hz"',
+                    place="fundamental, period_samples",
+                )
             if len(given) != 1:
                 raise InputError(
                     "both" if given else "neither",
@@ -404,6 +416,27 @@ class RecordEntry(Schema):
                 "an end after the start",
                 "correct one of them",
                 place="until",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _filtered_or_not(self) -> RecordEntry:
+        of_filter = [k for k in ("decimate", "leave_out") if getattr(self, k) is not None]
+        if self.cutoff is None and of_filter:
+            raise InputError(
+                f"{of_filter[0]} without cutoff",
+                "both: they belong to records that are filtered",
+                f"add cutoff, or remove {of_filter[0]}; a mask column leaves out samples elsewhere",
+                place=of_filter[0],
+            )
+        of_lines = ("fundamental", "period_samples", "harmonics", "band", "references", "quiet")
+        given = [k for k in of_lines if getattr(self, k) is not None]
+        if self.cutoff is not None and given:
+            raise InputError(
+                f"{given[0]} beside cutoff",
+                "one of them: lines, or filtered samples",
+                f"remove cutoff to use lines, which is better where they can be had, or {given[0]}",
+                place=given[0],
             )
         return self
 

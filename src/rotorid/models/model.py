@@ -47,7 +47,7 @@ class Motion:
     position, velocity, acceleration : array, shape (..., sample, coordinate)
     time, angle : array, shape (..., sample)
         t in s, phi in rad.
-    speed : float
+    speed : float or array, shape (..., sample)
         Omega in rad/s.
     """
 
@@ -56,7 +56,7 @@ class Motion:
     acceleration: Floats
     time: Floats
     angle: Floats
-    speed: float
+    speed: float | Floats
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.filtered import FilteredRecord
 from rotorid.lines import Lines
 from rotorid.models import Model
+from rotorid.observation import Measured
 from rotorid.plots import pictures, spectra
 from rotorid.predict import predict_lines
-from rotorid.record import PeriodicRecord
 from rotorid.report.html import Picture, picture, render
 from rotorid.report.plots import force_waves, speaks_of
 from rotorid.tables import Page, Table, table
@@ -20,7 +21,7 @@ from rotorid.tables import Page, Table, table
 def estimate_report(
     estimate: Estimate,
     model: Model | None,
-    records: Sequence[PeriodicRecord | Lines],
+    records: Sequence[Measured],
     remarks: Sequence[str] = (),
 ) -> str:
     """Return the report of an estimate as HTML; without model and records what it holds itself."""
@@ -38,7 +39,7 @@ def estimate_report(
 
 
 def validation_report(
-    estimate: Estimate, model: Model, records: Sequence[PeriodicRecord | Lines], page: Page
+    estimate: Estimate, model: Model, records: Sequence[Measured], page: Page
 ) -> str:
     """Return what a validation shows as HTML: its page, and every record as it is predicted."""
     return render(
@@ -75,7 +76,7 @@ def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
 
 
 def _record_pictures(
-    estimate: Estimate, model: Model | None, records: Sequence[PeriodicRecord | Lines]
+    estimate: Estimate, model: Model | None, records: Sequence[Measured]
 ) -> Iterator[Picture]:
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
@@ -90,6 +91,18 @@ def _record_pictures(
             )
             continue
         waves = None if model is None else force_waves(model, estimate, record, number)
+        if isinstance(record, FilteredRecord):
+            if waves is not None:
+                yield picture(
+                    pictures.draw_forces(waves),
+                    f"Measured and predicted{where}",
+                    "The samples that were used, filtered, one after the other. The prediction "
+                    "lays what the equations of motion leave over to the inputs.",
+                )
+            yield picture(
+                spectra.draw_samples(record.record), f"Samples{where}", "As they were measured."
+            )
+            continue
         if waves is not None:
             yield picture(
                 pictures.draw_forces(waves),
@@ -106,8 +119,10 @@ def _record_pictures(
         )
 
 
-def _cut(record: PeriodicRecord | Lines) -> tuple[str, ...]:
+def _cut(record: Measured) -> tuple[str, ...]:
     """Return how a record was cut: periods, their samples, rate, fundamental, lines."""
+    if isinstance(record, FilteredRecord):
+        return "-", str(len(record.used)), f"{record.record.sample_rate:g}", "-", "-"
     if isinstance(record, Lines):
         return "-", "-", "-", "-", str(len(record.frequency))
     return (
@@ -119,7 +134,7 @@ def _cut(record: PeriodicRecord | Lines) -> tuple[str, ...]:
     )
 
 
-def _records_table(records: Sequence[PeriodicRecord | Lines]) -> Table | None:
+def _records_table(records: Sequence[Measured]) -> Table | None:
     """Return a row per record: how it was recorded and cut; nothing where there are none."""
     headings = ("record", "periods", "samples per period", "sample rate in Hz")
     more = ("fundamental in Hz", "lines", "speed in rev/s", "channels")

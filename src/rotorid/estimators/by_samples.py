@@ -1,0 +1,254 @@
+"""Least squares and batch on filtered records: solution, deviations by blocks, and what to say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators import gate
+from rotorid.estimators.blocks import BLOCKS, Scatter, block_numbers, scatter_of_blocks
+from rotorid.estimators.family import Posed, substitute
+from rotorid.estimators.knowledge import Constraint
+from rotorid.estimators.prediction import relative_errors
+from rotorid.estimators.sampled import SampledRegression, predicted
+from rotorid.estimators.summary import Findings, result
+from rotorid.estimators.weighted import Solution, solve
+from rotorid.observation import Observation
+from rotorid.record import Check, Floats
+
+LOWER = 0.7
+"""Share of the cut-off at which the answer is found again: half the noise of an acceleration is
+gone by then, and half of what motion lies between."""
+MOVED = 1.0
+"""Deviations by which the lower cut-off may move a parameter before a warning tells of it: a bias
+of one leaves 83 % of intervals right where 95 % are promised."""
+CLEAR = 3.0
+"""Deviations of the move itself by which it is more than chance."""
+
+
+@dataclass(frozen=True)
+class SampleBlock:
+    """Equations of one record: ``design @ free = target`` at samples, a deviation per row.
+
+    Parameters
+    ----------
+    design : array, shape (sample, row, free)
+    target : array, shape (sample, row)
+    deviation : array, shape (row,)
+    """
+
+    design: Floats
+    target: Floats
+    deviation: Floats
+
+    def whitened(self) -> tuple[Floats, Floats]:
+        """Return matrix and right side over deviations, rows flattened."""
+        matrix = self.design / self.deviation[:, None]
+        return matrix.reshape(-1, matrix.shape[2]), (self.target / self.deviation).reshape(-1)
+
+    def line_gains(self, gains: Floats) -> Floats:
+        """Return gains on whitened samples as they are."""
+        return gains
+
+
+def filtered_records(records: Sequence[Observation]) -> bool:
+    """Tell whether records are filtered ones; refuse some of each kind."""
+    found = [record.filtered is not None for record in records]
+    if any(found) and not all(found):
+        raise InputError(
+            "records with a cut-off beside others",
+            "all of one kind",
+            "give every record a cut-off (cutoff, rid.filtered), or none",
+            file=records[found.index(False)].lines.source,
+        )
+    return all(found)
+
+
+def refuse_filtered(records: Sequence[Observation], method: str) -> None:
+    """Refuse filtered records for a method that needs lines."""
+    for record in records:
+        if record.filtered is not None:
+            raise InputError(
+                f"a filtered record (cutoff) for {method}",
+                "ls or batch for samples, lines for this method",
+                "use ls; or give the fundamental, or for ml and a linear model the band, in place "
+                "of the cut-off",
+                file=record.lines.source,
+            )
+
+
+def estimate_by_samples(
+    method: str,
+    records: Sequence[Observation],
+    fixed: Mapping[str, float | str],
+    constraints: Sequence[Constraint],
+    free_weight: float | None = None,
+) -> Estimate:
+    """Return the estimate from filtered records.
+
+    Without `free_weight` every row counts alike; with it a row counts by the variance of what least
+    squares leaves of it, and a row without input by `free_weight` times the largest of these.
+    """
+    posed = substitute(records, fixed, constraints)
+    regressions = [SampledRegression(record.rebound(posed.model)) for record in records]
+    fit = _fit(posed, regressions, free_weight)
+    lower = [r.lowered(LOWER) for r in regressions]
+    other = _fit(posed, lower, free_weight)
+    return _summary(method, posed, regressions, fit, _moved(posed, fit, other))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A solution, with what its deviations come from."""
+
+    solution: Solution
+    scatter: Scatter
+    values: Floats
+
+
+def _fit(posed: Posed, regressions: Sequence[SampledRegression], weight: float | None) -> _Fit:
+    """Solve, weighting rows where a weight is given, and leave out blocks."""
+    deviations = [np.ones(len(posed.model.texts))] * len(regressions)
+    blocks = _equations(posed, regressions, deviations)
+    solution = solve(blocks)
+    if weight is not None:
+        deviations = _deviations(posed, regressions, solution, weight)
+        blocks = _equations(posed, regressions, deviations)
+        solution = solve(blocks)
+    values = solution.values.copy()
+    values[posed.unreached] = np.nan
+    parts = [block.whitened() for block in blocks]
+    matrix = np.concatenate([part[0] for part in parts])
+    right = np.concatenate([part[1] for part in parts])
+    rows = len(posed.model.texts)
+    numbers = np.repeat(block_numbers([len(r.inputs) for r in regressions], BLOCKS), rows)
+    gains = np.concatenate(solution.gains, axis=1)
+    scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
+    return _Fit(solution, scatter, values)
+
+
+def _equations(
+    posed: Posed, regressions: Sequence[SampledRegression], deviations: Sequence[Floats]
+) -> list[SampleBlock]:
+    basis, origin = posed.elimination.basis, posed.elimination.origin
+    return [
+        SampleBlock(r.design @ basis, r.target - r.design @ origin, deviation)
+        for r, deviation in zip(regressions, deviations, strict=True)
+    ]
+
+
+def _deviations(
+    posed: Posed, regressions: Sequence[SampledRegression], solution: Solution, weight: float
+) -> list[Floats]:
+    """Return the deviation of each row's residual, record by record."""
+    base = np.nan_to_num(posed.base(solution.values))
+    free = ~posed.model.input_matrix.any(axis=1)
+    found = []
+    for regression in regressions:
+        told = np.maximum(regression.told.sum(axis=0), 1)
+        variance = (regression.residual(base) ** 2).sum(axis=0) / told
+        floor = 1e-18 * (regression.target**2).mean(axis=0).max()
+        variance = np.maximum(variance, floor if floor > 0 else 1.0)
+        found.append(np.sqrt(np.where(free, weight * variance[~free].max(initial=0.0), variance)))
+    return found
+
+
+def _moved(posed: Posed, fit: _Fit, other: _Fit) -> list[str]:
+    """Warn where a lower cut-off moves a parameter by more than its deviations."""
+    change = other.values - fit.values
+    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
+    chance = _spread_of_change(fit.scatter, other.scatter)
+    clear = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
+    clear &= np.abs(change) > CLEAR * chance
+    shares = np.where(clear, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+    if not shares.size or shares.max() <= MOVED:
+        return []
+    worst = int(shares.argmax())
+    name, unit = posed.names[worst], posed.model.base.units[posed.elimination.kept[worst]]
+    return [
+        f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {change[worst]:+.3g} {unit}"
+        f", {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards zero, or "
+        "the motion reaches up to the cut-off; the deviations do not cover that: try other cut-offs"
+    ]
+
+
+def _spread_of_change(first: Scatter, second: Scatter) -> Floats:
+    """Return the deviation of the difference of two answers from the same blocks, shape (free,)."""
+    parts = [first.shifts, second.shifts]
+    count = min(len(part) for part in parts)
+    merged = [
+        np.add.reduceat(part, np.arange(count) * len(part) // count, axis=0) for part in parts
+    ]
+    return np.asarray(np.sqrt(((merged[0] - merged[1]) ** 2).sum(axis=0)))
+
+
+def _summary(
+    method: str,
+    posed: Posed,
+    regressions: Sequence[SampledRegression],
+    fit: _Fit,
+    moved: Sequence[str],
+) -> Estimate:
+    base, basis = posed.base(fit.values), posed.elimination.basis
+    free = fit.scatter.covariance
+    known = np.where(np.isfinite(base), base, 0.0)
+    findings = Findings(
+        base=base,
+        covariance=basis @ free @ basis.T,
+        inflation=1.0,
+        prediction=relative_errors([predicted(r, known) for r in regressions]),
+        condition_number=fit.solution.condition_number,
+        warnings=(
+            *(w for r in regressions for w in r.record.warnings),
+            *posed.told(fit.solution.undetermined),
+            *_alone(posed, fit),
+            *_memory(fit),
+            *moved,
+        ),
+        unknown_spread=np.asarray((basis[:, fit.scatter.alone] != 0).any(axis=1)),
+    )
+    estimate = result(method, posed.full, posed.fixed, posed.model, findings)
+    estimate = estimate.with_(checks=_said(regressions, fit.scatter))
+    halves, spread = fit.scatter.halves()
+    verdict = gate.physical(posed.full, estimate)
+    verdict += gate.prediction(estimate, {})
+    verdict += gate.agreement(posed.names, halves, spread)
+    return gate.passed(estimate, verdict)
+
+
+def _alone(posed: Posed, fit: _Fit) -> list[str]:
+    """Say of which parameters no deviation can be stated."""
+    names = [n for n, alone in zip(posed.names, fit.scatter.alone, strict=True) if alone]
+    if not names:
+        return []
+    return [
+        f"a single one of {fit.scatter.blocks} blocks of the record tells {', '.join(names)}: no "
+        "deviation can be stated; excite it more than once"
+    ]
+
+
+def _memory(fit: _Fit) -> list[str]:
+    """Say where blocks are not long enough."""
+    if not fit.scatter.memory:
+        return []
+    return [
+        f"{fit.scatter.blocks} blocks of the record still depend on one another: deviations are "
+        "too small; record longer"
+    ]
+
+
+def _said(regressions: Sequence[SampledRegression], scatter: Scatter) -> tuple[Check, ...]:
+    """Say what was filtered, and where the deviations come from."""
+    seconds = sum(r.record.duration for r in regressions)
+    told = (
+        f"deviations from {scatter.blocks} blocks of {seconds / scatter.blocks:.3g} s, each left "
+        "out in turn; they cover the scatter, not the bias that noise in the motion leaves"
+    )
+    checks = dict.fromkeys(check for r in regressions for check in r.record.checks)
+    rests = dict.fromkeys(r.left_out for r in regressions if r.left_out)
+    at_rest = [Check("at rest", "", rest, "note") for rest in rests]
+    return (*checks, *at_rest, Check("blocks", "", told, "note"))

@@ -1,0 +1,299 @@
+"""The regression on the samples of a filtered record: for nonlinear models, without periods.
+
+The equations hold at every sample, and a low-pass L that is applied to all columns alike leaves
+them true: ``L[Phi] base = L[B u - known]``. Columns that are a derivative of a coordinate are
+filtered once, exactly; others are computed from the low-passed motion, then filtered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimators.prediction import Predicted
+from rotorid.estimators.regression import check_forces, sensed
+from rotorid.filtered import SPILLED, FilteredRecord, told_of
+from rotorid.models import Model, Motion
+from rotorid.models.evaluation import evaluate, is_usable
+from rotorid.models.expression import Expression, symbol
+from rotorid.models.linear import speed_factor
+from rotorid.models.terms import DERIVATIVES
+from rotorid.observation import Observation
+from rotorid.record import Booleans, Floats, Integers
+
+NOISY = 3.0
+"""Deviations of its noise below which an expression has no sign: one in 400 has it by chance."""
+SLOW = 0.005
+"""Share of its usual size below which an expression counts as at rest: what creeps and quivers
+of an axis that is held leaves more than its noise; an axis that turns is through in no time."""
+
+
+@dataclass(frozen=True)
+class SampledRegression:
+    """The equations of motion of one record at the samples that are used.
+
+    Parameters
+    ----------
+    observation : Observation
+    """
+
+    observation: Observation
+
+    @property
+    def model(self) -> Model:
+        """The model that the record is bound to."""
+        return self.observation.model
+
+    @property
+    def record(self) -> FilteredRecord:
+        """The filtered record."""
+        assert self.observation.filtered is not None
+        return self.observation.filtered
+
+    @cached_property
+    def stretches(self) -> list[Stretch]:
+        """The stretches that hold samples in use."""
+        columns, follow = sensed(self.observation)
+        check_forces(self.observation)
+        record, found = self.record, []
+        for begin, end in zip(record.begins, record.ends, strict=True):
+            first, last = np.searchsorted(record.used, (begin, end))
+            if first < last:
+                picked = record.used[first:last] - begin
+                found.append(Stretch(self, int(begin), int(end), picked, tuple(columns), follow))
+        return found
+
+    @cached_property
+    def told(self) -> Booleans:
+        """Equations that count, shape (used, row): not those that hold the sign of noise."""
+        rests = [self._rests(index) for index in range(len(self.model.signals))]
+        holds = (self.model.coefficients[0] != 0).any(axis=2) | (self.model.coefficients[1] != 0)
+        count = sum(len(stretch.picked) for stretch in self.stretches)
+        out = np.zeros((count, holds.shape[1]), dtype=bool)
+        for index, rest in enumerate(rests):
+            if rest is not None:
+                out |= rest[:, None] & holds[index]
+        return ~out
+
+    @cached_property
+    def kept(self) -> Booleans:
+        """Samples with an equation that counts, shape (used,)."""
+        return np.asarray(self.told.any(axis=1))
+
+    def _rests(self, index: int) -> Booleans | None:
+        """Return the samples in use whose weights lie on a rest of a signal's sign, shape (used,).
+
+        None where the signal holds no sign of the motion.
+        """
+        moves = self.model.moves(index)
+        arguments = list(_signs_of(self.model.signals[index])) if moves else []
+        if not arguments:
+            return None
+        found = np.zeros(sum(len(stretch.picked) for stretch in self.stretches), dtype=bool)
+        for argument in arguments:
+            parts = [stretch.sizes(argument) for stretch in self.stretches]
+            size = np.concatenate([part[0] for part in parts])
+            usual = float(np.sqrt((size**2).mean()))
+            least = [max(NOISY * noise, SLOW * usual) for _, noise in parts]
+            pairs = zip(self.stretches, parts, least, strict=True)
+            found |= np.concatenate([s.resting(part[0] < low) for s, part, low in pairs])
+        return found
+
+    @cached_property
+    def signals(self) -> Floats:
+        """The filtered signals of the model, shape (sample, signal)."""
+        return np.concatenate([stretch.signals() for stretch in self.stretches])[self.kept]
+
+    @cached_property
+    def inputs(self) -> Floats:
+        """The filtered inputs, shape (sample, input)."""
+        return np.concatenate([stretch.inputs() for stretch in self.stretches])[self.kept]
+
+    @cached_property
+    def design(self) -> Floats:
+        """Filtered Phi, shape (sample, row, base); zero where an equation does not count."""
+        every = np.tensordot(self.signals, self.model.coefficients[0], axes=1)
+        return np.asarray(every * self.told[self.kept][:, :, None])
+
+    @cached_property
+    def target(self) -> Floats:
+        """Filtered B u less the terms without parameters, shape (sample, row), zero likewise."""
+        known = self.signals @ self.model.coefficients[1]
+        every = self.inputs @ self.model.input_matrix.T - known
+        return np.asarray(every * self.told[self.kept])
+
+    def residual(self, base: Floats) -> Floats:
+        """Return ``Phi base + known - B u``, shape (sample, row)."""
+        return np.asarray(self.design @ base - self.target)
+
+    @property
+    def left_out(self) -> str:
+        """What was left out at rest, in words; empty where nothing was."""
+        count = int((~self.told).any(axis=1).sum())
+        if not count:
+            return ""
+        return (
+            f"{told_of(self.record.record)}{count} of {len(self.told)} samples in use are left out "
+            "of the equations with a sign "
+            f"whose argument is at rest there, below {NOISY:g} deviations of its noise or "
+            f"{100 * SLOW:g} % of its usual size: its sign is noise, and friction at rest is any"
+        )
+
+    def lowered(self, share: float) -> SampledRegression:
+        """Return the same samples, low-passed at a share of the cut-offs."""
+        assert self.observation.filtered is not None
+        return SampledRegression(
+            replace(self.observation, filtered=self.observation.filtered.lowered(share))
+        )
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a record without samples that must not enter the filter.
+
+    Parameters
+    ----------
+    regression : SampledRegression
+    begin, end : int
+    picked : int array, shape (used,)
+        Its samples in use, counted from `begin`.
+    columns : sequence of int
+        Of the sensors.
+    follow : array, shape (sensor, coordinate)
+        What makes coordinates of them.
+    """
+
+    regression: SampledRegression
+    begin: int
+    end: int
+    picked: Integers
+    columns: tuple[int, ...]
+    follow: Floats
+
+    @property
+    def _record(self) -> FilteredRecord:
+        return self.regression.record
+
+    def _coordinates(self, order: int, *, outer: bool) -> Floats:
+        """Return a derivative of the coordinates, filtered, shape (sample, coordinate)."""
+        record = self._record
+        filter_ = record.outer if outer else record.inner
+        samples = record.record.samples[self.begin : self.end, list(self.columns)]
+        channels = tuple(record.channels[c] for c in self.columns)
+        return np.asarray(filter_.apply(samples, order, channels) @ self.follow)
+
+    def sizes(self, argument: Expression) -> tuple[Floats, float]:
+        """Return the size of an expression of the motion, (sample,), and the noise of it."""
+        model, record = self.regression.model, self._record
+        symbols = {
+            name + dots: (order, column)
+            for column, name in enumerate(model.coordinates)
+            for order, dots in enumerate(DERIVATIVES)
+        }
+        motion = self.motion
+        derivatives = (motion.position, motion.velocity, motion.acceleration)
+        arrays: dict[str, Floats] = {
+            name: derivatives[order][:, column] for name, (order, column) in symbols.items()
+        }
+        arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
+        samples = record.record.samples[self.begin : self.end, list(self.columns)]
+        noise = [
+            np.sqrt(record.inner.noise_of(samples, order) ** 2 @ self.follow**2)
+            for order in range(3)
+        ]
+        variance = 0.0
+        for name, (order, column) in symbols.items():
+            if symbol(name) in argument.free_symbols:
+                off = noise[order][column]
+                above = evaluate(argument, {**arrays, name: arrays[name] + off})
+                below = evaluate(argument, {**arrays, name: arrays[name] - off})
+                variance += float((((above - below) / 2) ** 2).mean())
+        size = np.broadcast_to(np.abs(evaluate(argument, arrays)), (self.end - self.begin,))
+        return size, float(np.sqrt(variance))
+
+    def resting(self, small: Booleans) -> Booleans:
+        """Return the samples in use too much of whose weight lies on a rest, shape (used,).
+
+        A rest lasts so long that a filtered sample lies within; one that merely turns does not.
+        """
+        outer = self._record.outer
+        within = outer.apply(small.astype(float)[:, None])[:, 0] > 0.5
+        if not within.any():
+            return np.zeros(len(self.picked), dtype=bool)
+        rest = small & (outer.apply(within.astype(float)[:, None])[:, 0] > SPILLED)
+        spilled = outer.apply(rest.astype(float)[:, None])[:, 0] > SPILLED
+        return np.asarray((spilled | rest)[self.picked])
+
+    def inputs(self) -> Floats:
+        """Return the filtered inputs, shape (used, input)."""
+        seen, record = self.regression.observation, self._record
+        if not seen.inputs:
+            return np.zeros((len(self.picked), 0))
+        samples = record.record.samples[self.begin : self.end, list(seen.input_columns)]
+        return np.asarray(record.outer.apply(samples, 0, seen.inputs)[self.picked])
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Return the low-passed motion, at which the terms that are not linear are computed."""
+        record, part = self._record.record, slice(self.begin, self.end)
+        time = record.start + np.arange(self.begin, self.end) / record.sample_rate
+        angle, speed = record.rotor_angle()[part], np.asarray(record.speed)
+        if record.angle is not None and len(angle) > 1:
+            speed = np.gradient(angle, 1 / record.sample_rate)
+        q, velocity, acceleration = (self._coordinates(order, outer=False) for order in range(3))
+        return Motion(q, velocity, acceleration, time, angle, speed)
+
+    def signals(self) -> Floats:
+        """Return the filtered signals of the model, shape (used, signal)."""
+        model, record = self.regression.model, self._record
+        found = np.empty((len(self.picked), len(model.signals)))
+        exact: dict[int, Floats] = {}
+        for index, factor in enumerate(model.motion_factors):
+            turning = factor is not None and symbol("Omega") in factor[2].free_symbols
+            if factor is not None and not (turning and record.record.angle is not None):
+                column, order, scale = factor
+                if order not in exact:
+                    exact[order] = self._coordinates(order, outer=True)[self.picked]
+                gain = speed_factor(scale, record.record.speed)
+                found[:, index] = gain * exact[order][:, column]
+                continue
+            found[:, index] = self._filtered_signal(index)
+        return found
+
+    def _filtered_signal(self, index: int) -> Floats:
+        """Return a signal that is computed sample by sample, then filtered, shape (used,)."""
+        model = self.regression.model
+        value = model.signal_value(index, self.motion)
+        if not is_usable(value):
+            raise InputError(
+                f"{model.signals[index]} without a finite value on this record",
+                "a division by something other than zero, a root of something positive",
+                "rewrite the term, or check the channels in it",
+                file=self._record.source,
+            )
+        whole = np.broadcast_to(value, (self.end - self.begin,))
+        return np.asarray(self._record.outer.apply(whole[:, None])[self.picked, 0])
+
+
+def _signs_of(value: Expression) -> Iterator[Expression]:
+    """Yield the arguments of the signs in an expression."""
+    if value.kind == "sign":
+        yield value.parts[0]
+    for part in value.parts:
+        if isinstance(part, Expression):
+            yield from _signs_of(part)
+
+
+def predicted(regression: SampledRegression, base: Floats) -> Predicted:
+    """Predict the filtered inputs of a record from base parameters."""
+    model, measured = regression.model, regression.inputs
+    driven = model.input_matrix.any(axis=1)
+    measured = measured * regression.told[regression.kept][:, driven].all(axis=1, keepdims=True)
+    wrong = regression.residual(base)[:, driven] @ np.linalg.pinv(model.input_matrix[driven]).T
+    units = tuple(model.units[name] for name in model.inputs)
+    both = (measured.astype(np.complex128), (measured + wrong).astype(np.complex128))
+    return Predicted(model.inputs, units, *both, np.ones(len(measured)))

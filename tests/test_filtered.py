@@ -1,0 +1,331 @@
+"""Nonlinear models on records without periods: filtered samples, from Python."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sampled_bank import (
+    AXIS,
+    AXIS_TRUE,
+    DUFFING,
+    DUFFING_TRUE,
+    axis,
+    axis_force,
+    duffing,
+    dwelling,
+    measured,
+    motion,
+)
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.estimators.by_samples import CLEAR, LOWER, MOVED
+from rotorid.estimators.sampled import NOISY, SLOW, SampledRegression
+from rotorid.observation import bind
+
+
+def told(estimate: rid.Estimate, check: str) -> str:
+    return next(c.found for c in estimate.checks if c.check == check)
+
+
+def pulls(estimate: rid.Estimate, truth: dict[str, float]) -> np.ndarray:
+    return np.array([(estimate.value(n) - v) / estimate.std(n) for n, v in truth.items()])
+
+
+def quiet_axis(**changes: float) -> rid.Record:
+    return axis(np.random.default_rng(2), noise=1e-9, position_noise=0.0, **changes)
+
+
+@pytest.mark.parametrize("method", ["ls", "batch"])
+@pytest.mark.parametrize("decimate", [1, 7])
+def test_without_noise_the_parameters_come_back(method: str, decimate: int) -> None:
+    """The sign of a velocity bends at its zeros: its column is right to a thousandth."""
+    low = rid.filtered(quiet_axis(), "60 Hz", decimate=decimate)
+    found = rid.identify(AXIS, low, method)
+    assert found.status == "ok"
+    for name, value in AXIS_TRUE.items():
+        assert found.value(name) == pytest.approx(value, rel=2e-3)
+    record = duffing(np.random.default_rng(1), noise=0.0, position_noise=0.0)
+    spring = rid.identify(DUFFING, rid.filtered(record, 200.0, decimate=decimate), method)
+    for name, value in DUFFING_TRUE.items():
+        assert spring.value(name) == pytest.approx(value, rel=2e-3)
+
+
+def test_linear_columns_are_exact() -> None:
+    """A linear model loses nothing to the filter, however low."""
+    model = rid.parse_model("""
+    title = "a mass with a damper"
+    equations = ["m*x'' + d*x' = F"]
+    coordinates = { x = "m" }
+    inputs = { F = "N" }
+    parameters = { m = { unit = "kg" }, d = { unit = "N s/m" } }
+    """)
+    x, v, a = motion(np.random.default_rng(0), 20.0, 500.0, (0.3, 3.0), 0.02)
+    record = measured(5.0 * a + 30.0 * v, x, ("F", "x"), 500.0)
+    found = rid.identify(model, rid.filtered(record, 3.0), "ls")
+    assert found.value("m") == pytest.approx(5.0, rel=1e-5)
+    assert found.value("d") == pytest.approx(30.0, rel=1e-5)
+
+
+def test_what_was_done_is_said() -> None:
+    record = replace(axis(np.random.default_rng(0)), source="run 7/axis.csv")
+    out = ["abs(q') < 5 mm/s", "F > 900 N"]
+    low = rid.filtered(record, "40 Hz", decimate=10, leave_out=out, skip="0.5 s", until="14 s")
+    found = rid.identify(AXIS, low, "ls")
+    assert told(found, "low-pass") == (
+        "zero-phase Butterworth of 4th order, forward and backward, 40 Hz; derivatives taken on "
+        "its lines; every 10 samples one is used, after a second low-pass at 40 Hz"
+    )
+    left = told(found, "left out")
+    counts = [
+        int(word)
+        for word in left.replace("axis.csv: ", "").replace(";", "").split()
+        if word.isdigit()
+    ]
+    kept, total, skipped, trimmed = counts[:4]
+    assert total == 15000
+    assert skipped == 500 + 1000
+    assert left.startswith("axis.csv: ")
+    for text in out:
+        assert f"where {text}" in left
+    # 5 mm/s and 900 N stand in the text too
+    numbers = counts[4:]
+    assert kept + skipped + trimmed + sum(n for n in numbers if n not in (5, 900)) == total
+    assert "from 32 blocks of 0." in told(found, "blocks") or "16 blocks" in told(found, "blocks")
+    assert "not the bias" in told(found, "blocks")
+
+
+def test_what_is_left_out_has_no_say() -> None:
+    """A stretch that a mask or a condition leaves out may hold anything, no number included."""
+    record = quiet_axis()
+    bad = slice(6000, 6400)
+    for wrong, mask, out in ((np.nan, True, ()), (1e4, False, ("abs(F) > 9 kN",))):
+        samples = record.samples.copy()
+        samples[bad, 0] = wrong
+        valid = np.ones(len(samples), dtype=bool)
+        valid[bad] = not mask
+        spoiled = replace(record, samples=samples, valid=valid)
+        low = rid.filtered(spoiled, 60.0, leave_out=out)
+        assert len(low.begins) == 2
+        found = rid.identify(AXIS, low, "ls")
+        for name, value in AXIS_TRUE.items():
+            assert found.value(name) == pytest.approx(value, rel=2e-3)
+        assert "400 masked" in told(found, "left out") or "400 where" in told(found, "left out")
+    assert rid.identify(AXIS, rid.filtered(spoiled, 60.0), "ls").value("M") != pytest.approx(
+        95, rel=0.05
+    )
+
+
+def test_delay_and_hold_of_a_channel_are_undone() -> None:
+    record = quiet_axis()
+    late = np.roll(record.samples[:, 0], 8)
+    channels = (replace(record.channels[0], delay=0.008), record.channels[1])
+    samples = np.column_stack([late, record.samples[:, 1]])
+    told_of_it = replace(record, channels=channels, samples=samples)
+    found = rid.identify(AXIS, rid.filtered(told_of_it, 60.0), "ls")
+    assert found.value("Fv") == pytest.approx(200.0, rel=5e-3)
+    untold = rid.identify(AXIS, rid.filtered(replace(record, samples=samples), 60.0), "ls")
+    assert untold.value("Fv") != pytest.approx(200.0, rel=0.02)
+
+
+def test_several_runs_in_one_fit() -> None:
+    runs = [rid.filtered(axis(np.random.default_rng(s), seconds=5.0), 40.0) for s in range(8)]
+    alone, together = rid.identify(AXIS, runs[0], "ls"), rid.identify(AXIS, runs, "ls")
+    assert np.abs(pulls(together, AXIS_TRUE)).max() < 4
+    ratio = alone.std("M") / together.std("M")
+    assert 1.5 < ratio < 5.5  # the root of eight, each known to a fifth
+    assert "32 blocks" in told(together, "blocks") or "16 blocks" in told(together, "blocks")
+
+
+def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
+    """At rest friction is anything up to Fc: taken for Fc sign(q') it makes half of it."""
+    record = dwelling(np.random.default_rng(0))
+    low = rid.filtered(record, 40.0, decimate=10)
+    found = rid.identify(AXIS, low, "ls")
+    assert found.status == "ok"
+    assert np.abs(pulls(found, AXIS_TRUE)).max() < 4
+    assert "sign is noise" in told(found, "at rest")
+    seen = SampledRegression(bind(AXIS, low))
+    moving = np.abs(seen.record.inner.apply(record.samples[:, 1:], 1)[low.used, 0]) > 5e-3
+    assert 0.3 < seen.kept.mean() < 0.7
+    assert (seen.kept & ~moving).sum() < 0.03 * seen.kept.sum()
+    # An axis that merely turns round is not at rest.
+    turning = rid.identify(AXIS, rid.filtered(axis(np.random.default_rng(0)), 40.0), "ls")
+    assert "at rest" not in {c.check for c in turning.checks}
+
+
+@pytest.mark.parametrize(("creep", "rests"), [(0.8, True), (1.3, False)])
+def test_how_slow_a_rest_is(creep: float, rests: bool) -> None:
+    """An axis that creeps for a second, at `creep` of what counts as a rest; then without noise."""
+    q, v, _ = motion(np.random.default_rng(4), 10.0, 1000.0, (0.2, 2.0), 0.05)
+    usual = np.sqrt(9 / 10) * np.sqrt((v**2).mean())
+    slow = creep * 0.005 * usual
+    q = np.concatenate([q[:5000], q[5000] + slow * np.arange(1000) / 1000.0, q[5000:] + slow])
+    low = rid.filtered(measured(np.ones(len(q)), q, ("F", "q"), 1000.0), 40.0)
+    out = ~SampledRegression(bind(AXIS, low)).kept
+    where = (low.used > 5100) & (low.used < 5900)
+    assert out[where].all() == rests
+    assert out[where].any() == rests
+    assert SLOW == 0.005
+
+
+@pytest.mark.parametrize(("noise", "rests"), [(1.15, True), (0.75, False)])
+def test_how_much_noise_hides_a_sign(noise: float, rests: bool) -> None:
+    """The axis creeps at 1 mm/s; a third of `noise` of that is the deviation of the noise."""
+    q, _, _ = motion(np.random.default_rng(4), 10.0, 1000.0, (0.2, 2.0), 1e-3)
+    q = np.concatenate([q[:5000], q[5000] + 1e-3 * np.arange(4000) / 1000.0, q[5000:] + 4e-3])
+    white = np.random.default_rng(5).standard_normal(len(q))
+    low = rid.filtered(measured(np.ones(len(q)), q, ("F", "q"), 1000.0), 40.0)
+    white *= noise * 1e-3 / 3 / low.inner.noise_of(white[:, None], 1)
+    noisy = rid.filtered(measured(np.ones(len(q)), q + white, ("F", "q"), 1000.0), 40.0)
+    out = ~SampledRegression(bind(AXIS, noisy)).kept
+    where = (low.used > 5200) & (low.used < 8800)
+    assert (out[where].mean() > 0.5) == rests
+    assert NOISY == 3.0
+
+
+def test_noise_in_the_motion_is_told() -> None:
+    """Noise of the acceleration makes the mass too small; a lower cut-off shows it."""
+    record = axis(np.random.default_rng(0), position_noise=2e-5)
+    found = rid.identify(AXIS, rid.filtered(record, 100.0), "ls")
+    assert pulls(found, AXIS_TRUE)[0] < -3
+    (warning,) = [w for w in found.warnings if "cut-off" in w]
+    assert warning.startswith("a cut-off lower by 30 % moves M by +")
+    better = rid.identify(AXIS, rid.filtered(record, 25.0), "ls")
+    assert not [w for w in better.warnings if "cut-off" in w]
+    assert abs(pulls(better, AXIS_TRUE)[0]) < 3
+    assert (LOWER, MOVED, CLEAR) == (0.7, 1.0, 3.0)
+
+
+def test_a_cutoff_below_the_motion_is_told() -> None:
+    """The cube of a position that lost its upper lines is not the cube of the position."""
+    found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), 8.0), "ls")
+    assert [w for w in found.warnings if "or the motion reaches up to the cut-off" in w]
+
+
+def test_a_record_that_changes_is_turned_away() -> None:
+    first, second = (axis(np.random.default_rng(s), seconds=10.0) for s in (0, 1))
+    heavier = second.samples + np.array([40.0, 0.0])
+    changed = [rid.filtered(r, 40.0) for r in (first, replace(second, samples=heavier))]
+    found = rid.identify(AXIS, changed, "ls")
+    assert found.status == "rejected"
+    assert any("halves of the record differ" in w and "offset" in w for w in found.warnings)
+
+
+def test_a_wrong_sign_is_turned_away() -> None:
+    record = axis(np.random.default_rng(0))
+    wrong = replace(record, samples=record.samples * np.array([-1.0, 1.0]))
+    found = rid.identify(AXIS, rid.filtered(wrong, 40.0), "ls")
+    assert found.status == "rejected"
+    assert any("which the model declares positive" in w for w in found.warnings)
+
+
+def test_a_force_of_another_machine_is_turned_away() -> None:
+    """What is not predicted is no answer, whatever its deviations."""
+    record, other = axis(np.random.default_rng(0)), axis(np.random.default_rng(9))
+    mixed = replace(record, samples=np.column_stack([other.samples[:, 0], record.samples[:, 1]]))
+    found = rid.identify(AXIS, rid.filtered(mixed, 40.0), "ls")
+    assert found.status == "rejected"
+    assert any("is predicted with an error of" in w for w in found.warnings)
+
+
+def test_what_is_excited_once_has_no_deviation() -> None:
+    """Friction that shows in one short stretch: a value, and no deviation."""
+    record = quiet_axis()
+    q = record.samples[:, 1].copy()
+    rate = 1000.0
+    time = np.arange(len(q)) / rate
+    q = 0.1 * time + 0.02 * np.exp(-(((time - 7.3) / 0.08) ** 2)) * (time - 7.3)
+    v, a = np.gradient(q, 1 / rate), np.gradient(np.gradient(q, 1 / rate), 1 / rate)
+    force = axis_force(v, a) + 0.1 * np.random.default_rng(0).standard_normal(len(q))
+    found = rid.identify(
+        AXIS,
+        rid.filtered(measured(force, q, ("F", "q"), rate), 60.0),
+        rid.LeastSquares(fixed={"Fv": 200.0, "Fc": 20.0}),
+    )
+    assert found["M"].std is None
+    assert any("blocks of the record tells M" in w for w in found.warnings)
+    assert found.std("offset") > 0
+
+
+def test_prediction_of_another_record() -> None:
+    first, second = (rid.filtered(axis(np.random.default_rng(s)), 40.0) for s in (0, 1))
+    found = rid.identify(AXIS, first, "ls")
+    error = rid.predict(AXIS, found, second)["F"]
+    assert error is not None
+    own = found.prediction["F"]
+    assert own is not None
+    assert error.relative_error == pytest.approx(own.relative_error, rel=0.3)
+
+
+def test_what_cannot_be_done() -> None:
+    record = axis(np.random.default_rng(0), seconds=4.0)
+    low = rid.filtered(record, 40.0)
+    with pytest.raises(InputError, match=r"a filtered record \(cutoff\) for sequential.*use ls"):
+        rid.identify(AXIS, low, "sequential")
+    with pytest.raises(InputError, match=r"records with a cut-off beside others.*all of one kind"):
+        rid.identify(AXIS, [low, rid.average(record, 1.0, harmonics=[1])], "ls")
+    linear = rid.load_model("jeffcott")
+    both = rid.Record(
+        [rid.Channel(n) for n in ("F_x", "F_y", "x", "y")],
+        np.random.default_rng(0).standard_normal((4000, 4)),
+        1000.0,
+    )
+    part = replace(both, channels=both.channels[:3], samples=both.samples[:, :3])
+    with pytest.raises(InputError, match=r"a filtered record \(cutoff\) for ml.*the band"):
+        rid.identify(linear, rid.filtered(both, 40.0), "ml")
+    with pytest.raises(InputError, match=r"no sensor of y.*every coordinate measured"):
+        rid.identify(linear, rid.filtered(part, 40.0), "ls")
+    with pytest.raises(InputError, match=r"a record without periods.*cutoff = .100 Hz"):
+        rid.identify(AXIS, rid.spectra(record, (1.0, 20.0), inputs=["F"]), "ls")
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"cutoff": 600.0}, "a cut-off of 600 Hz.*between 0 and 500 Hz"),
+        ({"cutoff": 0.0}, "a cut-off of 0 Hz"),
+        ({"cutoff": 40.0, "decimate": 0}, "decimate = 0"),
+        ({"cutoff": 40.0, "decimate": 2.0}, "decimate = 2.0"),
+        ({"cutoff": 40.0, "leave_out": ["z < 1 m"]}, "'z' in the condition"),
+        ({"cutoff": 40.0, "leave_out": ["abs(q) < 9 m"]}, "no sample left of 4000: 4000 where"),
+        ({"cutoff": 1.0, "skip": 1.0, "until": 2.0}, "no sample left.*longer than"),
+    ],
+)
+def test_filters_that_cannot_be(asked: dict, message: str) -> None:
+    record = axis(np.random.default_rng(0), seconds=4.0)
+    with pytest.raises(InputError, match=message):
+        rid.filtered(record, **asked)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["axis", "white", "rests", "spring"])
+def test_deviations_cover(kind: str) -> None:
+    """Two hundred records of each: 95 % intervals cover 93 to 97 % over all parameters."""
+    errors = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        if kind == "spring":
+            model, truth, low = DUFFING, DUFFING_TRUE, rid.filtered(duffing(rng), 60.0, decimate=5)
+        else:
+            model, truth = AXIS, AXIS_TRUE
+            record = {
+                "axis": axis,
+                "white": lambda rng: axis(rng, noise=20.0, memory=1e-3),
+                "rests": dwelling,
+            }[kind](rng)
+            low = rid.filtered(record, 40.0, decimate=10)
+        errors.append(pulls(rid.identify(model, low, "ls"), truth))
+    found = np.array(errors)
+    assert 0.925 < (np.abs(found) < 1.96).mean() < 0.975
+    assert (np.abs(found.mean(axis=0)) < 0.8).all()
+    rms = np.sqrt((found**2).mean(axis=0))
+    assert (rms > 0.7).all()
+    assert (rms < 1.25).all()
+
+
+def test_deviations_cover_at_all() -> None:
+    """A few records, so that a mistake by a factor shows at once."""
+    lows = [rid.filtered(axis(np.random.default_rng(s)), 40.0, decimate=10) for s in range(12)]
+    found = np.array([pulls(rid.identify(AXIS, low, "ls"), AXIS_TRUE) for low in lows])
+    assert 0.6 < np.sqrt((found**2).mean()) < 1.5
