@@ -30,7 +30,7 @@ from rotor_bank import (
 )
 
 from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.information import doubts
+from rotorid.estimators.likelihood.information import questioned
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Problem
@@ -67,7 +67,7 @@ def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
             continue
         solution, inference = found
         begin = time.process_time()
-        doubt = doubts(problem, problem.layout.start, solution, inference)
+        solution, inference, doubt = questioned(problem, problem.layout.start, solution, inference)
         asked.append(time.process_time() - begin)
         if doubt or inference.null.shape[1]:
             doubtful += 1

@@ -19,6 +19,17 @@ def sensor_rank(reads: Floats) -> int:
     return int((values > SENSORS * values[0]).sum())
 
 
+def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return U, S and V^H with one singular value for each column, be there fewer rows or not.
+
+    What fewer rows than columns leave open has the singular value 0, and is not left out.
+    """
+    rows, columns = matrix.shape
+    padded = np.pad(matrix, ((0, max(0, columns - rows)), (0, 0)))
+    left, values, right = np.linalg.svd(padded, full_matrices=False)
+    return left[:rows], values, right
+
+
 def null_space(matrix: Floats, rank: int) -> Floats:
     """Return an orthonormal basis of what a matrix of this rank sends to zero, (column, n)."""
     _, _, right = np.linalg.svd(matrix)

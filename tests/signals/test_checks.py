@@ -8,8 +8,9 @@ import pytest
 from scipy.signal import lfilter
 
 from rotorid.record import Channel, Check, PeriodicRecord, Record
-from rotorid.signals import average
+from rotorid.signals import average, checks_rotation, checks_samples
 from rotorid.signals.checks import check_periods, check_record, worst
+from rotorid.signals.checks_samples import check_stuck
 
 RATE, F0, SIZE = 5000.0, 20.0, 250
 LINES = np.arange(1, 12, 2)
@@ -72,7 +73,7 @@ def test_everything_looked_at_is_named() -> None:
     record = machine()
     periods = cut(record)
     names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
-    assert len(set(names)) == len(names) == 14
+    assert len(set(names)) == len(names) == 15
     assert worst(check_periods(periods)) == "ok"
     assert worst(()) == "ok"
 
@@ -390,8 +391,6 @@ def test_random_machines_raise_no_alarm() -> None:
 @pytest.mark.parametrize(("swing", "told"), [(0.0, False), (0.03, True)])
 def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
     """1x motion of 10 um whose phase swings by this many rad; 1 % noise."""
-    from rotorid.signals import checks_rotation
-
     rng = np.random.default_rng(8)
     time = np.arange(20 * 500) / 5000.0
     phase = 2 * np.pi * 70 * time + swing * np.sin(2 * np.pi * 0.3 * time)
@@ -402,3 +401,62 @@ def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
     found = checks_rotation.check_wander(periods)
     assert [c.verdict for c in found] == (["warning"] if told else [])
     assert checks_rotation.WANDER == 100.0
+
+
+def stopping(part: float) -> Damage:
+    """Hold one value for a part of the record."""
+
+    def change(samples: np.ndarray) -> np.ndarray:
+        first = len(samples) // 3
+        samples[first : first + int(part * len(samples))] = samples[first]
+        return samples
+
+    return change
+
+
+def test_a_sensor_that_stops_is_refused() -> None:
+    assert checks_samples.STUCK == 0.02
+    found, *others = told(damaged(machine(), of(3, stopping(0.021))))
+    assert [other.check for other in others] == ["knock"]
+    assert (found.channel, found.verdict) == ("y", "refused")
+    assert "from 1 to 1.063 s" in found.found
+    assert check_stuck(damaged(machine(), of(3, stopping(0.019)))) == []
+    note, *_ = told(damaged(machine(), of(0, stopping(0.021))))
+    assert (note.check, note.channel, note.verdict) == ("stuck", "F_x", "note")
+
+
+def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck() -> None:
+    idle = damaged(machine(), of(3, lambda v: np.where(np.arange(len(v)) < 1000, 0.0, v)))
+    periods = average(idle, F0, harmonics=LINES.tolist(), skip=0.2)
+    assert "stuck" not in [c.check for c in periods.checks if c.verdict != "ok"]
+    stairs = np.repeat(np.arange(12), 15_000 // 12) % 5 * 1e-4
+    assert check_stuck(damaged(machine(), of(3, lambda v: stairs + 0 * v))) == []
+    # Few samples may well stay the same.
+    assert (checks_samples.FEWEST_STUCK, checks_samples.STUCK_BESIDE) == (50, 10.0)
+    few = damaged(machine(2), of(3, stopping(0.08)))
+    assert check_stuck(few) == []
+
+
+def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
+    """Said to turn at 100 Hz, a line that is excited, with a tone elsewhere in x and y."""
+    record = machine(speed=2 * np.pi * 100.0)
+    turn = 2 * np.pi * hertz * np.arange(len(record.samples)) / RATE
+    tone = np.column_stack([0 * turn, 0 * turn, np.cos(turn), y_size * np.cos(turn + y_phase)])
+    return replace(record, samples=record.samples + 2e-4 * tone)
+
+
+@pytest.mark.parametrize("hertz", [110.3, 120.0])
+def test_a_tone_that_goes_round_is_the_rotation(hertz: float) -> None:
+    """Square to one another in x and y: an orbit. In phase: hum."""
+    assert (np.radians(20.0), 2.0) == (checks_rotation.SQUARE, checks_rotation.ROUND)
+    for phase, size, verdict in (
+        (np.pi / 2, 1.0, "warning"),
+        (-np.pi / 2, 1.9, "warning"),
+        (np.pi / 2, 2.1, "note"),
+        (np.radians(71), 1.0, "warning"),
+        (np.radians(69), 1.0, "note"),
+        (0.0, 1.0, "note"),
+        (np.pi, 1.0, "note"),
+    ):
+        (found,) = [c for c in told(rotating(hertz, phase, size)) if c.check == "speed"]
+        assert found.verdict == verdict, (phase, size)

@@ -15,6 +15,7 @@ from rotorid.signals.checks_samples import (
     check_copied,
     check_dead,
     check_quantized,
+    check_stuck,
 )
 from rotorid.signals.checks_scatter import (
     NO_SCATTER,
@@ -71,8 +72,10 @@ def check_record(
     if part.valid is not None:
         part = replace(part, samples=part.samples[part.valid], angle=None, valid=None)
     scatter = None if periods is None else _scatter(periods)
+    begin = -np.inf if periods is None else float(periods.time[0, 0])
     found = {
         "dead": check_dead(part, scatter),
+        "stuck": check_stuck(record if record.valid is None else part, begin),
         "clipped": check_clipped(part),
         "quantized": check_quantized(part, scatter),
     }
@@ -141,6 +144,7 @@ def _deviations(periods: PeriodicRecord) -> Floats:
 
 _IN_ORDER = {
     "dead": "every channel moves",
+    "stuck": "no channel stops in the middle",
     "clipped": "no channel is cut at a limit",
     "quantized": "no channel is too coarse",
     "copied": "no two channels are the same",

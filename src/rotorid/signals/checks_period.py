@@ -39,12 +39,10 @@ def check_multiple(record: Record, periods: PeriodicRecord) -> list[Check]:
     alone = _difference(samples, 1, power)
     turns = record.speed / (2 * np.pi * periods.fundamental)
     for multiple in MULTIPLES:
-        if (
-            abs(multiple * turns - round(multiple * turns))
-            < SYNCHRONOUS
-            < abs(turns - round(turns))
-        ):
-            continue
+        turned = abs(multiple * turns - round(multiple * turns)) < SYNCHRONOUS
+        if turned and abs(turns - round(turns)) > SYNCHRONOUS:
+            samples = _without_orders(samples, turns, multiple)
+            alone = _difference(samples, 1, power)
         apart = _difference(samples, multiple, power)
         clear = (alone > UNLIKE) & (alone > BETTER * apart)
         if clear.any():
@@ -57,6 +55,22 @@ def check_multiple(record: Record, periods: PeriodicRecord) -> list[Check]:
             )
             return [Check("multiple period", names, text, "warning")]
     return []
+
+
+def _without_orders(samples: Floats, turns: float, multiple: int) -> Floats:
+    """Return the samples without the orders of the rotation, which explain themselves.
+
+    Shape (period, sample, channel); the rotation makes so many turns a period, and a whole number
+    of them in a multiple.
+    """
+    count, size, channels = samples.shape
+    used = count - count % multiple
+    joined = samples[:used].reshape(-1, multiple * size, channels)
+    lines = np.fft.rfft(joined, axis=1)
+    once = round(abs(turns) * multiple)
+    lines[:, once :: max(once, 1)] = 0.0
+    left = np.fft.irfft(lines, n=multiple * size, axis=1)
+    return np.asarray(left.reshape(used, size, channels))
 
 
 def _difference(samples: Floats, lag: int, power: Floats) -> Floats:

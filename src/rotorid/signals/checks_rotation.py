@@ -31,6 +31,10 @@ NEAR = 0.03
 SAME_UNIT = 0.005
 """Distance of a ratio of speeds from a factor of units up to which that is the mistake."""
 
+GHOST = 1e-2
+"""Power of a tone on the grid over that of the strongest below which it is that one's trace: of a
+tone between two lines the mean of ten periods keeps a tenth at most, a hundredth of the power."""
+
 SMALL = 1e-6
 """What the mean leaves, over the channel, below which it is rounding, or of no weight."""
 
@@ -39,6 +43,17 @@ WANDER = 100.0
 noise differs by a factor of some ten between lines; a speed that wanders by 1e-3 gives 1e4."""
 SIDEBAND = 6.0
 """Lines of the whole record on each side of a kept one that a drift of it fills."""
+
+SQUARE = np.radians(20.0)
+"""Distance of two sensors' phases from a right angle within which a tone is an orbit: hum comes
+from one source, and stands in all sensors with one phase or its opposite."""
+
+ROUND = 2.0
+"""Ratio of the axes up to which an orbit is one of a rotor, on bearings that are alike in x and y
+to a factor of two or so."""
+
+ON_GRID = 1e-3
+"""Turns in a period, off a whole number, up to which a tone stands on the grid: 2 Hz in 2 kHz."""
 
 _WIDTH = 101  # lines for the median
 _MOST = 1 << 15  # samples looked at
@@ -71,6 +86,7 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
         if len(rest) < 4 * _WIDTH or rest.std() <= SMALL * record.samples[:, c].std():
             continue
         clear = _off_grid(rest, record.sample_rate, record.names[c])
+        clear = [t for t in clear if not _is_ghost(t, clear[0], record, periods, len(rest))]
         found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
         if periods is not None and length:
             found += _on_grid(periods, c)
@@ -111,6 +127,19 @@ def _off_grid(rest: Floats, rate: float, name: str) -> list[Tone]:
         if turns is not None:
             found.append(Tone(turns * rate, float(power[k] / floor[k]), name))
     return found
+
+
+def _is_ghost(
+    tone: Tone, strongest: Tone, record: Record, periods: PeriodicRecord | None, samples: int
+) -> bool:
+    """Tell whether a tone on the grid is what the mean over periods holds of a much stronger one.
+
+    Of a tone between the lines the mean keeps a little, and taking it away puts that on all lines.
+    """
+    if periods is None or tone.strength > GHOST * strongest.strength:
+        return False
+    turns = tone.frequency / periods.fundamental
+    return abs(turns - round(turns)) * periods.fundamental < 2 * record.sample_rate / samples
 
 
 def _is_sideband(tone: Tone, record: Record, periods: PeriodicRecord | None, samples: int) -> bool:
@@ -182,7 +211,31 @@ def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[C
     order = [t for t in found if not _is_order(t.frequency, given, width)]
     if not order:
         return []
-    return [_told(order, given, _hidden(periods, given, width))]
+    hidden = _hidden(periods, given, width) and not _orbits(record, periods, order[0])
+    return [_told(order, given, hidden)]
+
+
+def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
+    """Tell whether a tone goes round: half of the sensors that show it have one square to them."""
+    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    size = np.array([_amplitude(record, periods, c, tone.frequency) for c in sensors])
+    found = np.abs(size) > np.abs(size).max() / ROUND**2
+    size = size[found]
+    ratio = size[:, None] / size
+    square = np.abs(np.abs(np.angle(ratio)) - np.pi / 2) < SQUARE
+    alike = np.abs(np.log(np.abs(ratio))) < np.log(ROUND)
+    return bool((square & alike).any(axis=1).mean() >= 0.5)
+
+
+def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency: float) -> complex:
+    """Return the complex amplitude of a tone in a channel, the excitation taken away."""
+    rest, length = _rest(record, periods, c)
+    wave = np.exp(-2j * np.pi * frequency / record.sample_rate * np.arange(len(rest)))
+    found = complex((np.hanning(len(rest)) * rest) @ wave) / len(rest) * 2
+    turns = frequency * length / record.sample_rate
+    if periods is not None and abs(turns - round(turns)) < ON_GRID:  # it is in the mean
+        found += complex(periods.mean[:, c] @ wave[:length]) / length * 2
+    return found
 
 
 def check_wander(periods: PeriodicRecord) -> list[Check]:

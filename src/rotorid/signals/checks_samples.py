@@ -37,6 +37,13 @@ COPY = 1e-9
 """What is left of one channel when another is taken off, over its variance, below which the two
 are the same column: two converters share no noise."""
 
+STUCK = 0.02
+"""Part of the record from which on one value is a stop: with 40 periods nearly one of them."""
+FEWEST_STUCK = 50
+"""Samples below which a stop is none: a coarse converter rests that long at a turning point."""
+STUCK_BESIDE = 10.0
+"""How much longer than any other rest of the channel a stop is: one of steps rests every time."""
+
 _FEW = 1000
 _PART = 4000  # samples from which the quantum is read: more of them tell nothing new
 _ROUNDING = 1e-9  # differences of scaled counts are whole multiples up to this
@@ -100,6 +107,36 @@ def check_dead(record: Record, scatter: Floats | None = None) -> list[Check]:
         found.append(
             Check("dead", channel.name, f"{value + 0.0:.6g} in every sample: {text}", verdict)
         )
+    return found
+
+
+def check_stuck(record: Record, begin: float = -np.inf) -> list[Check]:
+    """Find channels that stop in the middle: one value for a good part of the record.
+
+    What lies before `begin`, in s, is not used, and may rest.
+    """
+    found = []
+    first = max(0, round((max(begin, record.start) - record.start) * record.sample_rate))
+    for c, channel in enumerate(record.channels):
+        samples = record.samples[first:, c]
+        longest = STUCK * len(samples)
+        # A stop that long holds two of any samples half as far apart.
+        some = samples[:: max(1, int(longest / 2))]
+        if longest < FEWEST_STUCK or (some == some[0]).all() or not (np.diff(some) == 0).any():
+            continue
+        moves = np.concatenate([[0], 1 + np.flatnonzero(np.diff(samples)), [len(samples)]])
+        run = int(np.argmax(np.diff(moves)))
+        length = int(moves[run + 1] - moves[run])
+        others = np.sort(np.diff(moves))[:-1]
+        if length < max(longest, FEWEST_STUCK, STUCK_BESIDE * others.max(initial=1)):
+            continue
+        stop, go = record.start + (first + moves[run : run + 2]) / record.sample_rate
+        text = (
+            f"{samples[moves[run]]:.6g} in every sample from {stop:.5g} to {go:.5g} s, while it "
+            "moves before or after: check its cable, use the part in which it moves"
+        )
+        verdict: Verdict = "note" if is_input(channel) else "refused"
+        found.append(Check("stuck", channel.name, text, verdict))
     return found
 
 

@@ -9,7 +9,15 @@ from rotor_bank import Structure as Tower
 
 from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood, Plan, predict_accuracy
+from rotorid.estimators.likelihood import information
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.search import search
+from rotorid.estimators.likelihood.solver import Solution
 from rotorid.identify import identify
+from rotorid.observation import bind_all
 
 
 def estimated(case):
@@ -101,3 +109,55 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
         estimate = estimated(case)
         assert estimate.status == "ok"
         assert worst(case, estimate) < 5.5
+
+
+@pytest.mark.parametrize(("size", "owed"), [(2.0, False), (1.0, True)])
+def test_what_the_noise_of_the_forces_informs_is_told(size, owed):
+    """Forces on all lines so many times their own noise: its share of the information is 1 / 5."""
+    case = rotor_case(replace(SETTINGS["4 sensors, +-40 %"], noise=1e-3), 1)
+    clean = case.records[0].spectra.mean(axis=0)
+    rng = np.random.default_rng(4)
+    drawn = rng.standard_normal((260, *clean.shape, 2)).view(complex)[..., 0]
+    drawn[:, :, 4:] = 1e-3 * drawn[:, :, 4:] * np.abs(clean[:, 4:]).mean(axis=0)
+    drawn[:, :, :4] *= np.abs(clean[:, :4]).mean() / np.abs(drawn[:, :, :4].mean(axis=0)).mean()
+    record = replace(case.records[0], spectra=size * clean + drawn)
+    ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
+    bound = bind_all(case.model, [record])
+    likelihood = assemble(ready.layout, bound[0], 0)
+    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    truth = np.array([case.truth[u.name] for u in ready.layout.unknowns])
+    names = np.array([ready.layout.unknowns[i].name for i in ready.layout.free])
+    told = information.informed_by_noise(problem, truth)
+    assert told[np.isin(names, ["m1", "k1", "I_t"])].all() == owed
+    assert (information.BY_NOISE, information.OWED) == (0.3, 0.1)
+
+
+def test_fewer_equations_than_unknowns_leave_something_open():
+    """One line, four sensors: eight numbers for ten unknowns."""
+    case = rotor_case(SETTINGS["4 sensors, +-40 %"], 1)
+    record = case.records[0]
+    once = list(record.harmonics).index(7)
+    line = replace(
+        record, harmonics=record.harmonics[once : once + 1], spectra=record.spectra[:, [once]]
+    )
+    estimate = identify(case.model, line, MaximumLikelihood(fixed=case.fixed, start=case.start))
+    assert estimate.status == "not_identifiable"
+
+
+def test_a_lower_minimum_becomes_the_answer():
+    """A search that ended at the higher of two minima is set right by the further starts."""
+    case = rotor_case(ADVERSE["standstill, equal forces"], 6)
+    ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
+    likelihood = assemble(ready.layout, bind_all(case.model, case.records)[0], 0)
+    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    start = ready.layout.start
+    solution, inference = search(problem, start)
+    lowest, _, doubt = information.questioned(problem, start, solution, inference)
+    assert doubt.alternatives
+    higher = Solution(max(doubt.alternatives, key=lambda p: p.cost), True, 0)
+    again, _, doubt = information.questioned(
+        problem, start, higher, infer(higher.point, problem.exact)
+    )
+    assert again.point.cost < higher.point.cost - 1e-3
+    assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
+    assert all(other.cost >= again.point.cost for other in doubt.alternatives)

@@ -13,7 +13,7 @@ from rotorid.estimators.batch import Batch
 from rotorid.estimators.derived import physical_start
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.inference import Inference, infer
-from rotorid.estimators.likelihood.information import Doubt, doubts
+from rotorid.estimators.likelihood.information import Doubt, questioned
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
@@ -88,7 +88,8 @@ def fit(
     doubt = Doubt()
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if solution.converged and explained(solution, inference):
-        doubt = doubts(solution.point.problem, prepared.layout.start, solution, inference)
+        start, problem = prepared.layout.start, solution.point.problem
+        solution, inference, doubt = questioned(problem, start, solution, inference)
     return Fit(prepared, solution, inference, tuple(records), doubt)
 
 

@@ -228,8 +228,9 @@ class Trial:
         null, scale, free = self.inference.null, self.inference.scale, self.layout.free
         likelihood = simulated(self.layout, record, self.point.unknowns, number)
         jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
-        size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
-        if size == 0:
+        with np.errstate(over="ignore"):
+            size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
+        if size == 0 or not np.isfinite(size):  # an answer astray says nothing of others
             return int(null.shape[1])
         effect = np.linalg.svd(jacobian @ null / size, compute_uv=False)
         return int(null.shape[1]) - int((effect > SHRINKS).sum())

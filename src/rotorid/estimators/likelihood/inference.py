@@ -18,6 +18,7 @@ from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.tangent import RANK, relation_jacobian, tangent_basis
+from rotorid.linalg import whole_svd
 from rotorid.record import Floats
 
 IDLE = 1e-6
@@ -163,7 +164,7 @@ def projected_jacobian(point: Point) -> Floats:
 def infer(point: Point, exact: Relations) -> Inference:
     """Return covariance, null space and expected cost at a minimum."""
     scaled, scale, basis = along_relations(point, exact)
-    left, values, right = np.linalg.svd(scaled, full_matrices=False)
+    left, values, right = whole_svd(scaled)
     kept = values > RANK * values.max(initial=0.0)
     taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)
     leverage = _line_sums(point, taken_up)

@@ -24,17 +24,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.estimators.likelihood.inference import Inference, along_relations
+from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.response import respond
 from rotorid.estimators.likelihood.search import AGREE, further_starts
 from rotorid.estimators.likelihood.solver import Solution, beside, elsewhere
+from rotorid.linalg import whole_svd
 from rotorid.record import Floats
 
 TAKEN = 3.0
 """Stated deviations so many times smaller than the noise-free response gives are noise."""
 TAKEN_ABOUT = 10.0
 """The same about the start, where a machine that differs may be that much less informed."""
+BY_NOISE = 0.3
+"""Part of the information along a direction that the noise of the inputs accounts for on average,
+from which on it may as well be all of it: of a dozen lines chance makes it three times as much."""
+OWED = 0.1
+"""Share of an unknown's variance along such directions from which on it is one of theirs."""
 LOOSE = 0.1
 """Predicted deviation, as a share of the value, from which other answers are looked for."""
 CLOSE = 15.0
@@ -86,39 +92,125 @@ def noise_free(problem: Problem, unknowns: Floats) -> Point:
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
     try:
-        point = noise_free(problem, unknowns)
-        scaled, scale, basis = along_relations(point, problem.exact)
-        _, values, right = np.linalg.svd(scaled, full_matrices=False)
+        root = _predicted_root(problem, unknowns)[0]
     except np.linalg.LinAlgError:
         return np.full(len(problem.layout.free), np.inf)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        spread = ((basis @ right.T) / np.maximum(values, 1e-14 * values.max(initial=0.0))) ** 2
-        found = scale * np.sqrt(spread.sum(axis=1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = np.sqrt((root**2).sum(axis=1))
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def doubts(problem: Problem, start: Floats, solution: Solution, inference: Inference) -> Doubt:
-    """Ask whether a minimum is the answer."""
-    point, free = solution.point, problem.layout.free
-    stated = np.sqrt(np.diag(inference.covariance).clip(0))
-    asked = ~inference.undetermined & (stated > 0)
-    taken = predicted_deviations(problem, point.unknowns) > TAKEN * stated
-    value = np.abs(point.unknowns[free])
-    about = _about(problem, start, point.unknowns, 0)[0]
-    rigid = asked & ~np.isin(free, problem.affine) & (value > 0)
-    expected = predicted_deviations(problem, about)
-    loose = rigid & ((expected > LOOSE * np.abs(about[free])) | (stated > LOOSE * value))
-    found = Doubt(_names(problem, asked & taken))
-    others = _minima(problem, start, solution, bool(loose.any()))
-    found = replace(found, alternatives=tuple(_apart(others, solution, stated, asked)))
-    if not loose.any():
-        return found
-    taken |= _taken_about(problem, start, point.unknowns, stated)
-    return replace(
-        found,
-        noise=_names(problem, asked & taken & rigid),
-        bent=_names(problem, rigid & _bent(point, inference, stated)),
-    )
+def _predicted_root(problem: Problem, unknowns: Floats) -> tuple[Floats, Floats]:
+    """Return a root of the covariance that the noise-free response gives, and its unit, (free,)."""
+    scaled, scale, basis = along_relations(noise_free(problem, unknowns), problem.exact)
+    _, values, right = whole_svd(scaled)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        spread = right.T / np.maximum(values, 1e-14 * values.max(initial=0.0))
+        return scale[:, None] * (basis @ spread), scale
+
+
+def informed_by_noise(problem: Problem, unknowns: Floats) -> NDArray[np.bool_]:
+    """Tell which deviations owe to the noise of the inputs, which drives nothing, (free,).
+
+    Information is quadratic in the inputs: that of the measured ones is that of the true ones and,
+    on average, that of their noise by itself.
+    """
+    try:
+        root, scale = _predicted_root(problem, unknowns)
+        if not np.isfinite(root).all():
+            return np.zeros(len(root), dtype=bool)
+        _, share, along = whole_svd(_by_noise(problem, unknowns) @ root)
+    except np.linalg.LinAlgError:
+        return np.zeros(len(problem.layout.free), dtype=bool)
+    power = (root / scale[:, None] @ along.T) ** 2
+    owed = power[:, share**2 > BY_NOISE].sum(axis=1)
+    return np.asarray(owed > OWED * power.sum(axis=1))
+
+
+def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
+    """Return the Jacobian that the noise of the inputs would make by itself, (row, free).
+
+    Information is quadratic in the inputs: that of true inputs and their noise is the sum of both.
+    """
+    free, still = problem.layout.free, unknowns.copy()
+    still[problem.affine] = 0.0  # what turns is no noise
+    blocks = [np.zeros((0, len(free)))]
+    for likelihood in problem.likelihoods:
+        count = likelihood.inputs - likelihood.indirect
+        for column in range(count):
+            driven = copy.copy(likelihood)
+            driven.load = np.zeros_like(likelihood.load)
+            driven.data = np.zeros_like(likelihood.data)
+            driven.data[:, :count] = likelihood.factor[:, :count, column]
+            driven.data = respond(driven, still)
+            blocks.append(driven.evaluate(still).jacobian()[:, free])
+    found = np.concatenate(blocks)
+    found[:, np.isin(free, problem.affine)] = 0.0
+    return found
+
+
+def questioned(
+    problem: Problem, start: Floats, solution: Solution, inference: Inference
+) -> tuple[Solution, Inference, Doubt]:
+    """Return the lowest minimum that further starts lead to, and whether it is the answer."""
+    asked = _Asked.of(problem, start, solution, inference)
+    others = _minima(problem, start, solution, bool(asked.loose.any()))
+    lower = _lower(others, solution)
+    if lower is not None:
+        others = [*(o for o in others if o is not lower), solution]
+        solution, inference = lower, infer(lower.point, problem.exact)
+        asked = _Asked.of(problem, start, solution, inference)
+    apart = tuple(_apart(others, solution, asked.stated, asked.told))
+    return solution, inference, replace(asked.doubt(inference), alternatives=apart)
+
+
+def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
+    """Return the lowest of other minima where it is lower than the solution."""
+    cost = solution.point.cost
+    below = [o for o in others if o.converged and o.point.cost < cost * (1 - AGREE) - 1e-3]
+    return min(below, key=lambda o: o.point.cost, default=None)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A minimum with what its deviations are held against; arrays of shape (free,).
+
+    `told`: unknowns with a deviation; `rigid`: those among them on which more depends than a load;
+    `loose`: those whose deviation, stated or expected of the start, is a tenth of the value.
+    """
+
+    problem: Problem
+    start: Floats
+    point: Point
+    stated: Floats
+    told: NDArray[np.bool_]
+    rigid: NDArray[np.bool_]
+    loose: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, problem: Problem, start: Floats, solution: Solution, inference: Inference
+    ) -> _Asked:
+        point, free = solution.point, problem.layout.free
+        stated = np.sqrt(np.diag(inference.covariance).clip(0))
+        told = ~inference.undetermined & (stated > 0)
+        value = np.abs(point.unknowns[free])
+        about = _about(problem, start, point.unknowns, 0)[0]
+        rigid = told & ~np.isin(free, problem.affine) & (value > 0)
+        expected = predicted_deviations(problem, about)
+        loose = rigid & ((expected > LOOSE * np.abs(about[free])) | (stated > LOOSE * value))
+        return cls(problem, start, point, stated, told, rigid, loose)
+
+    def doubt(self, inference: Inference) -> Doubt:
+        """Ask whether noise was taken for information, and whether the deviations hold."""
+        problem, unknowns, stated = self.problem, self.point.unknowns, self.stated
+        taken = predicted_deviations(problem, unknowns) > TAKEN * stated
+        taken |= informed_by_noise(problem, unknowns)
+        if not self.loose.any():
+            return Doubt(_names(problem, self.told & taken))
+        taken |= _taken_about(problem, self.start, unknowns, stated)
+        bent = self.rigid & _bent(self.point, inference, stated)
+        return Doubt(_names(problem, self.rigid & taken), _names(problem, bent))
 
 
 def _names(problem: Problem, which: NDArray[np.bool_]) -> tuple[str, ...]:
@@ -166,7 +258,7 @@ def _minima(problem: Problem, start: Floats, solution: Solution, every: bool) ->
         if end is None:
             continue
         above = end.point.cost - solution.point.cost
-        strayed |= AGREE * solution.point.cost + 1e-3 < above < 10 * CLOSE
+        strayed |= abs(above) > AGREE * solution.point.cost + 1e-3 and above < 10 * CLOSE
         found.append(end)
     return found
 

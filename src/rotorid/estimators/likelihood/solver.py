@@ -113,6 +113,8 @@ class _Walk:
             if along is None or self.iterations > self.effort:
                 return None, radius
             length = float(np.linalg.norm(along))
+            if length == 0:  # the bounds leave no way
+                return None, radius
             trial = self._stepped(point, where, along, relaxation)
             for _ in range(BENDS):
                 if trial is None or trial.cost < point.cost:

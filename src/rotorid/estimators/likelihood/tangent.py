@@ -174,8 +174,9 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
     rows = np.column_stack([scaled, point.residual])
     if not np.isfinite(rows).all():  # LAPACK would print a line of its own
         raise np.linalg.LinAlgError("a residual beyond all bounds")
-    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     width = scaled.shape[1]
+    fewer = max(0, width + 1 - len(rows))  # equations than unknowns
+    triangle = np.asarray(np.linalg.qr(np.pad(rows, ((0, fewer), (0, 0))), mode="r"))
     normals, distances = np.zeros((0, width)), np.zeros(0)
     if bounds is not None and len(bounds):
         normals = relation_jacobian(bounds, point) * scale
