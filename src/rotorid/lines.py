@@ -133,6 +133,7 @@ class PhasorClock(Arrays):
             )
         turn = np.linspace(0, 2 * np.pi, TURN, endpoint=False)
         values = signal(np.zeros_like(turn), turn, self.speed[:, None])
+        values = np.broadcast_to(values, (len(self.speed), TURN, values.shape[-1]))
         back = np.exp(-1j * np.sign(self.speed)[:, None] * turn)
         found = np.einsum("ls,lsk->lk", back, values) / TURN
         size = np.sqrt((values**2).mean(axis=1))

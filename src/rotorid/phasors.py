@@ -22,6 +22,8 @@ from rotorid.signals.spectrum import transfer_of_recording
 
 SAME_SPEED = 1e-9
 """Relative difference of speeds that are the same reading of an instrument: rounding of units."""
+REPEATED = 5
+"""Repeated readings per channel at least: with two, one record in hundreds is rejected falsely."""
 CONTRADICTED = 1e-4
 """Chance of the scatter of repeated readings below which the stated deviations are doubted."""
 
@@ -198,7 +200,7 @@ def _repeated(rows: _Rows, source: str) -> tuple[_Rows, LineCovariance]:
     scatter, groups = _scatter(rows)
     count = np.bincount(groups)
     dof = len(groups) - len(count)
-    least = 2 * rows.lines.shape[1]
+    least = REPEATED * rows.lines.shape[1]
     if dof < least:
         raise InputError(
             "no std and no speed twice" if not dof else f"{dof} repeated readings and no std",
@@ -212,7 +214,9 @@ def _repeated(rows: _Rows, source: str) -> tuple[_Rows, LineCovariance]:
     first = np.flatnonzero(np.diff(groups, prepend=-1))
     mean = (rows.lines - scatter)[first]
     matrices = reading[None] / count[:, None, None]
-    return _Rows(rows.speed[first], mean, None), LineCovariance(matrices, dof, "repeated")
+    return _Rows(rows.speed[first], mean, None), LineCovariance(
+        matrices, dof, "repeated", shared=True
+    )
 
 
 def _doubted(rows: _Rows) -> tuple[str, ...]:

@@ -61,6 +61,17 @@ def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Float
     return scale * b / (b - 2), np.where(a > 0, variance, 0.0)
 
 
+def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
+    """Return the variance of the costs of lines whose covariance is one estimate of n degrees.
+
+    Its error is common to all lines: ``tr(C_est^-1 C)`` scatters by ``1 / sqrt(n e)``, e the
+    equations, and the sum of the costs with it; beside that each line is chi-squared.
+    """
+    alone = 2 * mean**2 / np.maximum(left, 1e-300)
+    common = mean.sum() * mean / (at.problem.noise.dof * at.problem.equations)
+    return np.where(left > 0, alone + common, 0.0)
+
+
 def effective_dof(at: Evaluation) -> Floats:
     """Return the degrees of freedom with which V is known on each line, shape (line,).
 
@@ -178,6 +189,8 @@ def infer(point: Point, exact: Relations) -> Inference:
         # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
         apart = likelihood.noise.apart
         means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
+        if likelihood.noise.shared:
+            variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
         variances.append(apart * float(variance.sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
         weights.append(np.repeat(ratio, 2 * likelihood.equations))

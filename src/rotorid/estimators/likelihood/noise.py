@@ -26,12 +26,15 @@ class Noise:
         Share of the diagonal that was mixed in, 0 where the periods suffice.
     apart : float
         Share of a line's noise that is not in its own covariance.
+    shared : bool
+        All lines have their covariance from one estimate.
     """
 
     factor: Complexes
     dof: float
     shrunk: float = 0.0
     apart: float = 1.0
+    shared: bool = False
 
 
 def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equations: int) -> Noise:
@@ -46,7 +49,8 @@ def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equat
     if share > 0:
         diagonal = matrices * np.eye(matrices.shape[1])
         matrices = (1 - share) * matrices + share * diagonal
-    return Noise(_factor(matrices, _floor(data, inputs)), dof, share, covariance.apart)
+    factor = _factor(matrices, _floor(data, inputs))
+    return Noise(factor, dof, share, covariance.apart, covariance.shared)
 
 
 def _floor(data: Complexes, inputs: int) -> Floats:
