@@ -1,5 +1,6 @@
 """Tables of 1x phasors: a row per speed, on a rotor solved here by a few lines of numpy."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
 
 import rotorid as rid
+from rotorid.cli import run
 from rotorid.errors import InputError
 from rotorid.phasors import phasor_lines
 
@@ -114,3 +116,158 @@ def test_keys_of_a_table(folder: Path, old: str, new: str, message: str) -> None
 def test_a_table_has_no_samples_to_inspect(folder: Path) -> None:
     with pytest.raises(InputError, match=r"records\.0\.kind: found a table of phasors"):
         load(folder).measured()
+
+
+TABLE = "n,ax,px,ay,py"
+CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
+
+
+@pytest.mark.parametrize(
+    ("size", "turn", "unit", "keys"),
+    [
+        (1e6, -180 / np.pi, '"um"', "lag = true"),
+        (2e6, 180 / np.pi, '"um"', "peak_to_peak = true"),
+        (1e3 / 25.4e-3, 180 / np.pi, '"mil"', "lag = false"),
+        (1e6, 1.0, '"um"', 'phase_unit = "rad"'),
+        (2e3, -1.0, '"mm"', 'phase_unit = "rad", lag = true, peak_to_peak = true'),
+    ],
+)
+def test_how_instruments_state_a_phasor(
+    folder: Path, size: float, turn: float, unit: str, keys: str
+) -> None:
+    columns = [RPM]
+    for one in coast(RPM).T:
+        columns += [size * np.abs(one), turn * np.angle(one)]
+    table = np.column_stack(columns)
+    np.savetxt(folder / "run.csv", table, delimiter=",", header=TABLE, comments="")
+    text = EXPERIMENT.replace('"um", std = "1 um"', f'{unit}, {keys}, std = "1 um"')
+    estimate = identify(folder, text)
+    assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-9)
+    # Deviations are those of readings with 1 um each: half as much where it is peak to peak.
+    deviation = 0.5e-6 if "peak" in keys else 1e-6
+    exact = phasor_lines(CHANNELS, RPM * np.pi / 30, coast(RPM), deviation)
+    fixed = {"m": 5.0, "t_x": 0.0, "t_y": 0.0}
+    plain = rid.identify(rid.parse_model(MODEL), exact, rid.MaximumLikelihood(fixed=fixed))
+    np.testing.assert_allclose(estimate.covariance, plain.covariance, rtol=1e-6)
+
+
+def test_signals_are_what_the_phasors_say(folder: Path) -> None:
+    """Amplitude 2 and lag 90 degrees is 2 cos(phi - 90 degrees) = 2 sin(phi)."""
+    rows = "n,a,p\n600,2,90\n1200,2,450\n"
+    (folder / "run.csv").write_text(rows)
+    text = """
+model = "model.toml"
+[[records]]
+kind = "phasors"
+file = "run.csv"
+speed = { column = "n", unit = "rpm" }
+[channels]
+x = { amplitude = "a", phase = "p", unit = "m", lag = true, std = "1 mm" }
+"""
+    (lines,) = load(folder, text).records()
+    assert isinstance(lines, rid.Lines)
+    sine = lines.clock.lines(lambda t, phi, speed: 2 * np.sin(phi)[..., None])
+    np.testing.assert_allclose(lines.mean, sine, atol=1e-12)
+    np.testing.assert_allclose(lines.speed, [20 * np.pi, 40 * np.pi])
+    # A deviation of 1 mm in each part of X is that of 0.5 mm in each part of its line.
+    np.testing.assert_allclose(lines.covariance.matrices[:, 0, 0], 2 * (0.5e-3) ** 2)
+
+
+def test_deviations_from_a_column(folder: Path) -> None:
+    rng = np.random.default_rng(5)
+    phasors = coast(RPM)
+    std = np.where(np.arange(len(RPM)) % 4 == 0, 1e-3, 1e-7)
+    noise = rng.standard_normal(phasors.shape) + 1j * rng.standard_normal(phasors.shape)
+    write(folder / "run.csv", RPM, phasors + std[:, None] * noise)
+    table = np.genfromtxt(folder / "run.csv", delimiter=",", skip_header=1)
+    header = "n,ax,px,ay,py,s"
+    np.savetxt(
+        folder / "run.csv",
+        np.column_stack([table, 1e6 * std]),
+        delimiter=",",
+        header=header,
+        comments="",
+    )
+    estimate = identify(folder, EXPERIMENT.replace('std = "1 um"', 'std = "s"'))
+    assert estimate.status == "ok"
+    assert estimate.value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-3)
+
+
+def test_a_sensor_of_a_combination_and_with_delay(folder: Path) -> None:
+    turning = RPM * np.pi / 30
+    phasors = coast(RPM)
+    seen = 0.6 * phasors[:, 0] + 0.8 * phasors[:, 1]
+    lagging = phasors[:, 1] * np.exp(-1j * turning * 20e-6)
+    write(folder / "run.csv", RPM, np.column_stack([seen, lagging]))
+    text = EXPERIMENT.replace("x = { amp", 's = { reads = "0.6*x + 0.8*y", amp')
+    estimate = identify(folder, text.replace('"1 um" }\n[par', '"1 um", delay = "20 us" }\n[par'))
+    assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-5)
+
+
+def test_repeated_readings_tell_their_noise() -> None:
+    """Two readings of one speed: half the squared difference is the variance of each."""
+    readings = np.repeat(coast(RPM), 2, axis=0)
+    readings[::2] += 1e-6 * np.exp(1j * np.arange(len(RPM)))[:, None]
+    lines = phasor_lines(CHANNELS, np.repeat(RPM, 2) * np.pi / 30, readings)
+    assert len(lines.frequency) == len(RPM)
+    assert (lines.covariance.kind, lines.covariance.dof) == ("repeated", len(RPM))
+    np.testing.assert_allclose(
+        lines.mean, coast(RPM) / 2 + 0.25e-6 * np.exp(1j * np.arange(len(RPM)))[:, None]
+    )
+    # |d|^2 / 2 of readings that are lines X / 2; of the mean of two, half of it; cross terms alike.
+    np.testing.assert_allclose(lines.covariance.matrices, np.full((40, 2, 2), 0.5e-12 / 4 / 2))
+
+
+def test_repeated_readings_must_be_enough() -> None:
+    speed = np.append(RPM, RPM[:9]) * np.pi / 30
+    phasors = np.append(coast(RPM), coast(RPM[:9]) + 1e-6, axis=0)
+    with pytest.raises(
+        InputError, match=r"9 repeated readings and no std; expected .* 10 repeated"
+    ):
+        phasor_lines(CHANNELS, speed, phasors)
+    with pytest.raises(InputError, match=r"no std and no speed twice.*write std"):
+        phasor_lines(CHANNELS, RPM, coast(RPM))
+
+
+def test_repeated_readings_that_belie_their_std_are_told() -> None:
+    speed = np.repeat(RPM, 2) * np.pi / 30
+    noise = np.random.default_rng(2).standard_normal((2, 80, 2)) * 5e-6
+    phasors = np.repeat(coast(RPM), 2, axis=0) + noise[0] + 1j * noise[1]
+    (told,) = phasor_lines(CHANNELS, speed, phasors, 1e-6).warnings
+    assert "scatter 5" in told or "scatter 4.9" in told
+    assert not phasor_lines(CHANNELS, speed, phasors, 5e-6).warnings
+
+
+@pytest.mark.parametrize(
+    ("row", "old", "new", "message"),
+    [
+        ("", 'std = "1 um"', 'std = "0 um"', r"channels\.x\.std: found 0 um; expected a deviation"),
+        ("", 'std = "1 um"', 'std = "-1 um"', r"channels\.x\.std: found -1 um"),
+        ("", 'std = "1 um"', 'std = "1 kg"', r"channels\.x\.std: found unit 'kg'"),
+        ("", 'std = "1 um"', 'std = "sigma"', r"channels\.x\.std: found 'sigma'"),
+        ("", 'unit = "um", std = "1 um" }\ny', 'unit = "um" }\ny', r"found no std of x"),
+        ("", 'unit = "um"', 'unit = "kg"', r"channels\.x\.unit: found unit 'kg'"),
+        ("", 'unit = "um", ', "", r"channels\.x: found no unit"),
+        ("", 'phase = "px"', 'phase = "px", phase_unit = "m"', r"channels\.x\.phase_unit"),
+        ("", "x = { amp", "q = { amp", r"channels\.q: found 'q', which is no input"),
+        ("", 'column = "n", unit = "rpm"', 'column = "n", unit = "m"', r"speed.*unit 'm'"),
+        ("", 'column = "n", unit = "rpm"', 'column = "n"', r"speed: found no unit"),
+        ("", 'column = "n", unit = "rpm"', 'column = "q", unit = "rpm"', r"speed.*'q'"),
+        ("0,1,2,3,4", "", "", r"found a speed of 0 in row 41"),
+        ("3000,nan,2,3,4", "", "", r"channels\.x\.amplitude: found nan in row 41 of 'ax'"),
+        ("3000,-1,2,3,4", "", "", r"channels\.x\.amplitude: found the amplitude -1e-06 in row 41"),
+        ("fast,1,2,3,4", "", "", r"run\.csv: "),
+        ("3000,1,2,3", "", "", r"run\.csv: "),
+    ],
+)
+def test_bad_input_is_one_line(
+    folder: Path, row: str, old: str, new: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (folder / "run.csv").open("a") as stream:
+        stream.write(row + "\n" if row else "")
+    text = EXPERIMENT.replace(old, new, 1) if old else EXPERIMENT
+    (folder / "experiment.toml").write_text(text)
+    assert run(["identify", str(folder / "experiment.toml")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert re.search(message, said)

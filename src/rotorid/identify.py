@@ -11,6 +11,7 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Value
 from rotorid.estimators import gate
 from rotorid.estimators.methods import Estimator, by_name
+from rotorid.lines import PhasorClock
 from rotorid.models import Model
 from rotorid.observation import Data, Observation
 from rotorid.record import Check, PeriodicRecord
@@ -63,10 +64,14 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     for each, checks in zip(data, found, strict=True):
         for check in checks:
             if check.verdict == "refused":
+                table = not isinstance(each, Observation) and isinstance(
+                    getattr(each, "clock", None), PhasorClock
+                )
+                more = "" if table else "; rotorid inspect shows more"
                 raise InputError(
                     str(check),
                     "a record that can be identified",
-                    "mend the record or leave that channel out; rotorid inspect shows more",
+                    f"mend the record or leave that channel out{more}",
                     file=_source(each),
                 )
     checks = tuple(dict.fromkeys(check for checks in found for check in checks))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rotorid.distributions import gamma_tail
 from rotorid.errors import InputError
 from rotorid.lines import Lines, PhasorClock
-from rotorid.record import Channel, Complexes, Floats, Integers
+from rotorid.record import Channel, Check, Complexes, Floats, Integers
 from rotorid.signals.covariance import KNOWN, LineCovariance
 from rotorid.signals.spectrum import transfer_of_recording
 
@@ -56,6 +56,7 @@ def phasor_lines(
     std: ArrayLike | None = None,
     *,
     source: str = "",
+    checks: Sequence[Check] = (),
 ) -> Lines:
     """Return the lines of a table of 1x phasors, a row per speed.
 
@@ -76,6 +77,8 @@ def phasor_lines(
         (row, channel), or what broadcasts to it.
     source : str
         For messages.
+    checks : sequence of Check
+        What the table showed already.
 
     Returns
     -------
@@ -118,6 +121,7 @@ def phasor_lines(
         clock=PhasorClock(rows.speed),
         source=source,
         warnings=told,
+        checks=tuple(checks),
         passive=True,
     )
 
@@ -135,8 +139,9 @@ def _check(channels: Sequence[Channel], speed: Floats, phasors: Complexes, sourc
     wrong = ~np.isfinite(phasors).all(axis=1) | ~np.isfinite(speed) | (speed == 0)
     if wrong.any():
         row = int(wrong.argmax())
+        still = speed[row] == 0
         raise InputError(
-            f"row {row + 1}: speed {speed[row]:g} rad/s, phasors {phasors[row]}",
+            f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
             "finite numbers, a speed other than 0",
             "correct the row, or leave it out",
             file=source,

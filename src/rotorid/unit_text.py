@@ -124,6 +124,8 @@ def _table() -> dict[str, tuple[float, int, dict[str, int]]]:
     """Return what each common name is: a factor, a power of ten, and powers of SI symbols."""
     table: dict[str, tuple[float, int, dict[str, int]]] = {
         "cm": (1.0, -2, {"m": 1}),
+        "mil": (25.4, -6, {"m": 1}),
+        "mils": (25.4, -6, {"m": 1}),
         "Nm": (1.0, 0, {"N": 1, "m": 1}),
         "min": (60.0, 0, {"s": 1}),
         "rev": (2 * math.pi, 0, {"rad": 1}),
@@ -174,6 +176,7 @@ def _registry() -> pint.UnitRegistry[float]:
     registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     registry.define("newton_meter = newton * meter = Nm")  # pint: 1000 m/kg
     registry.define("@alias revolution = rev")
+    registry.define("thousandth_inch = 0.001 * inch = mil = mils")  # pint: a mil is an angle
     return registry
 
 

@@ -16,7 +16,8 @@ from rotorid.io.table import Table
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.phasors import phasor_lines
-from rotorid.record import Channel, Complexes, Floats
+from rotorid.record import Channel, Check, Complexes, Floats
+from rotorid.signals.checks_phasors import check_phases, check_probes
 from rotorid.units import si_factor, to_si
 
 
@@ -51,14 +52,21 @@ def read_phasors(
     try:
         channels = phasor_channels(entries, model, folder)
         speed = _speeds(rows, entry, entries)
-        phasors = [_phasor(rows, name, one, channels[name]) for name, one in entries.items()]
-        std = [_std(rows, name, one, channels[name]) for name, one in entries.items()]
+        read = [_phasor(rows, name, one, channels[name]) for name, one in entries.items()]
+        phasors = _stacked(speed, read, table)
+        stated = [_std(rows, name, one, channels[name]) for name, one in entries.items()]
+        std = _common(list(entries), stated, speed)
+        probes = [k for k, name in enumerate(entries) if name not in model.inputs]
+        checks = [
+            *check_probes(
+                [list(entries)[k] for k in probes],
+                phasors[:, probes],
+                None if std is None else std[:, probes],
+            ),
+            *(c for name, one in entries.items() for c in _phases(rows, name, one)),
+        ]
         return phasor_lines(
-            list(channels.values()),
-            speed,
-            _stacked(speed, phasors, table),
-            _common(list(entries), std, speed),
-            source=table.file,
+            list(channels.values()), speed, phasors, std, source=table.file, checks=checks
         )
     except InputError as error:
         raise error.at(file=table.file) from None
@@ -158,6 +166,15 @@ def _phasor(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) ->
         found = real + 1j * imag
     found = found.conj() if entry.lag else found
     return np.asarray(found / 2 if entry.peak_to_peak else found)
+
+
+def _phases(rows: _Columns, name: str, entry: ChannelEntry) -> list[Check]:
+    """Check the phases of a channel in the unit in which they are stated."""
+    if not entry.polar:
+        return []
+    turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")
+    factor = si_factor(entry.phase_unit, "rad")
+    return list(check_phases(name, turned / factor, degrees=factor < 1))
 
 
 def _std(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Floats | None:

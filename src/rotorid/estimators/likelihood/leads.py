@@ -353,6 +353,8 @@ def _units(record: Observation) -> list[Lead]:
 def _speeds(records: Sequence[Observation], shown: Sequence[float]) -> list[Lead]:
     """Return mistaken units of the speed, its direction, and speeds that the data show."""
     given = [float(s) for r in records for s in np.unique(r.lines.speed)]
+    if any(len(np.unique(r.lines.speed)) > 1 for r in records):
+        return []  # tables: see `table_leads`
     if len(set(given)) != 1:  # every record has its own: one factor for all
         shown = ()
     now = given[0]

@@ -43,6 +43,7 @@ from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.refits import Case, minimized, screened
 from rotorid.estimators.likelihood.shifts import Shift, shifts
+from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -305,9 +306,13 @@ class _Search:
         Whatever stands out is followed at once, and ends the search where it explains the data.
         """
         records, prepared = self.case.records, self.case.prepared
+        found: list[Finding] = []
+        for lead in table_leads(records):  # few, and a negative damping screens as well as theirs
+            found += self.followed(lead)
+            if any(self.explained(finding) for finding in found):
+                return found
         level = screened(prepared, records)
         tries: list[tuple[float, _Follow]] = []
-        found: list[Finding] = []
         for wanted, changed, follow in self._trials():
             cost = screened(wanted, changed)
             tries.append((cost, follow))

@@ -12,6 +12,7 @@ from rotorid.estimators import gate
 from rotorid.estimators.gate import Verdict
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
+from rotorid.estimators.likelihood.table_leads import scale_of_time
 from rotorid.models import Model
 from rotorid.observation import Observation
 
@@ -35,7 +36,18 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         halves = answers_of_parts(fit.solution.point, fit.records, 2)
         if halves is not None:
             total += gate.agreement(free, halves, std)
+    total += _time(fit)
     return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit))))
+
+
+def _time(fit: Fit) -> Verdict:
+    """Judge whether the speeds of tables are in the unit that they are said to be in."""
+    point = fit.solution.point
+    found = scale_of_time(fit.prepared.layout, point.unknowns, fit.records)
+    if found is None:
+        return Verdict()
+    said, sure = found
+    return Verdict(faults=(said,)) if sure else Verdict(doubts=(said,))
 
 
 def _of_one_record(model: Model, estimate: Estimate, fit: Fit) -> Estimate:

@@ -1,0 +1,174 @@
+"""Mistakes of a table of phasors: none ends well with a wrong answer, and each is told."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, load, write
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.estimators.likelihood.table_leads import FAR, NEAR
+
+TRIAL = 5e-5 + 2e-5j
+NOISE = 1e-6
+FEW = RPM[::2]
+TWO = EXPERIMENT.replace('m = { fixed = "5 kg" }\n', "").replace(
+    "[channels]",
+    """
+[[records]]
+kind = "phasors"
+file = "trial.csv"
+speed = { column = "n", unit = "rpm" }
+[records.parameters]
+t_x = { fixed = "50 g mm" }
+t_y = { fixed = "20 g mm" }
+[channels]
+""",
+)
+Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def unchanged(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return rpm, phasors
+
+
+def measured(folder: Path, change: Change = unchanged, text: str = TWO) -> rid.Estimate:
+    """Identify two noisy coast-downs whose tables were changed."""
+    (folder / "model.toml").write_text(MODEL)
+    rng = np.random.default_rng(3)
+    for name, trial in (("run.csv", 0.0), ("trial.csv", TRIAL)):
+        exact = coast(FEW, trial)
+        noise = rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
+        write(folder / name, *change(FEW, exact + NOISE * noise))
+    experiment = load(folder, text)
+    return rid.identify(experiment.model, experiment.records(), experiment.estimator())
+
+
+def worst(estimate: rid.Estimate) -> float:
+    """Return the largest error over its stated deviation."""
+    return max(abs(estimate.value(n) - v) / (estimate.std(n) or 0.0) for n, v in TRUTH.items())
+
+
+def swapped(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return rpm, phasors[:, ::-1]
+
+
+def in_radians(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What `write` calls degrees are radians."""
+    return rpm, np.abs(phasors) * np.exp(1j * np.radians(np.angle(phasors)))
+
+
+def silent(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    parts = np.random.default_rng(1).standard_normal((2, len(rpm)))
+    return rpm, np.column_stack([phasors[:, 0], 0.5 * NOISE * (parts[0] + 1j * parts[1])])
+
+
+def backward(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return -rpm, phasors
+
+
+def slower(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return rpm / 60, phasors
+
+
+def faster(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return rpm * 60, phasors
+
+
+def test_the_tables_as_they_are(tmp_path: Path) -> None:
+    estimate = measured(tmp_path)
+    assert estimate.status == "ok"
+    assert worst(estimate) < 3
+
+
+@pytest.mark.parametrize(
+    ("change", "old", "new", "told"),
+    [
+        (unchanged, "std =", "lag = true, std =", "first suspect: phases that count the other"),
+        (unchanged, 'phase = "px",', 'phase = "px", lag = true,', "first suspect: the phase of x"),
+        (swapped, "", "", "first suspect: x with y exchanged"),
+        (in_radians, "", "", "first suspect: phases in radians taken for degrees"),
+        (backward, "", "", "first suspect: the rotor turning the other way"),
+        (silent, "", "", r"first suspect: gain\[y\]"),
+        (slower, "", "", "speeds of the table 60 times as large .Hz taken for rpm"),
+        (faster, "", "", "speeds of the table 0.01667 times as large .rpm taken for Hz"),
+        (unchanged, '"20 g mm"', '"-20 g mm"', r"first suspect: t_y"),
+    ],
+)
+def test_a_mistake_is_told(tmp_path: Path, change: Change, old: str, new: str, told: str) -> None:
+    estimate = measured(tmp_path, change, TWO.replace(old, new) if old else TWO)
+    assert estimate.status in ("rejected", "not_converged", "not_identifiable")
+    assert any(re.search(told, warning) for warning in estimate.warnings)
+
+
+def test_a_silent_probe_is_seen_before_any_model(tmp_path: Path) -> None:
+    estimate = measured(tmp_path, silent)
+    assert [(c.check, c.channel, c.verdict) for c in estimate.checks] == [
+        ("silent", "y", "warning")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [(0.0, "dead, y: 0 in every row"), (3e-5, "dead, y: the same in all 20 rows")],
+)
+def test_a_dead_probe_is_refused(tmp_path: Path, value: float, message: str) -> None:
+    def dead(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rpm, np.column_stack([phasors[:, 0], np.full(len(rpm), value)])
+
+    with pytest.raises(InputError, match=message):
+        measured(tmp_path, dead)
+
+
+def test_degrees_read_as_radians_are_refused(tmp_path: Path) -> None:
+    text = TWO.replace("std =", 'phase_unit = "rad", std =')
+    with pytest.raises(InputError, match=r"phase unit, x: phases up to 1\d\d.*phase_unit = .deg."):
+        measured(tmp_path, text=text)
+
+
+def test_radians_look_like_it(tmp_path: Path) -> None:
+    checks = measured(tmp_path, in_radians).checks
+    assert {(c.check, c.channel, c.verdict) for c in checks} == {
+        ("phase unit", "x", "warning"),
+        ("phase unit", "y", "warning"),
+    }
+
+
+def test_a_row_that_is_written_twice_counts_once(tmp_path: Path) -> None:
+    def doubled(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.append(rpm, rpm[3]), np.vstack([phasors, phasors[3]])
+
+    estimate, plain = measured(tmp_path, doubled), measured(tmp_path)
+    assert estimate.status == "ok"
+    assert any("1 row at 2769.23 rpm, the same" in w for w in estimate.warnings)
+    np.testing.assert_allclose(estimate.covariance, plain.covariance, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("factor", "status"),
+    [(np.sqrt(0.9 * FAR), "ok"), (20, "ok"), (60, "rejected")],
+)
+def test_only_speeds_off_by_a_unit_are_doubted(tmp_path: Path, factor: float, status: str) -> None:
+    """A start that is far off is none of the speeds' business, but for the factors of units."""
+
+    def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rpm / factor, phasors
+
+    assert measured(tmp_path, slow).status == status
+
+
+def test_a_start_that_is_off_in_one_parameter_says_nothing_of_the_speeds(tmp_path: Path) -> None:
+    text = TWO + f'c = {{ start = "{60 * 1.2 * NEAR} N s/m" }}\n'
+    assert measured(tmp_path, slower, text).status == "ok"
+
+
+def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path: Path) -> None:
+    def slow(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rpm / (2 * np.pi), phasors
+
+    estimate = measured(tmp_path, slow)
+    assert estimate.status == "ok"
+    assert any("6.283 times as large (Hz taken for rad/s)" in w for w in estimate.warnings)

@@ -1,0 +1,91 @@
+"""Coast-downs with and without a trial mass: do the error bars of unbalance and speed hold?
+
+The records are made by `coast_down`, three lines of numpy that know nothing of the likelihood: 40
+speeds, two probes, noise of 2 um on each part of every phasor, unbalances of 0.1 and 0.2 g m.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from coast_down import MODEL, RPM, TRUTH, coast
+
+import rotorid as rid
+from rotorid.phasors import phasor_lines
+
+TRIAL = 5e-5 + 2e-5j
+NOISE = 2e-6
+JEFFCOTT = rid.parse_model(MODEL)
+CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
+Table = Callable[[np.random.Generator, complex], rid.Lines]
+
+
+def read(rng: np.random.Generator, rpm: np.ndarray, trial: complex) -> np.ndarray:
+    exact = coast(rpm, trial)
+    return exact + NOISE * (
+        rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
+    )
+
+
+def stated(rng: np.random.Generator, trial: complex) -> rid.Lines:
+    return phasor_lines(CHANNELS, RPM * np.pi / 30, read(rng, RPM, trial), NOISE)
+
+
+def repeated(rng: np.random.Generator, trial: complex) -> rid.Lines:
+    """Twelve of the speeds were read twice, and nothing is stated."""
+    rpm = np.concatenate([RPM, RPM[::3][:12]])
+    return phasor_lines(CHANNELS, rpm * np.pi / 30, read(rng, rpm, trial))
+
+
+def errors(table: Table, records: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return error over stated deviation of size, angle and critical speed, and the p-values."""
+    method = rid.MaximumLikelihood(fixed={"t_x": 0.0, "t_y": 0.0})
+    unbalance = TRUTH["u_x"] + 1j * TRUTH["u_y"]
+    truth = np.array([abs(unbalance), np.angle(unbalance), np.sqrt(TRUTH["k"] / TRUTH["m"])])
+    ratios, chances = [], []
+    for number in range(records):
+        rng = np.random.default_rng([number, 3])
+        bare, weighed = table(rng, 0.0), table(rng, TRIAL)
+        runs = [bare, weighed.with_parameters(t_x=TRIAL.real, t_y=TRIAL.imag)]
+        estimate = rid.identify(JEFFCOTT, runs, method)
+        assert estimate.status == "ok"
+        assert estimate.misfit is not None
+        value, std = derived(estimate)
+        ratios.append((value - truth) / std)
+        chances.append(estimate.misfit.p_value)
+    return np.array(ratios), np.array(chances)
+
+
+def derived(estimate: rid.Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """Return size and angle of the unbalance and the critical speed, with their deviations."""
+    names = [v.name for v in estimate.free]
+    m, k, u_x, u_y = (estimate.value(n) for n in ("m", "k", "u_x", "u_y"))
+    size, critical = np.hypot(u_x, u_y), np.sqrt(k / m)
+    slopes = np.zeros((3, len(names)))
+    slopes[0, [names.index("u_x"), names.index("u_y")]] = u_x / size, u_y / size
+    slopes[1, [names.index("u_x"), names.index("u_y")]] = -u_y / size**2, u_x / size**2
+    slopes[2, [names.index("m"), names.index("k")]] = -critical / 2 / m, critical / 2 / k
+    spread = np.sqrt(np.diag(slopes @ estimate.covariance @ slopes.T))
+    return np.array([size, np.arctan2(u_y, u_x), critical]), spread
+
+
+@pytest.mark.parametrize("table", [stated, repeated])
+def test_a_few_coast_downs(table: Table) -> None:
+    ratios, chances = errors(table, 20)
+    # 60 numbers, of which three belong together: a rms of 1 within three of its deviations.
+    assert 0.7 < np.sqrt((ratios**2).mean()) < 1.3
+    assert (np.abs(ratios) < 1.96).mean() > 0.85
+    assert 0.2 < chances.mean() < 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", [stated, repeated])
+def test_error_bars_of_a_coast_down(table: Table) -> None:
+    ratios, chances = errors(table, 400)
+    rms = np.sqrt((ratios**2).mean(axis=0))
+    assert (rms > 0.9).all()
+    assert (rms < 1.15).all()
+    covered = (np.abs(ratios) < 1.96).mean(axis=0)
+    assert (covered >= 0.93).all()
+    assert (covered <= 0.97).all()
+    assert 0.03 <= (chances < 0.05).mean() <= 0.08
