@@ -360,3 +360,86 @@ parameters = { kmax = { unit = "N/m" } }
         load(
             tmp_path, text.replace('value = "1 N/m", std = "0.1 N/m"', 'max = "1 N/m"')
         ).estimator()
+
+
+MODES = """
+model = "jeffcott"
+
+[[modes]]
+frequency = "{hertz} Hz"
+std = "0.02 Hz"
+damping = {{ value = {ratio}, std = 1e-4 }}
+
+[parameters]
+m = {{ fixed = "{mass} kg" }}
+xi = {{ fixed = "0 m" }}
+zeta = {{ fixed = "0 m" }}
+"""
+
+
+def modal_test() -> str:
+    k, m, c = TRUTH["k"], TRUTH["m"], TRUTH["c"]
+    ratio = c / (2 * np.sqrt(k * m))
+    hertz = np.sqrt(k / m * (1 - ratio**2)) / (2 * np.pi)
+    return MODES.format(hertz=repr(float(hertz)), ratio=repr(float(ratio)), mass=m)
+
+
+def test_natural_frequencies_alone(tmp_path: Path) -> None:
+    found = estimate(load(tmp_path, modal_test()), "ml")
+    assert found.status == "ok"
+    assert found.value("k") == pytest.approx(TRUTH["k"], rel=1e-9)
+    assert found.value("c") == pytest.approx(TRUTH["c"], rel=1e-9)
+    assert found.lines_hz == ()
+
+
+def test_natural_frequencies_beside_a_record(folder: Path) -> None:
+    """The disc carried another mass in the test."""
+    k, c = TRUTH["k"], TRUTH["c"]
+    hertz = np.sqrt(k / 3 - (c / 6) ** 2) / (2 * np.pi)
+    mode = f"""
+[[modes]]
+frequency = "{float(hertz)!r} Hz"
+std = "0.001 Hz"
+parameters = {{ m = "3 kg" }}
+"""
+    found = estimate(load(folder, EXPERIMENT + mode), "ml")
+    assert found.value("k") == pytest.approx(k, rel=1e-8)
+    assert found.modes[0].fitted_hz == pytest.approx(hertz, rel=1e-9)
+    assert found.modes[0].parameters == (("m", 3.0),)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            'std = "0.02 Hz"',
+            'std = "0 Hz"',
+            r"modes\.0: std: found 0 Hz; expected a number above 0",
+        ),
+        ('std = "0.02 Hz"', "", r"modes\.0\.std: found no such key"),
+        ('std = "0.02 Hz"', 'std = "2 mm"', r"modes\.0\.std: "),
+        ("std = 1e-4", "std = 0", r"modes\.0\.damping\.std: found 0"),
+        ("[[modes]]", "[[modes]]\nmode = 0", r"modes\.0\.mode: found 0"),
+        (
+            "[[modes]]",
+            "[[modes]]\nmode = 9",
+            r"modes: found a measured mode that would be number 9",
+        ),
+        ("[[modes]]", '[[modes]]\nparameters = { q = "1 kg" }', r"no parameter of the model"),
+        ("[[modes]]", '[[modes]]\nparameters = { m = "1 mm" }', r"modes\.0: m: found unit 'mm'"),
+        ("[[modes]]", '[[modes]]\nspeed = "3 kg"', r"modes\.0\.speed: "),
+    ],
+)
+def test_natural_frequencies_refused(tmp_path: Path, old: str, new: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        estimate(load(tmp_path, modal_test().replace(old, new)), "ml")
+
+
+def test_natural_frequencies_need_ml_and_no_record(tmp_path: Path) -> None:
+    experiment = load(tmp_path, modal_test())
+    with pytest.raises(InputError, match=r"modes: found measured natural frequencies.*use ml"):
+        experiment.estimator("batch")
+    with pytest.raises(InputError, match="natural frequencies alone; expected a record"):
+        experiment.require_records()
+    with pytest.raises(InputError, match=r"neither \[\[records\]\] nor \[\[modes\]\]"):
+        load(tmp_path, 'model = "jeffcott"')

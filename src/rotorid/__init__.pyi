@@ -7,6 +7,7 @@ from .estimate import EquationMisfit as EquationMisfit
 from .estimate import Estimate as Estimate
 from .estimate import LineMisfit as LineMisfit
 from .estimate import Misfit as Misfit
+from .estimate import ModeFit as ModeFit
 from .estimate import Prediction as Prediction
 from .estimate import Provenance as Provenance
 from .estimate import Suspect as Suspect
@@ -17,6 +18,7 @@ from .estimators import Constraint as Constraint
 from .estimators import Estimator as Estimator
 from .estimators import LeastSquares as LeastSquares
 from .estimators import MaximumLikelihood as MaximumLikelihood
+from .estimators import Mode as Mode
 from .estimators import Plan as Plan
 from .estimators import Sequential as Sequential
 from .estimators import predict_accuracy as predict_accuracy

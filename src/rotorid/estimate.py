@@ -151,6 +151,40 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class ModeFit:
+    """A measured natural frequency beside that of the estimate.
+
+    Parameters
+    ----------
+    mode : int
+        Its number among the distinct natural frequencies, from 1.
+    speed_rad_s : float
+    frequency_hz, std_hz : float
+        As measured.
+    fitted_hz, fitted_std_hz : float
+        Of the estimate, with the deviation that follows from those of the parameters.
+    damping_ratio, damping_std : float or None
+        As measured; ``None`` where it was not.
+    fitted_damping_ratio : float
+    parameters : sequence of (name, value)
+        What was otherwise in the test.
+    """
+
+    mode: Count
+    speed_rad_s: Number
+    frequency_hz: Number
+    std_hz: Number
+    fitted_hz: Number
+    fitted_std_hz: Number
+    damping_ratio: Optional = None
+    damping_std: Optional = None
+    fitted_damping_ratio: Optional = None
+    parameters: Annotated[
+        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
+    ] = ()
+
+
+@dataclass(frozen=True)
 class SourceFile:
     """A file that went into an estimate, and the sha256 of its content in hexadecimal."""
 
@@ -242,6 +276,8 @@ class Estimate(ByContent):
         The same equation by equation.
     alternatives : sequence of Alternative
         Other answers that fit as well; not empty means that the status is ``not_identifiable``.
+    modes : sequence of ModeFit
+        Measured natural frequencies beside those of the estimate.
     checks : sequence of Check
         What the data showed before any model.
     provenance : Provenance or None
@@ -277,6 +313,7 @@ class Estimate(ByContent):
     line_misfit: tuple[LineMisfit, ...] = ()
     equation_misfit: tuple[EquationMisfit, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    modes: tuple[ModeFit, ...] = ()
     checks: tuple[Check, ...] = ()
     provenance: Provenance | None = None
 
@@ -332,6 +369,7 @@ class Estimate(ByContent):
         """The values, other answers that fit, what the data showed, and where the misfit lies."""
         return [
             *self.value_tables,
+            *_mode_tables(self),
             *_alternative_tables(self),
             *_check_tables(self),
             *_suspect_tables(self),
@@ -481,6 +519,23 @@ def _alternative_tables(estimate: Estimate) -> list[Table]:
     ]
     costs = ("cost", *("" if c is None else f"{c:.4g}" for c in cost))
     return [table(headings, [*rows, costs])]
+
+
+def _mode_tables(estimate: Estimate) -> list[Table]:
+    """Return measured natural frequencies and damping ratios beside those of the estimate."""
+    rows = []
+    for m in estimate.modes:
+        turning = f" at {m.speed_rad_s / (2 * math.pi):g} rev/s" if m.speed_rad_s else ""
+        name = f"mode {m.mode}{turning}" + "".join(f", {n} = {v:g}" for n, v in m.parameters)
+        pairs = [(name, m.frequency_hz, m.std_hz, m.fitted_hz, "Hz")]
+        if m.damping_ratio is not None and m.damping_std and m.fitted_damping_ratio is not None:
+            ratio = m.damping_ratio, m.damping_std, m.fitted_damping_ratio
+            pairs.append((f"{name}, damping ratio", *ratio, ""))
+        for label, value, std, fitted, unit in pairs:
+            away = f"{(fitted - value) / std:+.2f}"
+            rows.append((label, f"{value:.6g}", _two_digits(std), f"{fitted:.6g}", away, unit))
+    headings = ("natural frequencies", "measured", "std", "fitted", "off by std", "unit")
+    return [table(headings, rows)] if rows else []
 
 
 def _check_tables(estimate: Estimate) -> list[Table]:

@@ -26,6 +26,7 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None) 
     estimate = load_estimate(result)
     with progress("reading"):
         plan = load_experiment(experiment)
+        plan.require_records()
         check_apart(targets, [result, *plan.files])
         records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:

@@ -7,4 +7,5 @@ from .likelihood.bound import predict_accuracy as predict_accuracy
 from .maximum_likelihood import MaximumLikelihood as MaximumLikelihood
 from .methods import Estimator as Estimator
 from .methods import by_name as by_name
+from .modes import Mode as Mode
 from .sequential import Sequential as Sequential

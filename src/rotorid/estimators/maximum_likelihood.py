@@ -17,6 +17,7 @@ from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.likelihood.verdict import block_scatter, verdict
+from rotorid.estimators.modes import Mode, in_units_of
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 
@@ -54,6 +55,8 @@ class MaximumLikelihood:
     each : sequence of str
         Parameters that every record has to itself: ``u_x[0]``, ``u_x[1]``, names that may stand
         in `fixed`, `known` and `start` too.
+    modes : sequence of Mode
+        Measured natural frequencies and damping ratios, beside the records or without any.
     base : bool
         Estimate the base parameters.
     covariance : {"auto", "white", "correlated"}
@@ -82,6 +85,7 @@ class MaximumLikelihood:
     gains: tuple[str, ...] = ()
     delays: tuple[str, ...] = ()
     each: tuple[str, ...] = ()
+    modes: tuple[Mode, ...] = ()
     base: bool = False
     covariance: Literal["auto", "white", "correlated"] = "auto"
     neighbours: int | None = None
@@ -91,7 +95,7 @@ class MaximumLikelihood:
             raise InputError(
                 f"covariance {self.covariance!r}", "auto, white or correlated", "correct it"
             )
-        for name in ("constraints", "gains", "delays", "each"):
+        for name in ("constraints", "gains", "delays", "each", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         _ = self.nuisances
 
@@ -112,6 +116,7 @@ class MaximumLikelihood:
             in_si(self.start, model),
             self.constraints,
             self.bounds,
+            tuple(in_units_of(model, mode) for mode in self.modes),
         )
 
     @property
@@ -130,8 +135,9 @@ class MaximumLikelihood:
             Where the model is not linear in its coordinates.
         """
         linear_form(model)
-        bound, knowledge = bind_all(model, records), self.knowledge(model)
         _check_each(model, self.each)
+        knowledge = self.knowledge(model)
+        bound = bind_all(model, records) if records or not self.modes else ()
         refuse_filtered(bound, "ml")
         try:
             found = fit(

@@ -44,6 +44,7 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection], str]:
             raise
         told = f"read as a draft, every column as it is, because of this: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
+    plan.require_records()
     return [
         _inspect(record, entry)
         for record, entry in zip(_measured(plan), plan.entry.records, strict=True)

@@ -77,6 +77,23 @@ class Experiment:
         """
         return self._measured(currents=self.method(method) == "ml")
 
+    def require_records(self) -> None:
+        """Refuse an experiment of measured natural frequencies alone.
+
+        Raises
+        ------
+        InputError
+            Where there is no record.
+        """
+        if not self.entry.records:
+            raise InputError(
+                "natural frequencies alone",
+                "a record: [[records]]",
+                "add one; rotorid identify needs none",
+                file=self.file,
+                place="records",
+            )
+
     def _measured(self, *, currents: bool) -> list[Record]:
         for number, entry in enumerate(self.entry.records):
             if entry.kind != "samples":

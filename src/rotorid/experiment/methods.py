@@ -6,7 +6,7 @@ from rotorid import estimators
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.methods import Estimator
-from rotorid.experiment.names import bounds, stated
+from rotorid.experiment.names import bounds, modes, stated
 from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
 from rotorid.models import Model
 
@@ -47,6 +47,7 @@ def _maximum_likelihood(
         gains=tuple(entry.estimator.gains),
         delays=tuple(entry.estimator.delays),
         each=tuple(name for name, p in entry.parameters.items() if p.each),
+        modes=modes(entry.modes, model),
     )
 
 
@@ -72,6 +73,10 @@ def _refused(place: str) -> str:
 
 def _refuse_deviations(entry: ExperimentFile) -> None:
     """Refuse what only a likelihood can weigh: knowledge with a deviation."""
+    if entry.modes:
+        raise InputError(
+            "measured natural frequencies", "records alone for this method", "use ml", place="modes"
+        )
     asked = entry.estimator
     given = {"runout": asked.runout, "gains": asked.gains, "delays": asked.delays}
     for key, value in given.items():

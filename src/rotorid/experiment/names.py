@@ -10,10 +10,12 @@ from typing import Any
 from rotorid.dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial
+from rotorid.estimators.modes import Mode, in_units_of
 from rotorid.experiment.schema import (
     ChannelEntry,
     ConstraintEntry,
     DynamicsEntry,
+    ModeEntry,
     OwnEntry,
     ParameterEntry,
     RecordEntry,
@@ -215,6 +217,26 @@ def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Const
             std = to_si(entry.std, unit, place=f"{place}.std")
             _check_deviation(std, f"{place}.std")
         found.append(Constraint(entry.expression, value, std))
+    return tuple(found)
+
+
+def modes(entries: Sequence[ModeEntry], model: Model) -> tuple[Mode, ...]:
+    """Return the measured natural frequencies, what was otherwise in the test in SI."""
+    found = []
+    for at, entry in enumerate(entries):
+        place = f"modes.{at}"
+        for name in entry.parameters:
+            if name not in model.parameter_names:
+                inner = f"{place}.parameters.{name}"
+                raise unknown(name, model.parameter_names, "parameter", inner)
+        told = entry.damping
+        damping = None if told is None else (told.value, told.std)
+        said = {name: str(value) for name, value in entry.parameters.items()}
+        try:
+            mode = Mode(entry.frequency, entry.std, damping, entry.speed, said, entry.mode)
+            found.append(in_units_of(model, mode))
+        except InputError as error:
+            raise error.at(place=place) from None
     return tuple(found)
 
 

@@ -522,6 +522,24 @@ class ConstraintEntry(_Knowledge):
         return self
 
 
+class DampingEntry(Schema):
+    """A measured damping ratio and its deviation."""
+
+    value: Annotated[float, Field(gt=-1, lt=1)]
+    std: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ModeEntry(Schema):
+    """A measured natural frequency."""
+
+    frequency: Annotated[float, _quantity("Hz")]
+    std: Annotated[float, _quantity("Hz")]
+    damping: DampingEntry | None = None
+    speed: Annotated[float, _quantity("rad/s"), Field(ge=-1e9, le=1e9)] = 0.0
+    parameters: dict[str, Quantity] = Field(default_factory=dict)
+    mode: Annotated[StrictInt | None, Field(ge=1, le=10**6)] = None
+
+
 class EstimatorEntry(Schema):
     """How to estimate."""
 
@@ -563,8 +581,20 @@ class ExperimentFile(Schema):
             )
         return value
 
+    @model_validator(mode="after")
+    def _something_measured(self) -> ExperimentFile:
+        if not self.records and not self.modes:
+            raise InputError(
+                "neither [[records]] nor [[modes]]",
+                "at least one record, or one measured natural frequency",
+                "add one",
+                place="records",
+            )
+        return self
+
     model: str
-    records: list[RecordEntry] = Field(min_length=1)
+    records: list[RecordEntry] = Field(default_factory=list)
+    modes: list[ModeEntry] = Field(default_factory=list)
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
     parameters: dict[str, ParameterEntry] = Field(default_factory=dict)
     constraints: list[ConstraintEntry] = Field(default_factory=list)

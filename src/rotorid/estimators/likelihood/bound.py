@@ -153,7 +153,7 @@ def predict_accuracy(
     ----------
     model : Model
     plans : Plan or sequence of Plan
-        The runs, identified together.
+        The runs, identified together; none, where measured modes are all there is.
     estimator : MaximumLikelihood, optional
         What is known and what is not, as it will be for the identification.
     values : mapping of str to float, optional
@@ -208,7 +208,7 @@ def predict_accuracy(
         suspects=(),
         prediction={},
         line_misfit=(),
-        periods=min(plan.periods for plan in runs),
+        periods=min((plan.periods for plan in runs), default=0),
     )
 
 

@@ -23,7 +23,7 @@ def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -
     The change of the mean residual over the periods of a part, taken back through the Jacobian.
     ``None`` where a record has too few periods.
     """
-    if any(r.lines.periods < parts * LEAST_PERIODS for r in records):
+    if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
     columns = [
         _changes(record, at, parts) for record, at in zip(records, point.records, strict=True)

@@ -326,6 +326,8 @@ def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
 
 def _sensors(trial: Trial) -> list[tuple[str, int]]:
     """Try a sensor of each coordinate that the first record does not read by itself."""
+    if not trial.records:
+        return []
     record, model = trial.records[0], trial.layout.model
     single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
     read = {model.coordinates[term.coordinate] for term in single}

@@ -210,8 +210,8 @@ def infer(point: Point, exact: Relations) -> Inference:
         basis @ right[~kept].T,
         scale,
         Expectation(
-            float(sum(mean.sum() for mean in means) + rest.sum()),
-            sum(variances) + 2 * float(rest.sum()),
+            max(float(sum(mean.sum() for mean in means) + rest.sum()), 0.0),
+            sum(variances) + max(2 * float(rest.sum()), 0.0),
             dof,
         ),
         float(top / values[kept].min()) if kept.any() else np.inf,

@@ -329,6 +329,11 @@ def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:
 
 def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
     """Say which other excitation would inform the doubtful unknowns, tried on the start."""
+    if not problem.likelihoods:
+        return (
+            "natural frequencies of another configuration, with other parameters that are known "
+            "([[modes]] parameters), a record with a measured force, a known value, or a bound"
+        )
     layout = problem.layout
     named = set(doubt.noise or doubt.bent)
     asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in named]

@@ -9,10 +9,20 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint, constraint_polynomial, eliminate
+from rotorid.estimators.likelihood.known import Known
+from rotorid.estimators.likelihood.modal import modal_rows
 from rotorid.estimators.likelihood.nuisances import Nuisance, Own, Unknown
 from rotorid.estimators.likelihood.relations import Polynomial, Relations
+from rotorid.estimators.likelihood.tangent import retract
 from rotorid.estimators.likelihood.unknowns import Layout, base_factors, physical_factors
+from rotorid.estimators.modes import Mode
 from rotorid.models import Model
+from rotorid.record import Floats
+
+GENERIC = 0.2
+"""Relative change of the unknowns after which natural frequencies that coincide do so always."""
+GENERATOR = 4711
+"""The fixed number from which that change is drawn."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,8 @@ class Knowledge:
         Polynomials in the parameters, exact or with a deviation.
     bounds : mapping of expression to (lower, upper)
         Polynomials in the parameters that are kept within bounds; ``None`` for no bound.
+    modes : sequence of Mode
+        Measured natural frequencies.
     """
 
     fixed: Mapping[str, float] = field(default_factory=dict)
@@ -38,6 +50,7 @@ class Knowledge:
     start: Mapping[str, float] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = ()
     bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    modes: tuple[Mode, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -46,7 +59,7 @@ class Prepared:
 
     layout: Layout
     exact: Relations
-    known: Relations
+    known: Known
     bounds: Relations
     substituted: Mapping[str, float] = field(default_factory=dict)
 
@@ -87,7 +100,8 @@ def prepare(
     exact, known = _relations(layout, knowledge)
     bounds = _bounds(layout, knowledge)
     _check_relations(layout, exact)
-    return Prepared(layout, exact, known, bounds, held)
+    modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
+    return Prepared(layout, exact, Known(known, modes), bounds, held)
 
 
 def _refuse_own(own: Mapping[str, Own]) -> None:
@@ -295,3 +309,15 @@ def _check_relations(layout: Layout, exact: Relations) -> None:
             "drop one",
             place="constraints",
         )
+
+
+def generic(layout: Layout, exact: Relations) -> Floats:
+    """Return unknowns about the start that keep the exact relations and no symmetry but theirs."""
+    rng, start, free = np.random.default_rng(GENERATOR), layout.start, layout.free
+    x = start.copy()
+    x[free] *= 1 + GENERIC * rng.uniform(-1, 1, len(free))
+    if not len(exact):
+        return x
+    scale = np.where(start[free] != 0, np.abs(start[free]), 1.0)
+    kept = retract(x, free, exact, scale)
+    return x if kept is None else kept

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.estimators.likelihood.cost import Evaluation, Likelihood
+from rotorid.estimators.likelihood.known import Known
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.unknowns import Layout
 from rotorid.record import Floats, Integers
@@ -16,7 +17,7 @@ from rotorid.record import Floats, Integers
 
 @dataclass(frozen=True)
 class Problem:
-    """Minimize the sum of the records' costs and of the squared relations with a deviation.
+    """Minimize the sum of the records' costs and of the squared rows of what is known.
 
     Parameters
     ----------
@@ -25,8 +26,8 @@ class Problem:
         One per record.
     exact : Relations
         h = 0.
-    known : Relations
-        h of deviation one.
+    known : Known
+        h of deviation one, and measured modes.
     bounds : Relations
         h >= 0.
     """
@@ -34,13 +35,14 @@ class Problem:
     layout: Layout
     likelihoods: tuple[Likelihood, ...]
     exact: Relations
-    known: Relations
+    known: Known
     bounds: Relations
 
     def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
         """Evaluate at all unknowns, shape (unknown,)."""
         records = [likelihood.evaluate(unknowns, relaxation) for likelihood in self.likelihoods]
-        return Point(self, unknowns, records, self.known.values(unknowns))
+        known = self.known.values(unknowns, relaxation)
+        return Point(self, unknowns, records, known, relaxation)
 
     def best_at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
         """Evaluate with the affine unknowns at their best for the others.
@@ -55,8 +57,8 @@ class Problem:
         records = [
             likelihood.evaluate(unknowns, relaxation, affine) for likelihood in self.likelihoods
         ]
-        known = self.known.values(unknowns)
-        slopes = self.known.jacobian(unknowns)[:, affine]
+        known = self.known.values(unknowns, relaxation)
+        slopes = self.known.jacobian(unknowns, relaxation)[:, affine]
         matrix = np.concatenate([*(record.affine_jacobian for record in records), slopes])
         residual = np.concatenate([*(record.residual for record in records), known])
         size = np.sqrt((matrix**2).sum(axis=0))
@@ -68,7 +70,7 @@ class Problem:
             record.shift(change)
         moved = unknowns.copy()
         moved[affine] += change
-        return Point(self, moved, records, known + slopes @ change)
+        return Point(self, moved, records, known + slopes @ change, relaxation)
 
     @cached_property
     def affine(self) -> Integers:
@@ -84,7 +86,7 @@ class Problem:
 
     @property
     def real_equations(self) -> int:
-        """Real equations of all lines, and one per relation with a deviation."""
+        """Real equations of all lines, and one per row of what is known with a deviation."""
         lines: float = sum(
             float(likelihood.multiplicity.sum()) * likelihood.equations
             for likelihood in self.likelihoods
@@ -100,6 +102,7 @@ class Point:
     unknowns: Floats
     records: Sequence[Evaluation]
     known: Floats
+    relaxation: float = 0.0
 
     @cached_property
     def cost(self) -> float:
@@ -108,7 +111,7 @@ class Point:
 
     @cached_property
     def residual(self) -> Floats:
-        """Whitened residual of the records in order, then of the relations."""
+        """Whitened residual of the records in order, then of what is known."""
         return np.concatenate([*(record.residual for record in self.records), self.known])
 
     @cached_property
@@ -116,4 +119,5 @@ class Point:
         """Derivative of `residual` by the unknowns that are not fixed."""
         free = self.problem.layout.free
         blocks = [record.jacobian()[:, free] for record in self.records]
-        return np.concatenate([*blocks, self.problem.known.jacobian(self.unknowns)[:, free]])
+        known = self.problem.known.jacobian(self.unknowns, self.relaxation)
+        return np.concatenate([*blocks, known[:, free]])

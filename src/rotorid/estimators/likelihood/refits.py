@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.nuisances import Nuisance
 from rotorid.estimators.likelihood.polynomial import Monomials
-from rotorid.estimators.likelihood.preparation import Prepared
+from rotorid.estimators.likelihood.preparation import Prepared, generic
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.solver import STAGES, anchored, evaluated, solve
@@ -47,12 +47,11 @@ class Case:
         return Case(prepared, self.records, assembled(prepared, self.records).at(unknowns))
 
     def freed(self, name: str) -> Case:
-        """Return the case with a known value set free."""
+        """Return the case with a known value, or a measured mode, set free."""
         layout, known = self.prepared.layout, self.prepared.known
         unknowns = tuple(replace(u, std=None) if u.name == name else u for u in layout.unknowns)
-        kept = np.array([i for i, text in enumerate(known.texts) if text != name], dtype=np.int64)
         prepared = replace(
-            self.prepared, layout=replace(layout, unknowns=unknowns), known=known.subset(kept)
+            self.prepared, layout=replace(layout, unknowns=unknowns), known=known.without(name)
         )
         problem = assembled(prepared, self.records)
         return Case(prepared, self.records, problem.at(self.point.unknowns))
@@ -92,9 +91,10 @@ def extended(prepared: Prepared, nuisances: Sequence[Nuisance]) -> Prepared:
         unknowns=(*layout.unknowns, *added),
         nuisances=(*layout.nuisances, *nuisances),
     )
-    exact, known, bounds = (
-        _widened(r, len(added)) for r in (prepared.exact, prepared.known, prepared.bounds)
+    exact, relations, bounds = (
+        _widened(r, len(added)) for r in (prepared.exact, prepared.known.relations, prepared.bounds)
     )
+    known = prepared.known.within(wider, relations, generic(wider, exact))
     return replace(prepared, layout=wider, exact=exact, known=known, bounds=bounds)
 
 

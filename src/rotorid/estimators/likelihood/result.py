@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rotorid.estimate import Alternative, Estimate, LineMisfit, Misfit, Status, Value
+from rotorid.estimate import Alternative, Estimate, LineMisfit, Misfit, ModeFit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
@@ -16,6 +16,7 @@ from rotorid.estimators.likelihood.identifiability import (
     open_combinations,
 )
 from rotorid.estimators.likelihood.information import doubt_warnings
+from rotorid.estimators.likelihood.modal import close_modes, mode_fits
 from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects
 from rotorid.estimators.prediction import by_likelihood, relative_errors
@@ -73,7 +74,7 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         suspects=suspicion.suspects,
         prediction=relative_errors(by_likelihood(records, point.records)),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
-        periods=min(r.lines.periods for r in records),
+        periods=min((r.lines.periods for r in records), default=0),
         warnings=(
             *([suspicion.sentence] if suspicion.sentence else []),
             *model.unit_faults,
@@ -86,6 +87,7 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
+        modes=_mode_fits(fit),
         alternatives=tuple(
             Alternative(
                 other.cost,
@@ -111,7 +113,7 @@ def nothing_found(
             for p in model.parameters
         ),
         lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
-        periods=min(r.lines.periods for r in records),
+        periods=min((r.lines.periods for r in records), default=0),
         warnings=(*(w for r in records for w in r.lines.warnings), message),
     )
 
@@ -163,6 +165,12 @@ def _line_misfits(fit: Fit) -> list[LineMisfit]:
     return found
 
 
+def _mode_fits(fit: Fit) -> tuple[ModeFit, ...]:
+    """Return the measured modes beside those of the estimate."""
+    free, covariance = fit.prepared.layout.free, fit.inference.covariance
+    return mode_fits(fit.problem.known.modes, fit.solution.point.unknowns, free, covariance)
+
+
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
     """Return base parameters from physical ones, or the other way round."""
     layout, inference = fit.prepared.layout, fit.inference
@@ -174,7 +182,7 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
         values = fit.solution.point.unknowns[held]
         return physical_from_base(layout.model, values, fit.covariance[np.ix_(held, held)])
     found: dict[str, Value] = {}
-    for number in range(len(fit.records)):
+    for number in range(max(1, len(fit.records))):  # measured modes need no record
         for value in _base_of(model, fit, number):
             found.setdefault(value.name, value)
     return tuple(found.values())
@@ -222,6 +230,7 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
             "the search did not arrive at a minimum from this start and others about it, so "
             "nothing is known of what the records determine; give a nearer start"
         )
+    found += close_modes(fit.problem.known.modes, point.unknowns)
     found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
     if p_value < REJECTED:
         found.append(

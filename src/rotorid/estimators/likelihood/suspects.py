@@ -27,6 +27,8 @@ from rotorid.estimators.likelihood.leads import (
     typical_factors,
     unit,
 )
+from rotorid.estimators.likelihood.modal import ModalRows
+from rotorid.estimators.likelihood.mode_leads import mode_mistakes
 from rotorid.estimators.likelihood.nuisances import (
     Constant,
     Factor,
@@ -83,10 +85,13 @@ class Option:
     unit: str
     nuisance: Nuisance | None = None
     prior: str = ""
+    mode: ModalRows | None = None
 
     def value(self, case: Case, point: Point) -> float:
         """Return its size at a point of the case in which it is free."""
         index = case.prepared.layout.index
+        if self.mode is not None:
+            return self.mode.first_hertz(point.unknowns)
         if self.prior:
             return float(point.unknowns[index[self.prior]])
         assert self.nuisance is not None
@@ -181,7 +186,7 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
 
 
 def _fastest(records: Sequence[Observation]) -> float:
-    return max((float(v) for r in records for v in r.lines.speed), key=abs)
+    return max((float(v) for r in records for v in r.lines.speed), key=abs, default=0.0)
 
 
 def _structure(model: Model, values: Floats, records: Sequence[Observation]) -> Structure | None:
@@ -209,6 +214,7 @@ class _Search:
         scored = [*self.scored(self.options()), *self.shifted()]
         scored.sort(key=lambda pair: -pair[1].drop)
         found = [f for option, _ in scored[:FIRST] for f in self.freed(option)]
+        found += self.mistaken_modes()
         if any(self.explained(finding) for finding in found) or not self.gross:
             found += [f for option, _ in scored[FIRST:REFITTED] for f in self.freed(option)]
             found += [self.finding(o, s, tried=False) for o, s in scored[REFITTED:]]
@@ -226,14 +232,15 @@ class _Search:
         """Return everything that can be set free by itself."""
         case, records = self.case, self.case.records
         taken = case.prepared.layout.index
-        found = [
+        found = self._modes()
+        found += [
             Option(_term(n), n.unknowns[0].unit, n)
             for n in (*every_nuisance(records), *_harmonic_runout(records))
             if _apart(n) and not {u.name for u in n.unknowns} & taken.keys()
         ]
         factors = [
             Option(f"gain[{label}]", "1", Multiplier.of(label, names))
-            for label, names in factor_groups(records[0]).items()
+            for label, names in (factor_groups(records[0]) if records else {}).items()
         ]
         found = [*(o for o in factors if o.term not in taken), *found]
         if self.structure is not None:
@@ -253,6 +260,14 @@ class _Search:
             if u.std is not None and layout.index[u.name] not in layout.idle
         ]
 
+    def _modes(self) -> list[Option]:
+        """Return the measured modes, each of which may be wrong by itself."""
+        rows = self.case.prepared.known.modes
+        return [
+            Option(text, "Hz", prior=text, mode=rows.only(text))
+            for text in dict.fromkeys(rows.texts)
+        ]
+
     def scored(self, options: Sequence[Option]) -> list[tuple[Option | Shift, Suspect]]:
         """Return the suspects by the score test."""
         case = self.case
@@ -260,11 +275,9 @@ class _Search:
         score = _Score.of(case.point)
         found: list[tuple[Option | Shift, Suspect]] = []
         for option in options:
-            wanted = (
-                [option.prior]
-                if option.nuisance is None
-                else [u.name for u in option.nuisance.unknowns]
-            )
+            wanted = [] if option.mode else [option.prior]
+            if option.nuisance is not None:
+                wanted = [u.name for u in option.nuisance.unknowns]
             columns = whole[:, [names.index(name) for name in wanted]]
             if option.prior:
                 columns = np.column_stack([columns, _slack(case, option.prior)])
@@ -274,7 +287,9 @@ class _Search:
                 found.append((option, self.suspect(option, drop, value)))
         return found
 
-    def _guessed(self, option: Option, change: Floats) -> float:
+    def _guessed(self, option: Option, change: Floats) -> float | None:
+        if option.mode is not None:
+            return None
         if option.nuisance is None:
             at = self.case.prepared.layout.index[option.prior]
             return float(self.case.point.unknowns[at] + change[0])
@@ -306,6 +321,8 @@ class _Search:
         Whatever stands out is followed at once, and ends the search where it explains the data.
         """
         records, prepared = self.case.records, self.case.prepared
+        if not records:
+            return []
         found: list[Finding] = []
         for lead in table_leads(records):  # few, and a negative damping screens as well as theirs
             found += self.followed(lead)
@@ -324,6 +341,20 @@ class _Search:
         for _, follow in sorted(tries, key=lambda pair: pair[0])[:SCREENED]:
             found += follow()
         return found
+
+    def mistaken_modes(self) -> list[Finding]:
+        """Screen mistakes with measured modes, and follow the best to the minimum."""
+        records = self.case.records
+        tries = list(mode_mistakes(self.case.prepared))
+        if not tries:
+            return []
+        best = min(tries, key=lambda each: screened(each.prepared, records))
+        point = Case(best.prepared, records, self.case.point).far()
+        if point is None:
+            return []
+        drop = self.case.point.cost - point.cost
+        suspect = Suspect(best.term, drop, self.share(drop), best.value, best.unit)
+        return [Finding(suspect, point.cost, best.said, best.cure, exact=True)]
 
     def _trials(self) -> Iterator[tuple[Prepared, Sequence[Observation], _Follow]]:
         """Yield what to screen, the likeliest first, and how to follow it."""
@@ -355,6 +386,8 @@ class _Search:
     def shifted(self) -> list[tuple[Option | Shift, Suspect]]:
         """Return what sensors may read besides, by the score test."""
         score, found = _Score.of(self.case.point), list[tuple[Option | Shift, Suspect]]()
+        if not self.case.records:
+            return found
         for shift in shifts(self.case.records[0], self.structure):
             drop, change = score.drop(shift.column(self.case))
             if drop > 0:
@@ -507,6 +540,9 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     )
     if isinstance(option, Shift):
         return f"{option.said}{size}", "correct reads in [channels], or turn the sensor"
+    if option.mode is not None:
+        told = "" if value is None else f", which is {value:.6g} Hz by everything else"
+        return f"{option.term} as measured{told}", "check that frequency, and which mode it is"
     if option.prior:
         return f"{option.prior}{size} instead of what was given", f"check {option.prior}"
     if isinstance(option.nuisance, Multiplier) and value is not None:

@@ -80,6 +80,8 @@ def _free(fit: Fit) -> tuple[list[str], np.ndarray]:
 
 def _too_good(fit: Fit) -> Iterator[str]:
     cost, expectation = fit.solution.point.cost, fit.inference.expectation
+    if not fit.records:  # measured modes alone: their deviations are what the user stated
+        return
     if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
         yield (
             f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "

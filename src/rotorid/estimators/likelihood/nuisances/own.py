@@ -35,7 +35,8 @@ class Own(Nuisance):
         """Return those of parameters that every record has to itself, or that a record states."""
         given = [own_in_si(record) for record in records]
         found = []
-        for index, parameter in enumerate(records[0].model.parameters):
+        parameters = records[0].model.parameters if records else ()
+        for index, parameter in enumerate(parameters):
             every = parameter.name in wanted.each
             owners = [k for k, own in enumerate(given) if every or parameter.name in own]
             for k in owners:

@@ -1,0 +1,405 @@
+"""Rows of the residual for measured natural frequencies and damping ratios, and their derivative.
+
+Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K``, with right and left vectors x
+and y; ``d lambda = - y^H dL x / y^H (2 lambda M + D) x``. A row is (value - measured) / std.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import ModeFit
+from rotorid.estimators.likelihood.nuisances import Missing
+from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.estimators.likelihood.unknowns import Layout, linear_form
+from rotorid.estimators.modes import Mode, configurations, number
+from rotorid.models.linear import speed_factor
+from rotorid.models.modal import Eigenmodes, eigenmodes, parted
+from rotorid.record import Complexes, Floats, Integers
+
+GRANTED = 0.03
+"""Relative error granted to a frequency per relaxation: a third at the first stage of the
+homotopy, which is how far off the first guess of a machine is."""
+
+
+@dataclass(frozen=True)
+class Pencil:
+    """M, D + Omega G and K of one configuration: sums of ``weight * mu[monomial]``.
+
+    Parameters
+    ----------
+    row, column, order, monomial : int array, shape (term,)
+    weight : array, shape (term,)
+    monomials : Monomials
+        Of all unknowns.
+    held : mapping of int to float
+        Unknowns that were otherwise in this configuration.
+    size : int
+        Number of coordinates.
+    """
+
+    row: Integers
+    column: Integers
+    order: Integers
+    monomial: Integers
+    weight: Floats
+    monomials: Monomials
+    held: dict[int, float]
+    size: int
+
+    def put(self, unknowns: Floats) -> Floats:
+        """Return the unknowns as they were in this configuration."""
+        x = unknowns.copy()
+        x[list(self.held)] = list(self.held.values())
+        return x
+
+    def matrices(self, unknowns: Floats) -> Floats:
+        """Return K, D + Omega G and M, shape (3, row, coordinate)."""
+        found = np.zeros((3, self.size, self.size))
+        values = self.weight * self.monomials.values(self.put(unknowns))[self.monomial]
+        np.add.at(found, (self.order, self.row, self.column), values)
+        return found
+
+    def slopes(self, value: complex, left: Complexes, right: Complexes, at: Floats) -> Complexes:
+        """Return ``Y^H dL X`` by every unknown, (mode, mode, unknown); vectors as rows."""
+        weight = self.weight * value**self.order
+        terms = left.conj()[:, None, self.row] * right[None, :, self.column] * weight
+        by_monomial = np.zeros((len(self.monomials.factors), *terms.shape[:2]), dtype=complex)
+        np.add.at(by_monomial, self.monomial, np.moveaxis(terms, 2, 0))
+        jacobian = self.monomials.jacobian(self.put(at))
+        jacobian[:, list(self.held)] = 0.0
+        return np.asarray(np.moveaxis(by_monomial, 0, 2) @ jacobian)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The machine of one configuration at one point: M, D + Omega G, its modes, which are one."""
+
+    mass: Floats
+    damping: Floats
+    modes: Eigenmodes
+    groups: list[Integers]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The modes that were measured in one configuration of the machine.
+
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Numbered.
+    pencil : Pencil
+    pattern : sequence of int
+        How many modes each distinct natural frequency has, in ascending order, in general.
+    toward : array, shape (unknown,)
+        The direction in which frequencies that coincide by chance are parted.
+    """
+
+    modes: tuple[Mode, ...]
+    pencil: Pencil
+    pattern: tuple[int, ...]
+    toward: Floats
+    _last: dict[bytes, Solved] = field(default_factory=dict, compare=False, repr=False)
+
+    def groups(self, found: Eigenmodes) -> list[Integers]:
+        """Return which modes make up each distinct natural frequency."""
+        distinct = found.distinct
+        if len(distinct) == len(self.pattern) or sum(self.pattern) != len(found.values):
+            return distinct
+        return np.split(np.arange(len(found.values)), np.cumsum(self.pattern)[:-1])
+
+    def solved(self, unknowns: Floats) -> Solved:
+        """Return matrices and modes; residual and derivative ask for them one after the other."""
+        key = unknowns.tobytes()
+        if key not in self._last:
+            stiffness, damping, mass = self.pencil.matrices(unknowns)
+            found = eigenmodes(mass, damping, stiffness)
+            self._last.clear()
+            self._last[key] = Solved(mass, damping, found, self.groups(found))
+        return self._last[key]
+
+    def eigenvalues(self, unknowns: Floats) -> Complexes:
+        """Return lambda of each distinct natural frequency, ascending."""
+        at = self.solved(unknowns)
+        return np.array([at.modes.values[group].mean() for group in at.groups])
+
+    def measured(self, unknowns: Floats, slopes: bool) -> tuple[Complexes, Complexes]:
+        """Return lambda of each measured mode, and its derivative by every unknown if asked for.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the machine has fewer natural frequencies than were measured.
+        """
+        at = self.solved(unknowns)
+        if number(self.modes[-1]) > len(at.groups):
+            raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
+        values, jacobian = [], []
+        for mode in self.modes:
+            group = at.groups[number(mode) - 1]
+            value = complex(at.modes.values[group].mean())
+            values.append(value)
+            if slopes:
+                jacobian.append(self._slope(unknowns, at, group, value))
+        return np.array(values), np.array(jacobian)
+
+    def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
+        """Return the derivative of the mean of a group, shape (unknown,)."""
+        together = next(each for each in at.modes.distinct if group[0] in each)
+        cluster = together if len(together) > len(group) else group
+        left, right = at.modes.left[cluster], at.modes.right[cluster]
+        gram = left.conj() @ (2 * value * at.mass + at.damping) @ right.T
+        slopes = self.pencil.slopes(value, left, right, unknowns)
+        of_each = parted(gram, slopes, self.toward)
+        return np.asarray(of_each[np.isin(cluster, group)].mean(axis=0))
+
+
+@dataclass(frozen=True)
+class ModalRows:
+    """All measured modes as rows of the residual: frequencies, and damping ratios behind each.
+
+    Parameters
+    ----------
+    configurations : sequence of Configuration
+    """
+
+    configurations: tuple[Configuration, ...] = ()
+
+    @property
+    def modes(self) -> list[Mode]:
+        """The modes in the order of their rows."""
+        return [mode for each in self.configurations for mode in each.modes]
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The name of the mode of each row."""
+        return tuple(str(m) for m in self.modes for _ in range(1 if m.damping is None else 2))
+
+    def __len__(self) -> int:
+        return len(self.texts)
+
+    def only(self, text: str) -> ModalRows:
+        """Return the rows of one mode."""
+        kept = (
+            replace(each, modes=tuple(m for m in each.modes if str(m) == text))
+            for each in self.configurations
+        )
+        return ModalRows(tuple(each for each in kept if each.modes))
+
+    def first_hertz(self, unknowns: Floats) -> float:
+        """Return what these unknowns make of the first mode; NaN where they do not have it."""
+        first = self.configurations[0]
+        found = first.eigenvalues(unknowns).imag / (2 * np.pi)
+        at = number(first.modes[0]) - 1
+        return float(found[at]) if at < len(found) else float("nan")
+
+    def without(self, text: str) -> ModalRows:
+        """Return the rows but those of one mode."""
+        kept = (
+            replace(each, modes=tuple(m for m in each.modes if str(m) != text))
+            for each in self.configurations
+        )
+        return ModalRows(tuple(each for each in kept if each.modes))
+
+    def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
+        """Return (value - measured) / std, shape (row,)."""
+        rows: list[float] = []
+        for each in self.configurations:
+            found, _ = each.measured(unknowns, slopes=False)
+            for mode, value in zip(each.modes, found, strict=True):
+                hertz, _, _ = mode.in_si
+                spread = _spreads(mode, relaxation)
+                rows.append((value.imag / (2 * np.pi) - hertz) / spread[0])
+                if mode.damping is not None:
+                    rows.append((-value.real / abs(value) - mode.damping[0]) / spread[1])
+        return np.array(rows)
+
+    def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
+        """Return the derivative of `values`, shape (row, unknown)."""
+        rows: list[Floats] = []
+        for each in self.configurations:
+            found, slopes = each.measured(unknowns, slopes=True)
+            for mode, value, slope in zip(each.modes, found, slopes, strict=True):
+                spread = _spreads(mode, relaxation)
+                rows.append(slope.imag / (2 * np.pi) / spread[0])
+                if mode.damping is not None:
+                    along = (value.conjugate() * slope).real / abs(value) ** 2
+                    rows.append((value.real * along - slope.real) / abs(value) / spread[1])
+        return np.array(rows).reshape(len(rows), len(unknowns))
+
+
+def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
+    """Return the deviations of frequency and damping ratio, with what the relaxation grants."""
+    hertz, std, _ = mode.in_si
+    granted = GRANTED * relaxation
+    ratio = 1.0 if mode.damping is None else mode.damping[1]
+    return float(np.hypot(std, granted * hertz)), float(np.hypot(ratio, granted))
+
+
+def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
+    """Build the rows of measured modes; `generic` are unknowns about the start without symmetry.
+
+    Raises
+    ------
+    InputError
+        For modes that the model does not have, or parameters that it does not have.
+    """
+    return ModalRows(
+        tuple(_configuration(layout, group, generic) for group in configurations(modes))
+    )
+
+
+def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
+    """Return one configuration; the pattern of its modes is that of the generic machine."""
+    pencil = _pencil(layout, modes[0])
+    free = Configuration(tuple(modes), pencil, (), generic - layout.start)
+    try:
+        stiffness, damping, mass = pencil.matrices(generic)
+        pattern = tuple(len(group) for group in eigenmodes(mass, damping, stiffness).distinct)
+        there = free.eigenvalues(layout.start)
+    except np.linalg.LinAlgError:
+        pattern, there = (), np.zeros(0, dtype=np.complex128)
+    found = replace(free, pattern=pattern)
+    count = max(len(pattern), len(there))
+    if number(modes[-1]) > count:
+        listed = ", ".join(f"{value.imag / (2 * np.pi):.4g}" for value in there)
+        raise InputError(
+            f"a measured mode that would be number {modes[-1].mode}: {modes[-1]}",
+            f"at most {count}: the distinct natural frequencies of the model"
+            + (f", {listed} Hz at the start" if listed else ""),
+            "leave it out, or say mode = n of those that are measured twice or in two planes",
+            place="modes",
+        )
+    return found
+
+
+def _pencil(layout: Layout, mode: Mode) -> Pencil:
+    """Return the pencil of the configuration of a mode."""
+    linear = linear_form(layout.model)
+    if linear.rows != linear.coordinates:
+        raise InputError(
+            f"{linear.rows} equations for {linear.coordinates} coordinates",
+            "as many of one as of the other, for natural frequencies",
+            "complete the model",
+        )
+    places, products, weights = _entries(layout, mode.in_si[2])
+    held = _held(layout, mode)
+    _refuse_idle(layout, {i for factors in products for i in factors} - held.keys())
+    distinct = sorted(set(products))
+    exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
+    for row, factors in enumerate(distinct):
+        for unknown in factors:
+            exponents[row, unknown] += 1
+    table = np.array(places, dtype=np.int64).reshape(-1, 3)
+    return Pencil(
+        table[:, 0],
+        table[:, 1],
+        table[:, 2],
+        np.array([distinct.index(factors) for factors in products], dtype=np.int64),
+        np.array(weights),
+        Monomials.from_exponents(exponents),
+        held,
+        linear.coordinates,
+    )
+
+
+def _refuse_idle(layout: Layout, used: set[int]) -> None:
+    """Refuse a mode of a parameter that every record has to itself: of which is not known."""
+    for i in sorted(used & layout.idle):
+        name = layout.unknowns[i].name
+        raise InputError(
+            f"a mode of {name}, which every record has to itself",
+            f"the value of {name} in the test",
+            f"state it: parameters = {{ {name} = ... }}",
+            place="modes",
+        )
+
+
+def _entries(
+    layout: Layout, speed: float
+) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[float]]:
+    """Return row, column and order, factors, and weight of each entry, what is freed included."""
+    places, products, weights = [], [], []
+    for t in linear_form(layout.model).stiffness:
+        factors = layout.monomial_factors[t.monomial]
+        if factors is not None:
+            places.append((t.row, t.column, t.order))
+            products.append(tuple(sorted(factors)))
+            weights.append(t.coefficient * speed_factor(t.factor, speed))
+    for nuisance, at in layout.places():
+        if isinstance(nuisance, Missing):
+            for e in nuisance.entries:
+                places.append((e.row, e.column, e.order))
+                products.append((int(at[0]),))
+                weights.append(e.coefficient * speed**e.speed_power)
+    return places, products, weights
+
+
+def _held(layout: Layout, mode: Mode) -> dict[int, float]:
+    """Return the unknowns that were otherwise in the test, by their index."""
+    for name in mode.parameters:
+        if layout.base:
+            raise InputError(
+                f"{name} of a mode",
+                "a machine as in the records, where base parameters are asked for",
+                "estimate the physical parameters",
+                place="modes",
+            )
+    return {layout.index[name]: float(value) for name, value in mode.parameters.items()}
+
+
+NEAR = 5.0
+"""Deviations of a measured frequency within which another of the model may be the one it is."""
+
+
+def mode_fits(
+    modes: ModalRows, unknowns: Floats, free: Integers, covariance: Floats
+) -> tuple[ModeFit, ...]:
+    """Return what was measured beside what the estimate gives."""
+    found = []
+    for each in modes.configurations:
+        values, slopes = each.measured(unknowns, slopes=True)
+        for mode, value, slope in zip(each.modes, values, slopes, strict=True):
+            hertz, std, speed = mode.in_si
+            along = slope[free].imag / (2 * np.pi)
+            ratio, spread = (None, None) if mode.damping is None else mode.damping
+            found.append(
+                ModeFit(
+                    number(mode),
+                    speed,
+                    hertz,
+                    std,
+                    float(value.imag / (2 * np.pi)),
+                    float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
+                    ratio,
+                    spread,
+                    float(-value.real / abs(value)),
+                    tuple((name, float(v)) for name, v in mode.parameters.items()),
+                )
+            )
+    return tuple(found)
+
+
+def close_modes(modes: ModalRows, unknowns: Floats) -> list[str]:
+    """Return warnings of measured modes near which the model has another one that was not."""
+    found = []
+    for each in modes.configurations:
+        hertz = each.eigenvalues(unknowns).imag / (2 * np.pi)
+        taken = {mode.mode for mode in each.modes}
+        for mode in each.modes:
+            own = hertz[number(mode) - 1]
+            for other in (number(mode) - 1, number(mode) + 1):
+                if other in taken or not 1 <= other <= len(hertz):
+                    continue
+                if abs(hertz[other - 1] - own) < NEAR * mode.in_si[1]:
+                    found.append(
+                        f"{mode}: mode {other} of the model lies at {hertz[other - 1]:.6g} Hz, "
+                        f"within {NEAR:g} deviations; which of the two was measured its frequency "
+                        "does not tell: hold mode = n against the mode shape"
+                    )
+    return found

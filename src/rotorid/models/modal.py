@@ -1,0 +1,127 @@
+"""Eigenvalues of ``lambda^2 M + lambda D + K`` with their left and right vectors.
+
+The pencil is scaled first: rows and columns to entries of one size, since metres stand beside
+radians and newtons beside newton metres, and lambda by a frequency of the machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from rotorid.record import Complexes, Floats, Integers
+
+RIGID = 1e-6
+"""Frequency below this share of the highest: a rigid-body mode. Its double eigenvalue zero comes
+out at 1e-8 to 1e-7 of the highest, the root of the rounding."""
+OVERDAMPED = 1e-7
+"""Imaginary part below this share of the eigenvalue: a real pole, split by rounding."""
+ALIKE = 1e-8
+"""Eigenvalues nearer than this share are one, of a machine that is the same in two planes."""
+SWEEPS = 8
+"""Sweeps of the scaling: each takes the root of what is left."""
+
+
+@dataclass(frozen=True)
+class Eigenmodes:
+    """Oscillating modes in ascending order of frequency; rigid-body modes are left out.
+
+    Parameters
+    ----------
+    values : complex array, shape (mode,)
+        lambda in rad/s, its imaginary part positive.
+    right, left : complex array, shape (mode, coordinate) and (mode, row)
+        ``(lambda^2 M + lambda D + K) right = 0`` and ``left^H (...) = 0``.
+    """
+
+    values: Complexes
+    right: Complexes
+    left: Complexes
+
+    @property
+    def distinct(self) -> list[Integers]:
+        """Which modes are one: those of a machine that is the same in two planes."""
+        values = self.values
+        near = np.abs(np.diff(values)) <= ALIKE * np.abs(values[1:])
+        return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
+
+
+def eigenmodes(mass: Floats, damping: Floats, stiffness: Floats) -> Eigenmodes:
+    """Return the oscillating modes of ``M q'' + D q' + K q = 0``; D holds gyroscopic terms too.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        For matrices beyond all bounds.
+    """
+    matrices = [stiffness, damping, mass]
+    if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
+        raise np.linalg.LinAlgError("a machine beyond all bounds")
+    unit = _frequency(mass, stiffness)
+    sizes = [np.abs(each) * unit**power for power, each in enumerate(matrices)]
+    row, column = _scales(np.sum(sizes, axis=0))
+    k, d, m = (row[:, None] * each * column * unit**p for p, each in enumerate(matrices))
+    n = len(k)
+    pencil = np.zeros((2, 2 * n, 2 * n))
+    pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
+    pencil[0, n:, :n], pencil[0, n:, n:], pencil[1, n:, n:] = -k, -d, m
+    if not np.isfinite(pencil).all():
+        raise np.linalg.LinAlgError("a machine beyond all bounds")
+    found: Any = scipy.linalg.eig(*pencil, left=True, right=True, homogeneous_eigvals=True)
+    (over, under), left, right = found
+    finite = np.abs(under) > 1e-14 * np.abs(over)
+    values = np.full(2 * n, np.inf + 0j)
+    values[finite] = over[finite] / under[finite]
+    size = np.abs(values)
+    highest = size[finite].max(initial=0.0)
+    kept = finite & (size > RIGID * highest) & (values.imag > OVERDAMPED * size)
+    order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
+    return Eigenmodes(
+        np.asarray(values[order] * unit, dtype=np.complex128),
+        np.asarray(right[:n, order].T * column, dtype=np.complex128),
+        np.asarray(left[n:, order].T * row, dtype=np.complex128),
+    )
+
+
+def _frequency(mass: Floats, stiffness: Floats) -> float:
+    """Return a frequency of the machine, from entries that M and K both have."""
+    both = (mass != 0) & (stiffness != 0)
+    if not both.any():
+        return 1.0
+    return float(np.exp(0.5 * np.log(np.abs(stiffness[both] / mass[both])).mean()))
+
+
+def _scales(size: Floats) -> tuple[Floats, Floats]:
+    """Return factors of rows and columns that bring the largest entry of each to about one."""
+    row, column = np.ones(len(size)), np.ones(size.shape[1])
+    for _ in range(SWEEPS):
+        left = row[:, None] * size * column
+        across, along = left.max(axis=1), left.max(axis=0)
+        row /= np.sqrt(np.where(across > 0, across, 1.0))
+        column /= np.sqrt(np.where(along > 0, along, 1.0))
+    return row, column
+
+
+def parted(gram: Complexes, slopes: Complexes, toward: Floats) -> Complexes:
+    """Return the derivatives of eigenvalues that coincide here, (mode, unknown), by frequency.
+
+    On the way `toward`, shape (unknown,), they part: the vectors that they part with are those of
+    ``G^-1 dL``, and it is their derivatives that belong to each.
+
+    Parameters
+    ----------
+    gram : complex array, shape (mode, mode)
+        ``G = Y^H (2 lambda M + D) X``.
+    slopes : complex array, shape (mode, mode, unknown)
+        ``Y^H (lambda^2 dM + lambda dD + dK) X`` by each unknown.
+    """
+    solved = -np.linalg.solve(gram, slopes.reshape(len(gram), -1)).reshape(slopes.shape)
+    if len(gram) == 1:
+        return np.asarray(solved[0])
+    values, vectors = np.linalg.eig(solved @ toward)
+    vectors = vectors[:, np.argsort(values.imag, kind="stable")]
+    away = np.linalg.solve(vectors, solved.transpose(2, 0, 1) @ vectors)
+    return np.asarray(np.einsum("uii->iu", away))

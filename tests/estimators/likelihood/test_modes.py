@@ -1,0 +1,319 @@
+"""Natural frequencies as data: against numpy's eigenvalues, alone and beside records."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.estimators.modes import configurations
+from tests.differences import extrapolated
+
+CHAIN = """
+title = "three masses in a row"
+equations = [
+  "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
+  "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = 0",
+  "m3*x3'' + k2*(x3 - x2) = 0",
+]
+coordinates = { x1 = "m", x2 = "m", x3 = "m" }
+inputs = { F = "N" }
+[parameters]
+m1 = { unit = "kg", nominal = 2.2, positive = true }
+m2 = { unit = "kg", nominal = 2.7, positive = true }
+m3 = { unit = "kg", nominal = 1.3, positive = true }
+k0 = { unit = "N/m", nominal = 4e5, positive = true }
+k1 = { unit = "N/m", nominal = 1.2e6, positive = true }
+k2 = { unit = "N/m", nominal = 1.8e6, positive = true }
+c = { unit = "N s/m", nominal = 30.0 }
+"""
+MODEL = rid.parse_model(CHAIN)
+TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
+TESTS = ({}, {"k0": 0.0}, {"m3": 3.0})  # as in service, hanging free, with a mass added
+
+
+def eigenvalues(**changed: float) -> np.ndarray:
+    """Return lambda of the chain from its state matrix, rigid-body motion left out."""
+    p = {**TRUTH, **changed}
+    k0, k1, k2 = p["k0"], p["k1"], p["k2"]
+    stiffness = np.array([[k0 + k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
+    damping = p["c"] * np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
+    inverse = np.diag([1 / p["m1"], 1 / p["m2"], 1 / p["m3"]])
+    lower = np.hstack([-inverse @ stiffness, -inverse @ damping])
+    values = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((3, 3)), np.eye(3)]), lower]))
+    kept = values[values.imag > 1.0]
+    return kept[np.argsort(kept.imag)]
+
+
+def modes(rng: np.random.Generator | None = None, std: float = 1e-3) -> list[rid.Mode]:
+    """Return all frequencies of the three tests, and the damping of the first."""
+    found = []
+    for test in TESTS:
+        for value in eigenvalues(**test):
+            hertz, ratio = value.imag / (2 * np.pi), -value.real / abs(value)
+            spread, own = std * hertz, 0.05 * ratio
+            if rng is not None:
+                hertz += spread * rng.standard_normal()
+                ratio += own * rng.standard_normal()
+            damping = (ratio, own) if not test else None
+            found.append(rid.Mode(hertz, spread, damping, parameters=test))
+    return found
+
+
+def alone(*given: rid.Mode, **known: float) -> rid.Estimate:
+    estimator = rid.MaximumLikelihood(fixed=known or {"m1": 2.0}, modes=given)
+    return rid.identify(MODEL, [], estimator)
+
+
+def wrong(estimate: rid.Estimate) -> float:
+    """Return the largest error in deviations."""
+    return max(abs(v.value - TRUTH[v.name]) / v.std for v in estimate.parameters if not v.fixed)
+
+
+def rows(model: rid.Model, start: dict[str, float], given: list[rid.Mode]):
+    told = Knowledge(start=start, modes=tuple(given))
+    prepared = prepare(model, told, [], False, start)
+    return prepared.known, prepared.layout.start
+
+
+def check_gradient(model: rid.Model, start: dict[str, float], given: list[rid.Mode]) -> None:
+    known, x = rows(model, start, given)
+    for relaxation in (0.0, 1.0):
+        jacobian = known.jacobian(x, relaxation)
+        size = np.abs(jacobian * x).max(axis=1)
+        for i, value in enumerate(x):
+            step = 1e-3 * (value or 1.0) * np.eye(len(x))[i]
+            for row in range(len(known)):
+                along = partial(moved, known, x, step, relaxation, row)
+                difference = extrapolated(along, 1.0) / step[i]
+                floor = (1e-6 * size[row] + 1e-9) / abs(value or 1.0)
+                assert jacobian[row, i] == pytest.approx(difference, rel=1e-6, abs=floor)
+
+
+def moved(known, x: np.ndarray, step: np.ndarray, relaxation: float, row: int, h: float) -> float:
+    return float(known.values(x + h * step, relaxation)[row])
+
+
+class TestGradient:
+    def test_damped_chain_in_three_configurations(self) -> None:
+        check_gradient(MODEL, {**TRUTH, "c": 300.0}, modes())
+
+    @pytest.mark.parametrize("hertz", [0.0, 140.0])
+    def test_rotor_whose_modes_coincide_in_two_planes(self, hertz: float) -> None:
+        model = rid.load_model("three-mass")
+        speed = 2 * np.pi * hertz
+        given = [rid.Mode(100.0 * n, 1.0, (0.01, 0.01), speed) for n in (1, 2)]
+        check_gradient(model, model.nominal, given)
+
+
+class TestAlone:
+    def test_exact_frequencies_give_exact_parameters(self) -> None:
+        estimate = alone(*modes())
+        assert estimate.status == "ok"
+        assert estimate.misfit.dof == 11 - 6
+        for value in estimate.parameters:
+            assert value.value == pytest.approx(TRUTH[value.name], rel=1e-9)
+
+    def test_deviations_follow_from_those_of_the_frequencies(self) -> None:
+        """One spring: d k / k = 2 d f / f."""
+        model = rid.parse_model(
+            'title = "one"\nequations = ["m*x\'\' + k*x = F"]\ncoordinates = { x = "m" }\n'
+            'inputs = { F = "N" }\n[parameters]\nm = { unit = "kg" }\n'
+            'k = { unit = "N/m", nominal = 1e5 }'
+        )
+        given = rid.Mode("10 Hz", "0.02 Hz")
+        estimate = rid.identify(model, [], rid.MaximumLikelihood(fixed={"m": 2.0}, modes=[given]))
+        truth = 2.0 * (20 * np.pi) ** 2
+        assert estimate.value("k") == pytest.approx(truth, rel=1e-9)
+        assert estimate.std("k") == pytest.approx(truth * 2 * 0.002, rel=1e-6)
+
+    def test_the_scale_of_mass_and_stiffness_stays_open(self) -> None:
+        known_mass = modes()[5:]  # hung on a mass that is known, it would not
+        estimator = rid.MaximumLikelihood(modes=[m for m in modes() if m not in known_mass])
+        estimate = rid.identify(MODEL, [], estimator)
+        assert estimate.status == "not_identifiable"
+        told = " ".join(estimate.warnings)
+        assert "m1, m2, m3, k0, k1, k2, c scale together" in told
+        assert "weigh the rotor: a constraint on m1 + m2 + m3" in told
+        assert estimate.value("k1/m1") == pytest.approx(5e5, rel=1e-9)
+
+    def test_which_of_two_planes_has_which_frequency_stays_open(self) -> None:
+        model = rid.parse_model(
+            'title = "planes"\nequations = ["m*x\'\' + kx*x = F", "m*y\'\' + ky*y = 0"]\n'
+            'coordinates = { x = "m", y = "m" }\ninputs = { F = "N" }\n[parameters]\n'
+            'm = { unit = "kg" }\nkx = { unit = "N/m", nominal = 1e6 }\n'
+            'ky = { unit = "N/m", nominal = 1e6 }'
+        )
+        given = [rid.Mode(hertz, 0.1) for hertz in (118.0, 128.0)]
+        estimate = rid.identify(model, [], rid.MaximumLikelihood(fixed={"m": 2.0}, modes=given))
+        assert estimate.status == "not_identifiable"
+        assert len(estimate.alternatives) == 1
+        first, other = estimate.parameters[1:], dict(estimate.alternatives[0].parameters)
+        found, others = sorted(v.value for v in first), sorted(other.values())
+        assert found == pytest.approx(others, rel=1e-6)
+        assert any("[[modes]] parameters" in w for w in estimate.warnings)
+
+    def test_table_and_file(self, tmp_path: Path) -> None:
+        estimate = alone(*modes())
+        assert "mode 1, k0 = 0" in str(estimate)
+        assert "mode 2, damping ratio" in str(estimate)
+        row = estimate.modes[0]
+        assert row.mode == 1
+        assert row.fitted_hz == pytest.approx(row.frequency_hz, rel=1e-9)
+        assert 0 < row.fitted_std_hz < row.std_hz
+        estimate.save(tmp_path / "out.json")
+        assert rid.load_estimate(tmp_path / "out.json").modes == estimate.modes
+
+    def test_bound_says_what_modes_would_give(self) -> None:
+        estimator = rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes())
+        bound = rid.predict_accuracy(MODEL, [], estimator, TRUTH)
+        for value in alone(*modes()).parameters:
+            assert bound.std(value.name) == pytest.approx(value.std, rel=1e-6)
+
+
+class TestMistakes:
+    def test_order_of_the_list_does_not_matter(self) -> None:
+        assert wrong(alone(*reversed(modes()))) < 1e-3
+
+    def test_a_mode_that_was_skipped_is_named(self) -> None:
+        given = modes()
+        del given[1]
+        estimate = alone(*given, m1=2.0, c=20.0)
+        assert estimate.status == "rejected"
+        assert "write mode = 3 there" in estimate.warnings[0]
+        given[1] = replace(given[1], mode=3)
+        assert wrong(alone(*given, m1=2.0, c=20.0)) < 1e-3
+
+    def test_a_frequency_that_contradicts_the_others_is_named(self) -> None:
+        given = modes()
+        given[3] = replace(given[3], frequency=1.05 * given[3].frequency)
+        estimate = alone(*given)
+        assert estimate.status == "rejected"
+        assert estimate.suspects[0].term == str(replace(given[3], mode=1))
+        assert estimate.suspects[0].value == pytest.approx(modes()[3].frequency, rel=1e-3)
+
+    def test_radians_per_second_for_hertz(self) -> None:
+        given = [
+            replace(m, frequency=2 * np.pi * m.frequency, std=2 * np.pi * m.std) for m in modes()
+        ]
+        known = {"m1": 2.0, "k1": 1e6}
+        estimate = alone(*given, **known)
+        assert estimate.status == "rejected"
+        assert estimate.suspects[0].term == "unit[modes]"
+        assert "in rad/s, not in Hz" in estimate.warnings[0]
+
+    def test_another_mode_nearby_is_said(self) -> None:
+        estimate = alone(*modes())
+        assert not any("which of the two" in w for w in estimate.warnings)
+        given = modes()
+        given[1] = replace(given[1], std=60.0)  # 88 Hz below the third, which was not found
+        del given[2]
+        assert any("mode 3 of the model lies at 234" in w for w in alone(*given).warnings)
+
+    @pytest.mark.parametrize(
+        ("change", "told"),
+        [
+            ({"std": 0.0}, "std: found 0 Hz; expected a number above 0; state the deviation"),
+            ({"std": "0 Hz"}, "std: found 0 Hz"),
+            ({"frequency": -3.0}, "frequency: found -3 Hz"),
+            ({"frequency": float("nan")}, "frequency: found nan Hz"),
+            ({"damping": (0.25, 0.0)}, r"damping.std: found 0;"),
+            ({"damping": (2.5, 0.1)}, "divide percent by 100"),
+            ({"mode": 0}, "mode: found 0; expected 1 or more"),
+            ({"speed": float("inf")}, "speed: found inf"),
+        ],
+    )
+    def test_refused(self, change: dict[str, object], told: str) -> None:
+        with pytest.raises(InputError, match=told):
+            replace(rid.Mode(10.0, 0.1), **change)
+
+    def test_modes_that_the_model_does_not_have(self) -> None:
+        with pytest.raises(InputError, match=r"would be number 4.*at most 3: .* Hz at the start"):
+            alone(*modes()[:3], rid.Mode(500.0, 1.0))
+
+    def test_a_parameter_that_the_model_does_not_have(self) -> None:
+        with pytest.raises(InputError, match=r"'k_A' in the parameters of a mode"):
+            alone(rid.Mode(10.0, 0.1, parameters={"k_A": 0.0}))
+
+    def test_base_parameters_know_no_other_configuration(self) -> None:
+        estimator = rid.MaximumLikelihood(base=True, modes=modes(), start=TRUTH)
+        with pytest.raises(InputError, match="estimate the physical parameters"):
+            rid.identify(MODEL, [], estimator)
+
+    def test_neither_record_nor_mode(self) -> None:
+        with pytest.raises(InputError, match="found no record"):
+            rid.identify(MODEL, [], rid.MaximumLikelihood())
+
+
+class TestNumbers:
+    def test_count_goes_on_from_what_is_said(self) -> None:
+        given = [rid.Mode(30.0, 0.1, mode=4), rid.Mode(40.0, 0.1), rid.Mode(10.0, 0.1)]
+        (group,) = configurations(given)
+        assert [(m.frequency, m.mode) for m in group] == [(10.0, 1), (30.0, 4), (40.0, 5)]
+
+    def test_every_configuration_counts_for_itself(self) -> None:
+        turning = rid.Mode(30.0, 0.1, speed="100 rpm")
+        free = rid.Mode(40.0, 0.1, parameters={"k": 0.0})
+        groups = configurations([rid.Mode(50.0, 0.1), turning, free])
+        assert [[m.mode for m in group] for group in groups] == [[1], [1], [1]]
+
+    def test_numbers_against_the_order_are_refused(self) -> None:
+        with pytest.raises(InputError, match=r"mode 2, 30 Hz, above mode 3, 20 Hz"):
+            configurations([rid.Mode(30.0, 0.1, mode=2), rid.Mode(20.0, 0.1, mode=3)])
+
+    def test_the_same_mode_twice_is_a_repeated_measurement(self) -> None:
+        (group,) = configurations([rid.Mode(30.0, 0.1, mode=1), rid.Mode(30.2, 0.1, mode=1)])
+        assert [m.mode for m in group] == [1, 1]
+
+
+class TestBesideRecords:
+    @pytest.fixture
+    def given(self) -> list[rid.Mode]:
+        """Bending frequencies of the paper's rotor at its speed (theory, section 1).
+
+        Forward and backward whirl coincide at 175.5 Hz, since its two halves are alike.
+        """
+        exact = {1: 36.84657934, 2: 175.5250378, 4: 340.32033744, 5: 569.29480039}
+        return [rid.Mode(hz, 1e-4 * hz, speed="140 Hz", mode=n) for n, hz in exact.items()]
+
+    def test_they_add_what_they_know(self, demo, bearings, given) -> None:
+        record = demo.noisy(demo.record(bearings), np.random.default_rng(7))
+        settings = {"fixed": {"L1": 0.3}, "start": {"k1": 9.5e5}}
+        without = rid.identify(demo.model, record, rid.MaximumLikelihood(**settings))
+        found = rid.identify(demo.model, record, rid.MaximumLikelihood(**settings, modes=given))
+        assert found.status == "ok"
+        assert found.misfit.dof == without.misfit.dof + 4
+        ratio = {v.name: v.std / without.std(v.name) for v in found.parameters if not v.fixed}
+        assert all(r < 1.001 for r in ratio.values())
+        assert min(ratio.values()) < 0.5
+        for value in found.parameters:
+            assert abs(value.value - demo.truth[value.name]) <= 4 * value.std
+
+    def test_one_that_contradicts_the_record_is_named(self, demo, bearings, given) -> None:
+        record = demo.noisy(demo.record(bearings), np.random.default_rng(7))
+        off = [*given[:2], replace(given[2], frequency=335.0), given[3]]
+        estimator = rid.MaximumLikelihood(fixed={"L1": 0.3}, modes=off)
+        estimate = rid.identify(demo.model, record, estimator)
+        assert estimate.status == "rejected"
+        assert estimate.suspects[0].term.startswith("mode 4, 335 Hz")
+        assert "mode 4, 335 Hz at 140 rev/s as measured" in estimate.warnings[0]
+        assert estimate.suspects[0].value == pytest.approx(340.32, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_deviations_hold(monte_carlo) -> None:
+    """300 tests of the chain, frequencies to 0.1 %, from a start 10 to 20 % off."""
+
+    def draw(rng):
+        return [], rid.MaximumLikelihood(fixed={"m1": 2.0}, modes=modes(rng))
+
+    found = monte_carlo(MODEL, TRUTH, draw, 300, seed=501)
+    assert found.statuses.count("ok") == 300
+    assert ((found.rms / found.stated > 0.9) & (found.rms / found.stated < 1.15)).all()
+    assert abs(found.coverage.mean() - 0.95) < 0.02
+    assert 0.02 <= found.rejected <= 0.08
+    assert abs(found.cost_deviation) < 3
