@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import special
+import scipy
 
 from rotorid.record import Booleans, Floats, Integers
 
@@ -67,7 +67,7 @@ class Scatter:
         halves = 2 * np.stack([part.sum(axis=0) for part in parts])
         within = sum(((part - part.mean(axis=0)) ** 2).sum(axis=0) for part in parts)
         dof = max(self.blocks - 2, 1)
-        wider = -special.stdtrit(dof, special.ndtr(-CHANCE)) / CHANCE
+        wider = -scipy.special.stdtrit(dof, scipy.special.ndtr(-CHANCE)) / CHANCE
         return halves, np.asarray(wider * np.sqrt(within * self.blocks / dof))
 
 

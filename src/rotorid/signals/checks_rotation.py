@@ -7,8 +7,10 @@ alone in what the mean over periods leaves; on one of them it is seen only where
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+import scipy
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_samples import is_input
@@ -81,14 +83,19 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     """Return the tones that sensors show beside the excitation, the clearest first."""
     sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
     found: list[Tone] = []
-    for c in sensors:
-        rest, length = _rest(record, periods, c)
-        if len(rest) < 4 * _WIDTH or rest.std() <= SMALL * record.samples[:, c].std():
-            continue
-        clear = _off_grid(rest, record.sample_rate, record.names[c])
+    if not sensors:
+        return []
+    rests, level = _rests(record, periods, sensors)
+    if rests.shape[1] < 4 * _WIDTH:
+        return []
+    telling = np.flatnonzero(rests.std(axis=1) > SMALL * level)
+    powers, floors = _spectra(rests[telling])
+    for at, power, floor in zip(telling, powers, floors, strict=True):
+        c, rest = sensors[at], rests[at]
+        clear = _off_grid(rest, power, floor, record.sample_rate, record.names[c])
         clear = [t for t in clear if not _is_ghost(t, clear[0], record, periods, len(rest))]
         found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
-        if periods is not None and length:
+        if periods is not None:
             found += _on_grid(periods, c)
     best: list[Tone] = []
     width = 2 * record.sample_rate / min(len(record.samples), _MOST)
@@ -98,28 +105,48 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     return best
 
 
-def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Floats, int]:
-    """Return what the mean over periods leaves of a channel, and the samples of a period."""
+def _rests(
+    record: Record, periods: PeriodicRecord | None, sensors: list[int]
+) -> tuple[Floats, Floats]:
+    """Return what the mean over periods leaves of channels, and their level without it taken."""
     if periods is None:
-        part = record.samples[:_MOST, c]
-        return part - part.mean(), 0
-    size = periods.samples
-    first = round(periods.time[0, 0] * record.sample_rate)
-    count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
-    part = record.samples[first : first + count * size, c].reshape(count, size)
-    return np.asarray((part - part.mean(axis=0)).ravel()), size
+        part = record.samples[:_MOST, sensors][None]
+    else:
+        size = periods.samples
+        first = round(periods.time[0, 0] * record.sample_rate)
+        count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
+        part = record.samples[first : first + count * size].reshape(count, size, -1)
+        part = part[:, :, sensors]
+    mean = part.mean(axis=0 if periods is not None else 1, keepdims=True)
+    rest = np.ascontiguousarray((part - mean).reshape(-1, len(sensors)).T)
+    return rest, np.hypot(rest.std(axis=1), mean.std(axis=(0, 1)))
 
 
-def _off_grid(rest: Floats, rate: float, name: str) -> list[Tone]:
-    spectrum = np.fft.rfft(rest * np.hanning(len(rest)))
-    power = np.abs(spectrum) ** 2
-    blocks = -(-len(power) // _WIDTH)
-    medians = np.median(np.resize(power, blocks * _WIDTH).reshape(blocks, _WIDTH), axis=1)
-    floor = np.repeat(medians, _WIDTH)[: len(power)]
-    floor = np.maximum(floor, 1e-20 * power.sum())
+@cache
+def _window(count: int) -> Floats:
+    return np.hanning(count)
+
+
+def _spectra(rests: Floats) -> tuple[Floats, Floats]:
+    """Return the power of windowed signals (signal, sample), and its floor around each line."""
+    spectrum = scipy.fft.rfft(rests * _window(rests.shape[1]), axis=1)
+    power = spectrum.real**2 + spectrum.imag**2
+    count, lines = power.shape
+    blocks = -(-lines // _WIDTH)
+    # As many lines as fill the last block are taken from the first.
+    filled = np.concatenate([power, power[:, : blocks * _WIDTH - lines]], axis=1)
+    medians = np.median(filled.reshape(count, blocks, _WIDTH), axis=2, overwrite_input=True)
+    floor = np.repeat(medians, _WIDTH, axis=1)[:, :lines]
+    return power, np.maximum(floor, 1e-20 * power.sum(axis=1, keepdims=True))
+
+
+def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str) -> list[Tone]:
+    clear = power[1:-1] > TONE * floor[1:-1]
+    if not clear[_WIDTH:].any():
+        return []
     peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
     peak[:_WIDTH] = False  # noise that rises towards zero has no median around it there
-    at = 1 + np.flatnonzero(peak & (power[1:-1] > TONE * floor[1:-1]))
+    at = 1 + np.flatnonzero(peak & clear)
     strongest = at[np.argsort(-(power / floor)[at])][:5]
     found = []
     for k in strongest:
@@ -162,7 +189,7 @@ def _steady(rest: Floats, turns: float) -> float | None:
     """Return a tone's turns per sample, from its phases in both halves; None where it wavers."""
     half = len(rest) // 2
     wave = np.exp(-2j * np.pi * turns * np.arange(2 * half))
-    window = np.hanning(half)
+    window = _window(half)
     first, second = (wave[at] * window @ rest[at] for at in (slice(half), slice(half, 2 * half)))
     sizes = np.abs([first, second])
     if abs(sizes[0] - sizes[1]) > STEADY * sizes.mean():
@@ -229,9 +256,9 @@ def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
 
 def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency: float) -> complex:
     """Return the complex amplitude of a tone in a channel, the excitation taken away."""
-    rest, length = _rest(record, periods, c)
+    rest, length = _rests(record, periods, [c])[0][0], 0 if periods is None else periods.samples
     wave = np.exp(-2j * np.pi * frequency / record.sample_rate * np.arange(len(rest)))
-    found = complex((np.hanning(len(rest)) * rest) @ wave) / len(rest) * 2
+    found = complex((_window(len(rest)) * rest) @ wave) / len(rest) * 2
     turns = frequency * length / record.sample_rate
     if periods is not None and abs(turns - round(turns)) < ON_GRID:  # it is in the mean
         found += complex(periods.mean[:, c] @ wave[:length]) / length * 2

@@ -42,6 +42,10 @@ SURE = 4.0
 LEAST_SHIFT = 1e-4
 """Shift over the record, in samples, below which it is rounding."""
 
+LITTLE = 1.0
+"""Turn of a line in rad up to which no period can be a turn further: noise alone, where a line is
+clear, turns it by a fifth, and by this much in none of a million periods."""
+
 BETTER_MATCH = 0.5
 """Gain in the coherence of two periods, times the number of lines that share it, for which a jump
 by many samples is granted: the noise of one line five times above it changes the coherence by at
@@ -93,6 +97,56 @@ def shifts_of(
     chance = float(np.count_nonzero(clear))
     explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
     return Shifts(tau, float(1 / np.sqrt(max(information, sharp) * 2)), float(explained))
+
+
+def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
+    """Return the shift of each channel, where every line turns but little against its mean.
+
+    No phase then wraps, and all channels are done at once; None where a line turns by more than
+    `LITTLE`, or none is clear. As `shifts_of`, one by one.
+    """
+    lines = _steady_lines(periods)
+    if not lines.any():
+        return None
+    z, omega = periods.spectra[:, lines], periods.omega[lines]
+    power = z.real**2 + z.imag**2
+    steps = np.diff(z, axis=0)
+    floor = np.stack([_floor(np.sqrt(power.mean(axis=(0, 1))))] * len(omega))
+    scatter = np.median(steps.real**2 + steps.imag**2, axis=0, overwrite_input=True)
+    noise = np.maximum(scatter / (2 * np.log(2)), floor)
+    clear = power.mean(axis=0) > 25.0 * noise
+    mean = z.mean(axis=0)
+    if not clear.any():
+        return None
+    phase = np.angle(np.where(clear, z * mean.conj(), 1.0))
+    if np.abs(phase).max() > LITTLE:
+        return None
+    weight = np.where(clear, 1.0 / noise, 0.0)
+    squared = omega[:, None] ** 2
+    strength = weight * np.abs(mean) ** 2
+    information = (strength * squared).sum(axis=0)
+    sharp = (weight * power.mean(axis=0) * squared).sum(axis=0)
+    slopes = strength * omega[:, None] / np.where(information > 0, information, 1.0)
+    tau = -np.einsum("plc,lc->pc", phase, slopes)
+    turned = z * np.exp(1j * omega[:, None] * tau[:, None, :])
+    before, after = (_spreads(values, weight) for values in (z, turned))
+    chance = np.count_nonzero(clear, axis=0)
+    told = before > 2 * chance
+    explained = np.where(told, (before - after) / np.where(told, before - chance, 1.0), 1.0)
+    return {
+        int(c): Shifts(
+            tau[:, c] - tau[0, c],
+            float(1 / np.sqrt(2 * max(information[c], sharp[c]))),
+            float(explained[c]),
+        )
+        for c in np.flatnonzero(chance)
+    }
+
+
+def _spreads(z: Complexes, weight: Floats) -> Floats:
+    """Return the spread of each channel."""
+    apart = z - z.mean(axis=0)
+    return np.asarray((weight * (apart.real**2 + apart.imag**2).mean(axis=0)).sum(axis=0))
 
 
 def _floor(level: Floats) -> Floats:
@@ -195,6 +249,19 @@ def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
 
 def _best_place(tau: Floats) -> int:
     """Return the first period behind the step that explains most."""
+    return 1 + int(np.argmax(_explained_by_steps(tau)))
+
+
+def _may_step(shifts: Shifts) -> bool:
+    """Tell whether a step could be clear: none explains more than it would of noise alone.
+
+    The fit leaves two periods to themselves besides, for which a half is allowed.
+    """
+    return bool(_explained_by_steps(shifts.tau).max() > (STEP / 2 * shifts.noise) ** 2)
+
+
+def _explained_by_steps(tau: Floats) -> Floats:
+    """Return the sum of squares that a step before each period but the first explains."""
     count = len(tau)
     place = np.arange(count) - (count - 1) / 2
     rest = tau - tau.mean()
@@ -204,7 +271,7 @@ def _best_place(tau: Floats) -> int:
     size = after - after**2 / count - moment**2 / (place @ place)
     gain = np.cumsum(rest[::-1])[:-1][::-1]
     size = np.where(size > 1e-9 * count, size, np.inf)
-    return 1 + int(np.argmax(gain**2 / size))
+    return np.asarray(gain**2 / size)
 
 
 def _long_run(left: Floats, unknowns: int, noise: float) -> float:
@@ -219,11 +286,7 @@ def check_timing(periods: PeriodicRecord) -> list[Check]:
     """Find lost samples, a period that is not the one given, and a second clock."""
     if periods.periods < LEAST_PERIODS:
         return []
-    whole = shifts_of(periods, range(len(periods.channels)))
-    if whole is None:
-        return []
-    each = {c: shifts_of(periods, [c], whole.tau) for c in range(len(periods.channels))}
-    channels = {c: s for c, s in each.items() if s is not None and s.explained >= EXPLAINED}
+    channels = {c: s for c, s in _each_shift(periods).items() if s.explained >= EXPLAINED}
     found: list[Check] = []
     for _ in range(MOST_STEPS):
         step = _largest_step(periods, channels)
@@ -234,11 +297,23 @@ def check_timing(periods: PeriodicRecord) -> list[Check]:
     return found + _clocks(periods, channels)
 
 
+def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
+    """Return the shifts of every channel that tells them."""
+    small = _small_shifts(periods)
+    if small is not None:
+        return small
+    whole = shifts_of(periods, range(len(periods.channels)))
+    if whole is None:
+        return {}
+    each = {c: shifts_of(periods, [c], whole.tau) for c in range(len(periods.channels))}
+    return {c: shifts for c, shifts in each.items() if shifts is not None}
+
+
 def _largest_step(
     periods: PeriodicRecord, channels: dict[int, Shifts]
 ) -> tuple[Check, dict[int, Shifts]] | None:
     """Return the clearest step by whole samples, and the shifts without it."""
-    fits = {c: fit_shifts(s.tau, s.noise) for c, s in channels.items()}
+    fits = {c: fit_shifts(s.tau, s.noise) for c, s in channels.items() if _may_step(s)}
     clear = {
         c: abs(f.step) / f.step_std
         for c, f in fits.items()

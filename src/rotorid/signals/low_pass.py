@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from rotorid.record import Channel, Floats
 from rotorid.signals.spectrum import transfer_of_recording
@@ -45,7 +45,8 @@ class LowPass:
     def memory(self) -> int:
         """Return how many samples away the weights of a filtered sample add up to `END`."""
         count = int(np.ceil(32 * self.sample_rate / min(self.cutoffs)))
-        weights = np.abs(fft.irfft(self.gain(fft.rfftfreq(count, 1 / self.sample_rate)), n=count))
+        gain = self.gain(scipy.fft.rfftfreq(count, 1 / self.sample_rate))
+        weights = np.abs(scipy.fft.irfft(gain, n=count))
         far = 2 * np.cumsum(weights[: count // 2 : 1][::-1])[::-1]
         return int(np.argmax(far <= END * weights.sum()))
 
@@ -63,14 +64,15 @@ class LowPass:
         slope = (samples[-1] - samples[0]) / time[-1]
         centred = samples - samples[0] - np.multiply.outer(time, slope)
         extended = np.concatenate([centred, -centred[-2:0:-1]])
-        frequency = fft.rfftfreq(len(extended), 1 / self.sample_rate)
+        frequency = scipy.fft.rfftfreq(len(extended), 1 / self.sample_rate)
         factor = (self.gain(frequency) * (2j * np.pi * frequency) ** order)[:, None]
         late = np.zeros(samples.shape[1])
         if channels is not None:
             transfer = transfer_of_recording(channels, frequency, self.sample_rate)
             factor = factor * transfer
             late = np.angle(transfer[1]) / (2 * np.pi * frequency[1])
-        found = fft.irfft(fft.rfft(extended, axis=0) * factor, n=len(extended), axis=0)[:count]
+        lines = scipy.fft.rfft(extended, axis=0) * factor
+        found = scipy.fft.irfft(lines, n=len(extended), axis=0)[:count]
         if order == 0:
             found += samples[0] + (time[:, None] + late) * slope
         elif order == 1:

@@ -9,7 +9,7 @@ import numpy as np
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.signals.spectrum import line_spectra
 
-_FEW_LINES = 64  # up to which sums with sines cost less than a fast transform of every sample
+_FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
 _LEAST = 8  # periods worked on at once, so that merging their means costs little
 
@@ -88,7 +88,7 @@ class PeriodSums:
     def _lines_of(self, part: Floats) -> Complexes:
         if self._waves is None:
             return line_spectra(part, self.lines)
-        sums = np.matmul(self._waves, part)
+        sums = np.matmul(part.transpose(0, 2, 1), self._waves.T).transpose(0, 2, 1)
         return np.asarray(sums[:, : len(self.lines)] + 1j * sums[:, len(self.lines) :])
 
     @property
