@@ -152,6 +152,21 @@ def table(names: list[str], runs: int, jobs: int) -> dict[str, list[Answer]]:
     return found
 
 
+def moving(found: dict[str, list[Answer]]) -> str:
+    """Say how many faults matter: they move a parameter far, or make the record be refused."""
+    far = {
+        name: answers
+        for name, answers in found.items()
+        if all(a.status == "refused" or a.error > WRONG for a in answers)
+    }
+    named = [name for name, answers in far.items() if all(a.kind == "named" for a in answers)]
+    refused = [n for n, answers in far.items() if all(a.status == "refused" for a in answers)]
+    return (
+        f"{len(far)} faults are refused ({len(refused)}) or move some parameter by more than "
+        f"{WRONG:g} deviations in every record; {len(named)} of these are named in every one."
+    )
+
+
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -167,7 +182,7 @@ def main() -> None:
         return
     kinds = [answer.kind for answers in found.values() for answer in answers]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    summary = f"Of {len(kinds)} records with {len(names)} faults: {counts}."
+    summary = f"Of {len(kinds)} records with {len(names)} faults: {counts}. {moving(found)}"
     head = HEAD.format(runs=options.runs, first=FIRST, wrong=WRONG, summary=summary)
     PAGE.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
 

@@ -254,6 +254,30 @@ def test_two_clocks_are_found_with_the_channels_of_each() -> None:
     assert float(found.found.split("clocks, ")[1].split()[0]) == pytest.approx(20.0, rel=0.01)
 
 
+def test_lines_whose_size_changes_too_are_no_second_clock() -> None:
+    """Gaps that grow with heat turn the lines of a closed loop as a clock does, and more."""
+    ramp = np.linspace(-1, 1, 60 * SIZE)[:, None] * np.array([0, 0, 0.01, 0.01])
+
+    def warmer(samples: np.ndarray) -> np.ndarray:
+        return samples * (1 + ramp) + np.roll(samples, 3, axis=0) * ramp
+
+    found = told(damaged(machine(noise=0.02), warmer))
+    assert {(c.check, c.channel) for c in found} == {("drift", "x"), ("drift", "y")}
+
+
+def test_a_sensor_that_stands_still_for_a_while_is_stuck() -> None:
+    def frozen(samples: np.ndarray) -> np.ndarray:
+        still = samples.copy()
+        still[12 * SIZE + 7 : 30 * SIZE, 2] = still[12 * SIZE + 6, 2]
+        return still
+
+    (found,) = [c for c in told(damaged(machine(), frozen)) if c.check == "stuck"]
+    assert (found.channel, found.verdict) == ("x", "refused")
+    assert found.found.startswith("one value throughout 17 of 60 periods, between 0.65 and 1.49")
+    dead = damaged(machine(), lambda s: s * [1, 1, 0, 1])
+    assert not [c for c in told(dead) if c.check == "stuck"]
+
+
 def test_a_knock_is_named_by_period_and_time() -> None:
     def knock(samples: np.ndarray) -> np.ndarray:
         samples[5000:5020] += 5 * SCALE

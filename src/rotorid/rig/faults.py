@@ -264,7 +264,7 @@ def _eddy(rig: Rig, size: float) -> Rig:
     return _actuators(rig, lambda part: replace(part, eddy=size))
 
 
-@_fault("10 mA", "rejected", "hysteresis", "nonlinear", "force law")
+@_fault("10 mA", "rejected", "hysteresis", rig="rigid")
 def _hysteresis(rig: Rig, size: float) -> Rig:
     """Iron with a loop of half this width."""
     return _actuators(rig, lambda part: replace(part, hysteresis=size))
@@ -322,7 +322,7 @@ def _linear(part: Actuator, ki: float, ks: float) -> Actuator:
     return replace(part, law=Linear(part.law.ki * (1 + ki), part.law.ks * (1 + ks)))
 
 
-@_fault("0.02", "rejected", "ki", "common gain")
+@_fault("0.02", "rejected", "ki", "gain[force]")
 def _force_gain(rig: Rig, size: float) -> Rig:
     """All forces per current larger than stated by this part."""
     return _actuators(rig, lambda part: _linear(part, size, 0.0))
@@ -540,7 +540,7 @@ def _transient(rig: Rig, size: float) -> Rig:
     return replace(rig, disturbances=(*rig.disturbances, dying))
 
 
-@_fault("3 kN", "rejected", "touch", "shock", "outlier", "nonlinear")
+@_fault("3 kN", "rejected", "touch", "knock")
 def _touch_down(rig: Rig, size: float) -> Rig:
     """A shock of 4 ms after 3 s that throws the rotor into its bearings."""
 
@@ -683,7 +683,7 @@ def _unit(rig: Rig, size: float) -> Rig:
     return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], lambda s: s / size))
 
 
-@_fault("0.5", "rejected", "dead", "stuck", "constant")
+@_fault("0.5", "rejected", "stuck")
 def _dead_sensor(rig: Rig, size: float) -> Rig:
     """The first sensor stands still for this part of the record."""
 

@@ -39,6 +39,11 @@ MOST_STEPS = 5
 SURE = 4.0
 """Deviations from which on a channel takes part in a step that the whole record shows."""
 
+OF_TIME = 0.9
+"""Part of the lines' drift, amplitudes included, that one slope of the shift must explain to be a
+clock's: 0.999 and more of clocks 20 ppm apart, 0.7 and less of magnets whose gaps grow with heat,
+which turn the lines of a closed loop, too."""
+
 LEAST_SHIFT = 1e-4
 """Shift over the record, in samples, below which it is rounding."""
 
@@ -294,7 +299,25 @@ def check_timing(periods: PeriodicRecord) -> list[Check]:
             break
         check, channels = step
         found.append(check)
-    return found + _clocks(periods, channels)
+    return found + _clocks(periods, channels, stepped=bool(found))
+
+
+def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
+    """Tell whether the lines of some channels drift as a shift of time makes them, and no more."""
+    lines = _steady_lines(periods)
+    z, omega = periods.spectra[:, lines][:, :, list(channels)], periods.omega[lines]
+    mean, place = z.mean(axis=0), np.arange(len(z)) - (len(z) - 1) / 2
+    noise = np.median(np.abs(np.diff(z, axis=0)) ** 2, axis=0) / (2 * np.log(2))
+    noise = np.maximum(noise, _floor(np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))))
+    weight = np.where(np.abs(mean) ** 2 > 25.0 * noise, np.abs(mean) ** 2 / noise, 0.0)
+    size = float(place @ place)
+    relative = np.einsum("p,plc->lc", place, z) / size / np.where(weight > 0, mean, 1.0)
+    sharp = np.maximum((weight * omega[:, None] ** 2).sum(axis=0), 1e-300)
+    late = -(weight * omega[:, None] * relative.imag).sum(axis=0) / sharp
+    left = relative + 1j * omega[:, None] * late
+    whole, rest = (float((weight * np.abs(part) ** 2).sum()) for part in (relative, left))
+    chance = np.count_nonzero(weight) / size
+    return bool(rest - chance < (1 - OF_TIME) * max(whole - chance, 0.0))
 
 
 def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
@@ -369,13 +392,13 @@ def _abrupt(tau: Floats, fit: Fit) -> bool:
     return bool(abs(local - fit.step) < 0.5 * abs(fit.step))
 
 
-def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts]) -> list[Check]:
+def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bool) -> list[Check]:
     """Say where periods come ever later: the period given is not the true one, or two clocks."""
     length = periods.samples / periods.sample_rate
     lines = {c: _line(s) for c, s in channels.items()}
     least = LEAST_SHIFT / periods.sample_rate / periods.periods
     moving = {c: slope for c, (slope, std) in lines.items() if abs(slope) > max(SLOPE * std, least)}
-    if not moving:
+    if not moving or not (stepped or _of_time(periods, list(moving))):
         return []
     order = sorted(lines, key=lambda c: lines[c])
     low, high = lines[order[0]], lines[order[-1]]

@@ -101,6 +101,19 @@ def test_a_sensor_beside_its_plane(demo, record):
     assert first.value == pytest.approx(0.005, rel=0.05)
 
 
+def test_a_plane_that_is_elsewhere(demo, record):
+    """Both sensors read 5 mm of their angles: x + theta_y l, y - theta_x l."""
+
+    def change(spectra, names):
+        spectra[:, :, names.index("x1")] += 0.005 * spectra[:, :, names.index("theta_y")]
+        spectra[:, :, names.index("y1")] -= 0.005 * spectra[:, :, names.index("theta_x")]
+
+    estimate = identify(demo.model, with_spectra(record, change), MaximumLikelihood())
+    first = estimate.suspects[0]
+    assert (first.term, first.unit) == ("plane[x1, y1]", "m")
+    assert first.value == pytest.approx(0.005, rel=0.05)
+
+
 def test_axes_that_are_turned(demo, record):
     def change(spectra, names):
         i, j = names.index("x1"), names.index("y1")

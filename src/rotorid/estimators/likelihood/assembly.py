@@ -15,10 +15,10 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
-from rotorid.estimators.likelihood.force_laws import bound_laws
 from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.estimators.likelihood.reread import reread
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
@@ -346,7 +346,7 @@ def _calibration(
         _readings(layout, observation.lines, names),
         phase,
         orders,
-        bound_laws(observation, layout.places()),
+        reread(observation, layout.places()),
     )
 
 

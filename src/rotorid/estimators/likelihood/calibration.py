@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorid.estimators.likelihood.force_laws import BoundLaw
 from rotorid.estimators.likelihood.nuisances import Factor
+from rotorid.estimators.likelihood.reread import BoundBend, BoundLaw
 from rotorid.record import Complexes, Floats, Integers
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class Calibration:
         The unknown that adds to phi.
     phase_orders : array, shape (order,)
         Orders n of exp(i n phi) into which the loads are split; (0,) where the phase is known.
-    laws : sequence of BoundLaw
+    reread : sequence of BoundLaw or BoundBend
     """
 
     omega: Floats
@@ -98,7 +98,7 @@ class Calibration:
     readings: Readings | None = None
     phase_unknown: int | None = None
     phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
-    laws: tuple[BoundLaw, ...] = ()
+    reread: tuple[BoundLaw | BoundBend, ...] = ()
 
     @property
     def affine(self) -> Integers:
@@ -120,7 +120,7 @@ class Calibration:
             parts = cos * unknowns[self.readings.cos] + sin * unknowns[self.readings.sin]
             for j, channel in enumerate(self.readings.channel):  # several may act on one
                 added[:, channel] += parts[:, j]
-        for law in self.laws:
+        for law in self.reread:
             read = law.at(unknowns)
             factors[:, law.channel] *= read.gain
             added[:, law.channel] -= read.rest
@@ -139,7 +139,7 @@ class Calibration:
             jacobian[:, :, bound.unknowns] += factor_columns(
                 bound.nuisance, unknowns[bound.unknowns], bound.channels, at, data
             )
-        for law in self.laws:
+        for law in self.reread:
             line = at.columns[:, :, law.channel] * data[:, law.channel, None]
             for unknown, slope in law.slopes(unknowns):
                 jacobian[:, :, unknown] += slope.gain / law.at(unknowns).gain * line

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -93,7 +94,36 @@ def shifts(record: Observation, structure: Structure | None) -> Iterator[Shift]:
         label = model.coordinates[other]
         said = f"cross-talk from {label} into {name}: its share"
         yield Shift(f"crosstalk[{name}, {label}]", "1", said, {name: (other, size)})
+    yield from _planes(model, reads, structure)
     yield from _rotations(record, reads, structure, partner)
+
+
+def _planes(model: Model, reads: dict[str, Floats], structure: Structure) -> Iterator[Shift]:
+    """Yield planes of which both sensors, and all sensors, are further along the shaft."""
+    turn, found = structure.turn(), list[tuple[str, str, int, dict[str, tuple[int, float]]]]()
+    for (one, row), (other, partner) in permutations(reads.items(), 2):
+        lengths = [k for k in np.flatnonzero(row) if model.units[model.coordinates[k]] == "m"]
+        image = turn @ row
+        side = float(np.sign(image @ partner))
+        if len(lengths) != 1 or not image.any() or not np.allclose(side * image, partner):
+            continue
+        for angle in _angles(model, structure, int(lengths[0])):
+            lever = np.zeros(len(row))
+            lever[angle] = row[lengths[0]]
+            across = side * turn @ lever
+            beside = int(np.abs(across).argmax())
+            both = {one: (angle, float(lever[angle])), other: (beside, float(across[beside]))}
+            if across[beside] and (other, one) not in {(a, b) for a, b, _, _ in found}:
+                found.append((one, other, angle, both))
+    for one, other, _, both in found:
+        said = f"{one} and {other} beside their plane: they read angles too, with the lever"
+        yield Shift(f"plane[{one}, {other}]", "m", said, both)
+    for angle in dict.fromkeys(angle for _, _, angle, _ in found):
+        every = [both for _, _, at, both in found if at == angle]
+        shares = {name: share for both in every for name, share in both.items()}
+        if len(every) > 1:
+            said = "all sensors further along the shaft than stated, by"
+            yield Shift(f"plane[{', '.join(shares)}]", "m", said, shares)
 
 
 def _angles(model: Model, structure: Structure, seen: int) -> list[int]:

@@ -30,6 +30,7 @@ from rotorid.estimators.likelihood.leads import (
 from rotorid.estimators.likelihood.modal import ModalRows
 from rotorid.estimators.likelihood.mode_leads import mode_mistakes
 from rotorid.estimators.likelihood.nuisances import (
+    Bend,
     Constant,
     Factor,
     Knee,
@@ -117,7 +118,8 @@ def _apart(nuisance: Nuisance) -> bool:
     """Tell whether a nuisance says what no factor does: k_i is one, and gains are positive."""
     if isinstance(nuisance, Constant):
         return nuisance.role == "ks"
-    return isinstance(nuisance, Factor | Reading | LawConstant) and not isinstance(nuisance, Gain)
+    apart = isinstance(nuisance, Factor | Reading | LawConstant | Bend)
+    return apart and not isinstance(nuisance, Gain)
 
 
 def _harmonic_runout(records: Sequence[Observation]) -> list[Nuisance]:
@@ -551,6 +553,8 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     if isinstance(option.nuisance, LawConstant):
         told = f"{option.term} of the force laws{size}"
         return told, f"correct it, or have it estimated: {option.term} = {{ start = ... }}"
+    if isinstance(option.nuisance, Bend):
+        return f"{option.term}{size}", "calibrate what bends over its range, or excite less"
     if isinstance(option.nuisance, Factor):
         return f"{option.term}{size}", "check the channel, or declare it unknown"
     return f"{option.term}{size}", "add the term to the model"

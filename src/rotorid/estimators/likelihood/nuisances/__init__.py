@@ -11,6 +11,7 @@ from rotorid.estimators.likelihood.nuisances.base import (
     Turn,
     Unknown,
 )
+from rotorid.estimators.likelihood.nuisances.bend import Bend, Cubic, Loop
 from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
 from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
 from rotorid.estimators.likelihood.nuisances.gain import Gain
@@ -24,6 +25,7 @@ from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.observation import Observation
 
 __all__ = [
+    "Bend",
     "Constant",
     "Factor",
     "Knee",
@@ -48,6 +50,8 @@ KINDS: tuple[type[Nuisance], ...] = (
     DisplacementGain,
     LawConstant,
     Knee,
+    Cubic,
+    Loop,
     Runout,
     Gain,
     CommonDelay,

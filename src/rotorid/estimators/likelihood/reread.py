@@ -1,21 +1,23 @@
-"""Forces of laws that bend, read again with other constants, as the unknowns say.
+"""What is no factor of a line: laws with other constants, sensors that bend, hysteresis.
 
 A constant such as the gap is no factor of a line. The samples behind the lines, mean period or
 whole record, go through the law again; what changes is added to the lines as they were read. The
-samples carry the noise of their mean only, and only the change is taken from them.
+samples carry the noise of their mean only, and only the change is taken from them. A channel that
+bends is corrected by the lines of what its samples, cubed for instance, make.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from rotorid.estimators.likelihood.nuisances import LawConstant, Nuisance
+from rotorid.estimators.likelihood.nuisances import Bend, LawConstant, Nuisance
 from rotorid.lines import Samples
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats, ForceLaw, Integers
+from rotorid.signals.spectrum import transfer_of_recording
 
 STEP = 1e-30
 """A complex step: the derivative of what is computed with it is exact to rounding."""
@@ -23,7 +25,7 @@ STEP = 1e-30
 
 @dataclass(frozen=True)
 class Reread:
-    """A force with other constants: ``gain * line + rest`` in place of the line.
+    """A channel read otherwise: ``gain * line + rest`` in place of the line.
 
     Parameters
     ----------
@@ -106,8 +108,60 @@ class BoundLaw:
             yield at, self._split(self._moved(unknowns, at).imag / STEP)
 
 
-def bound_laws(
-    observation: Observation, places: Iterator[tuple[Nuisance, Integers]]
+@dataclass(frozen=True)
+class BoundBend:
+    """A channel that reads too much by an unknown times what its samples are bent into.
+
+    Parameters
+    ----------
+    channel, unknown : int
+    lines : complex array, shape (line,)
+        Of the bent samples, for an unknown of one.
+    """
+
+    channel: int
+    unknown: int
+    lines: Complexes
+
+    def at(self, unknowns: Floats) -> Reread:
+        """Return what becomes of the lines of the channel."""
+        return Reread(1.0, -unknowns[self.unknown] * self.lines)
+
+    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
+        """Yield the derivative of `at`."""
+        yield self.unknown, Reread(0.0, -self.lines)
+
+
+def reread(
+    observation: Observation, places: Iterable[tuple[Nuisance, Integers]]
+) -> tuple[BoundLaw | BoundBend, ...]:
+    """Return what is to be read otherwise, as the nuisances say."""
+    places = list(places)
+    return (*_laws(observation, places), *_bends(observation, places))
+
+
+def _bends(
+    observation: Observation, places: Iterable[tuple[Nuisance, Integers]]
+) -> Iterator[BoundBend]:
+    """Yield the channels that bend."""
+    lines, samples = observation.lines, observation.lines.samples
+    if samples is None:
+        return
+    for nuisance, at in places:
+        if not isinstance(nuisance, Bend):
+            continue
+        for number, (channel, column) in enumerate(
+            zip(observation.channels, observation.order, strict=True)
+        ):
+            if channel.name in nuisance.channels:
+                bent = samples.lines(nuisance.shape(samples.values[:, column])[:, None])
+                # Lines of samples become those of the quantity as the channel's own do.
+                corrected = transfer_of_recording([channel], lines.frequency, samples.sample_rate)
+                yield BoundBend(number, int(at[0]), (bent * corrected)[:, 0])
+
+
+def _laws(
+    observation: Observation, places: Iterable[tuple[Nuisance, Integers]]
 ) -> tuple[BoundLaw, ...]:
     """Return the laws of a record's inputs of which a nuisance is a constant."""
     unknown = [(n, int(at[0])) for n, at in places if isinstance(n, LawConstant)]

@@ -1,5 +1,6 @@
-"""Constants of force laws that bend, as unknowns: a mass on a spring between two magnets."""
+"""What is no factor of a line, as unknowns: a mass on a spring between two magnets."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,17 @@ from rotorid.actuators.source import ForceSource
 from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances, every_nuisance
+from rotorid.estimators.likelihood.nuisances import (
+    Bend,
+    Nuisance,
+    Nuisances,
+    asked_nuisances,
+    every_nuisance,
+)
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.identify import identify
 from rotorid.models import load_model
-from rotorid.observation import bind
+from rotorid.observation import Observation, bind
 from rotorid.record import Channel, PeriodicRecord, Record
 from rotorid.signals import average
 from rotorid.signals.spectrum import synthesize
@@ -113,23 +120,15 @@ def test_a_wrong_gap_is_suspected_by_its_name() -> None:
     assert "have it estimated" in told
 
 
-def test_derivatives_against_differences() -> None:
-    law = replace(
-        MAGNET,
-        **dict.fromkeys(("gap_std", "bias_std", "iron_std", "bias_difference_std"), np.inf),
-        saturation=7000.0,
-        saturation_std=np.inf,
-    )
-    observation = bind(MODEL, periods(law, {"bias": "magnets"}))
-    nuisances = asked_nuisances([observation], Nuisances())
+def derivatives_hold(observation: Observation, nuisances: Sequence[Nuisance]) -> None:
+    """Hold the gradient by the nuisances, away from their starts, against differences."""
     guess = {name: 1.1 * value for name, value in TRUTH.items()}
     layout = prepare(MODEL, Knowledge(), nuisances, False, guess).layout
     likelihood = assemble(layout, observation)
     x, scale = layout.start.copy(), np.abs(layout.start)
-    scale[scale == 0] = 1e-2 * 4e-4
-    free = [u.name.partition("[")[0] for u in layout.unknowns[layout.parameters :]]
-    assert free.count("bias") == 1
-    assert free.count("gap") == free.count("iron") == free.count("saturation") == 2
+    sizes = {"A": 2e-4, "m": 4e-6, "N": 0.05, "1/m^2": 1e7}
+    for j in np.flatnonzero(scale == 0):
+        scale[j] = sizes.get(layout.unknowns[j].unit, 1.0)
     x[layout.parameters :] += 0.02 * scale[layout.parameters :]
     at = likelihood.evaluate(x)
     gradient = 2 * at.jacobian().T @ at.residual
@@ -141,6 +140,70 @@ def test_derivatives_against_differences() -> None:
             costs.append(likelihood.evaluate(moved).cost)
         found = (costs[1] - costs[0]) / 2e-5
         assert gradient[j] * scale[j] == pytest.approx(found, rel=1e-5, abs=1e-6 * at.cost)
+
+
+def test_derivatives_of_constants_against_differences() -> None:
+    law = replace(
+        MAGNET,
+        **dict.fromkeys(("gap_std", "bias_std", "iron_std", "bias_difference_std"), np.inf),
+        saturation=7000.0,
+        saturation_std=np.inf,
+    )
+    observation = bind(MODEL, periods(law, {"bias": "magnets"}))
+    nuisances = asked_nuisances([observation], Nuisances())
+    free = [n.unknowns[0].name.partition("[")[0] for n in nuisances]
+    assert free.count("bias") == 1
+    assert free.count("gap") == free.count("iron") == free.count("saturation") == 2
+    derivatives_hold(observation, nuisances)
+
+
+def test_derivatives_of_bends_against_differences() -> None:
+    observation = bind(MODEL, periods(MAGNET))
+    bends = [n for n in every_nuisance([observation]) if isinstance(n, Bend)]
+    assert {n.unknowns[0].name for n in bends} == {
+        "nonlinear x", "nonlinear y", "nonlinear x ... y",
+        "hysteresis F_x", "hysteresis F_y", "hysteresis force",
+    }  # fmt: skip
+    derivatives_hold(observation, bends)
+
+
+def bent(change: Callable[[np.ndarray], np.ndarray], which: Sequence[int]) -> PeriodicRecord:
+    """Return the record of a linear bearing, some channels of which are changed."""
+    rng = np.random.default_rng(3)
+    record = recorded(MAGNET)
+    forced = np.stack([record.column(name) for name in ("F_x", "F_y")], axis=1)
+    values = np.concatenate([forced, samples(3.0)[:, 2:]], axis=1)
+    values[:, list(which)] = change(values[:, list(which)])
+    values += rng.standard_normal(values.shape) * [1e-3, 1e-3, 1e-9, 1e-9]
+    channels = [Channel(n, u) for n, u in (("F_x", "N"), ("F_y", "N"), ("x", "m"), ("y", "m"))]
+    return average(Record(channels, values, RATE), F0, harmonics=LINES)
+
+
+def first_suspects(record: PeriodicRecord) -> list[str]:
+    found = identify(MODEL, record, MaximumLikelihood(fixed={**STILL, "m": TRUTH["m"]}))
+    assert found.status == "rejected"
+    return [s.term for s in found.suspects[:3]]
+
+
+def test_a_sensor_that_bends_is_named() -> None:
+    def far_out(samples: np.ndarray) -> np.ndarray:
+        return samples * (1 + 0.05 * (samples / np.abs(samples).max()) ** 2)
+
+    assert first_suspects(bent(far_out, [2]))[0] == "nonlinear x"
+    assert first_suspects(bent(far_out, [2, 3]))[0] == "nonlinear x ... y"
+
+
+def test_a_force_that_runs_through_a_loop_is_named() -> None:
+    def lagging(samples: np.ndarray) -> np.ndarray:
+        held, out = np.zeros(samples.shape[1]), np.empty_like(samples)
+        for _ in range(2):
+            for k, value in enumerate(samples):
+                held = np.clip(held, value - 0.2, value + 0.2)
+                out[k] = held
+        return out
+
+    # What is recorded lies ahead of the force by the loop: so undone, the force lags.
+    assert "hysteresis force" in first_suspects(bent(lambda s: 2 * s - lagging(s), [0, 1]))
 
 
 def test_the_lines_of_another_constant_are_those_of_another_law() -> None:

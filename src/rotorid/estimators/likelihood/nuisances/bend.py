@@ -1,0 +1,104 @@
+"""A channel that bends: a sensor that reads too much far out, an iron that runs through a loop.
+
+No setting asks for these: they are freed one at a time, to see what they explain.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from rotorid.estimators.likelihood.nuisances.base import (
+    Nuisance,
+    Nuisances,
+    Unknown,
+    all_inputs,
+)
+from rotorid.observation import Observation
+from rotorid.record import Channel, Floats
+
+
+@dataclass(frozen=True)
+class Bend(Nuisance):
+    """What channels read is less by ``unknown * shape(samples)``.
+
+    Parameters
+    ----------
+    channels : set of str
+    """
+
+    channels: frozenset[str]
+
+    @staticmethod
+    @abstractmethod
+    def shape(samples: Floats) -> Floats:
+        """Return what is added to a signal for an unknown of one."""
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return none: no setting asks for one."""
+        return []
+
+    @classmethod
+    def _of(cls, what: str, label: str, unit: str, channels: Sequence[Channel]) -> Self:
+        unknown = Unknown(f"{what} {label}", unit, 0.0, nuisance=True, additive=True)
+        return cls((unknown,), frozenset(c.name for c in channels))
+
+
+class Cubic(Bend):
+    """``reading = quantity (1 + unknown * quantity^2)``: symmetric, as of opposed sensors."""
+
+    @staticmethod
+    def shape(samples: Floats) -> Floats:
+        """Return the cube."""
+        return np.asarray(samples**3)
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return that of each sensor of positions, and of all of a unit."""
+        found = []
+        for unit, channels in _sensors(records).items():
+            found += [cls._of("nonlinear", c.name, _per_square(unit), [c]) for c in channels]
+            if len(channels) > 1:
+                label = f"{channels[0].name} ... {channels[-1].name}"
+                found.append(cls._of("nonlinear", label, _per_square(unit), channels))
+        return found
+
+
+class Loop(Bend):
+    """An input that lags by half the width of a loop, whichever way it goes: hysteresis."""
+
+    @staticmethod
+    def shape(samples: Floats) -> Floats:
+        """Return the sign of the slope."""
+        return np.asarray(np.sign(np.roll(samples, -1) - np.roll(samples, 1)))
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return that of each input, and of all."""
+        channels = list(all_inputs(_with_samples(records)).values())
+        found = [cls._of("hysteresis", c.name, c.unit, [c]) for c in channels]
+        if len(channels) > 1:
+            found.append(cls._of("hysteresis", "force", channels[0].unit, channels))
+        return found
+
+
+def _with_samples(records: Sequence[Observation]) -> list[Observation]:
+    return [record for record in records if record.lines.samples is not None]
+
+
+def _sensors(records: Sequence[Observation]) -> dict[str, list[Channel]]:
+    """Return the sensors of positions by their unit."""
+    there = {s.channel.name: s.channel for r in _with_samples(records) for s in r.direct}
+    found: dict[str, list[Channel]] = {}
+    for channel in there.values():
+        found.setdefault(channel.unit, []).append(channel)
+    return found
+
+
+def _per_square(unit: str) -> str:
+    return f"1/{unit}^2" if unit else "1"
