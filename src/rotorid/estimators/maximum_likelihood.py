@@ -15,6 +15,7 @@ from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
+from rotorid.estimators.likelihood.scale import scale_note
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.likelihood.verdict import block_scatter, verdict
 from rotorid.estimators.modes import Mode, in_units_of
@@ -57,6 +58,8 @@ class MaximumLikelihood:
         in `fixed`, `known` and `start` too.
     modes : sequence of Mode
         Measured natural frequencies and damping ratios, beside the records or without any.
+    force_scale_std : float
+        Relative deviation of a scale common to all forces, `scale[force]`; 0 takes it as exact.
     base : bool
         Estimate the base parameters.
     covariance : {"auto", "white", "correlated"}
@@ -86,6 +89,7 @@ class MaximumLikelihood:
     delays: tuple[str, ...] = ()
     each: tuple[str, ...] = ()
     modes: tuple[Mode, ...] = ()
+    force_scale_std: float = 0.0
     base: bool = False
     covariance: Literal["auto", "white", "correlated"] = "auto"
     neighbours: int | None = None
@@ -122,7 +126,7 @@ class MaximumLikelihood:
     @property
     def nuisances(self) -> Nuisances:
         """Which constants of the measurement are unknown."""
-        return Nuisances(self.runout, self.gains, self.delays, self.each)
+        return Nuisances(self.runout, self.gains, self.delays, self.each, self.force_scale_std)
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
@@ -152,6 +156,8 @@ class MaximumLikelihood:
         except NotConvergedError as error:
             return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
+        if estimate.status == "ok":
+            estimate = estimate.with_(checks=tuple(scale_note(found)))
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))

@@ -46,6 +46,7 @@ def _maximum_likelihood(
         runout=entry.estimator.runout,
         gains=tuple(entry.estimator.gains),
         delays=tuple(entry.estimator.delays),
+        force_scale_std=entry.estimator.force_scale_std,
         each=tuple(name for name, p in entry.parameters.items() if p.each),
         modes=modes(entry.modes, model),
     )
@@ -78,7 +79,8 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
             "measured natural frequencies", "records alone for this method", "use ml", place="modes"
         )
     asked = entry.estimator
-    given = {"runout": asked.runout, "gains": asked.gains, "delays": asked.delays}
+    keys = ("runout", "gains", "delays", "force_scale_std")
+    given = {key: getattr(asked, key) for key in keys}
     for key, value in given.items():
         if value:
             raise InputError(

@@ -548,6 +548,7 @@ class EstimatorEntry(Schema):
     runout: StrictBool = False
     gains: list[Literal["ki", "ks", "ks*"]] = Field(default_factory=list)
     delays: list[Literal["force", "position"]] = Field(default_factory=list)
+    force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
 
 
 OPEN = "?"

@@ -16,7 +16,7 @@ from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
 from rotorid.estimators.likelihood.noise import noise_factor
-from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Turn
+from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.reread import reread
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
@@ -56,7 +56,7 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
     """
     model, speed = layout.model, observation.lines.speed
     linear = linear_form(model)
-    terms = []
+    terms, scale = [], _scale(layout)
     factor = {t.factor: _at_speeds(t.factor, speed) for t in linear.stiffness}
     for t in linear.stiffness:
         factors = layout.monomial_factors[t.monomial]
@@ -70,13 +70,19 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
         known = 1.0 if channel.drive is None else channel.drive.ki
         ki, gain = _constant(layout.constant(channel.name, "ki"), known)
         column = linear.coordinates + b.input
-        terms.append(Term(b.row, column, 0, factors + gain, b.coefficient * ki))
+        terms.append(Term(b.row, column, 0, factors + gain + scale, b.coefficient * ki))
         if channel.drive is None:
             continue
         ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
         for where, share in _displacement(layout, channel):
-            terms.append(Term(b.row, where, 0, factors + slope, b.coefficient * ks * share))
+            value = b.coefficient * ks * share
+            terms.append(Term(b.row, where, 0, factors + slope + scale, value))
     return [*terms, *_missing_terms(layout, observation), *_sensor_rows(layout, observation)]
+
+
+def _scale(layout: Layout) -> Factors:
+    """Return the unknown that all forces have in common, if there is one."""
+    return tuple(int(at[0]) for nuisance, at in layout.places() if isinstance(nuisance, Scale))
 
 
 def _missing_terms(layout: Layout, observation: Observation) -> list[Term]:

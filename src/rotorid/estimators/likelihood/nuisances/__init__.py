@@ -22,6 +22,7 @@ from rotorid.estimators.likelihood.nuisances.own import Own
 from rotorid.estimators.likelihood.nuisances.phase import Phase
 from rotorid.estimators.likelihood.nuisances.response import Response
 from rotorid.estimators.likelihood.nuisances.runout import Runout
+from rotorid.estimators.likelihood.nuisances.scale import Scale
 from rotorid.observation import Observation
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "Nuisances",
     "Own",
     "Reading",
+    "Scale",
     "Turn",
     "Unknown",
     "asked_nuisances",
@@ -48,6 +50,7 @@ KINDS: tuple[type[Nuisance], ...] = (
     Own,  # parameters of the model: they stand before what is unknown of the measurement
     CurrentGain,
     DisplacementGain,
+    Scale,
     LawConstant,
     Knee,
     Cubic,

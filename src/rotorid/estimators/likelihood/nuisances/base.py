@@ -68,12 +68,15 @@ class Nuisances:
         One common delay for all channels of that kind.
     each : sequence of str
         Parameters of the model that every record has to itself.
+    force_scale_std : float
+        Relative deviation of a scale that all forces have in common; 0 where it is exact.
     """
 
     runout: bool = False
     gains: tuple[str, ...] = ()
     delays: tuple[str, ...] = ()
     each: tuple[str, ...] = ()
+    force_scale_std: float = 0.0
 
     def __post_init__(self) -> None:
         for given, allowed, key in (
@@ -88,6 +91,13 @@ class Nuisances:
                         "name one of these, or leave it out",
                         place=key,
                     )
+        if not 0 <= self.force_scale_std < 1:
+            raise InputError(
+                f"{self.force_scale_std}",
+                "a share of the forces: 0.01 where they are known to 1 %",
+                "correct it",
+                place="force_scale_std",
+            )
         if {"ks", "ks*"} <= set(self.gains):
             raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
 
