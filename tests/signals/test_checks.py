@@ -265,19 +265,6 @@ def test_lines_whose_size_changes_too_are_no_second_clock() -> None:
     assert {(c.check, c.channel) for c in found} == {("drift", "x"), ("drift", "y")}
 
 
-def test_a_sensor_that_stands_still_for_a_while_is_stuck() -> None:
-    def frozen(samples: np.ndarray) -> np.ndarray:
-        still = samples.copy()
-        still[12 * SIZE + 7 : 30 * SIZE, 2] = still[12 * SIZE + 6, 2]
-        return still
-
-    (found,) = [c for c in told(damaged(machine(), frozen)) if c.check == "stuck"]
-    assert (found.channel, found.verdict) == ("x", "refused")
-    assert found.found.startswith("one value throughout 17 of 60 periods, between 0.65 and 1.49")
-    dead = damaged(machine(), lambda s: s * [1, 1, 0, 1])
-    assert not [c for c in told(dead) if c.check == "stuck"]
-
-
 def test_a_knock_is_named_by_period_and_time() -> None:
     def knock(samples: np.ndarray) -> np.ndarray:
         samples[5000:5020] += 5 * SCALE

@@ -25,7 +25,6 @@ from rotorid.signals.checks_scatter import (
     check_repeats,
     check_settled,
     check_silent,
-    check_stuck,
 )
 from rotorid.signals.checks_timing import check_timing
 
@@ -116,7 +115,6 @@ def check_periods(periods: PeriodicRecord) -> tuple[Check, ...]:
         "copied": check_copied(periods.channels, _deviations(periods)),
         "repeats": check_repeats(periods),
         "lines below noise": check_silent(periods),
-        "stuck": check_stuck(periods),
         "lost samples": (timing := check_timing(periods)),
         "settled": (settled := [] if timing else check_settled(periods)),
     }
@@ -153,7 +151,6 @@ _IN_ORDER = {
     "identical periods": "the periods scatter, so that deviations can be stated",
     "repeats": "the periods repeat",
     "lines below noise": "every kept line stands above its noise",
-    "stuck": "every channel moves in every period",
     "lost samples": "every period comes when it should",
     "settled": "no transient is left",
     "knock": "no period stands out",

@@ -43,10 +43,6 @@ UNLIKE = 0.5
 """Scatter of a handful of periods over their size from which on they do not repeat: if it is noise
 after all, seven of them leave a fifth of it, too much for parameters."""
 
-STUCK = 1e-9
-"""Size of a channel's lines in a period, over that in its other periods, below which it stands
-still there: a value that repeats leaves rounding, noise and any motion more."""
-
 SILENT = 3.0
 """Size of a mean line over its own deviation from which on it is there: noise alone exceeds it once
 in 8000 lines."""
@@ -101,25 +97,6 @@ def check_repeats(periods: PeriodicRecord) -> list[Check]:
         "does not repeat with this period; correct it, or use the record without periods"
     )
     return [Check("repeats", "", text, "warning")]
-
-
-def check_stuck(periods: PeriodicRecord) -> list[Check]:
-    """Find channels that stand still in some periods and move in others: a cable, a frozen word."""
-    found = []
-    moving = periods.harmonics > 0
-    size = np.sqrt((np.abs(periods.spectra[:, moving]) ** 2).sum(axis=1))
-    for c, channel in enumerate(periods.channels):
-        still = np.flatnonzero(size[:, c] <= STUCK * size[:, c].max(initial=0.0))
-        if not 0 < len(still) < periods.periods:
-            continue
-        begin, end = periods.time[still[0], 0], periods.time[still[-1], -1]
-        text = (
-            f"one value throughout {len(still)} of {periods.periods} periods, between {begin:.5g} "
-            f"and {end:.5g} s, while it moves in the others: use the part in which it moves (skip, "
-            "until), mend its cable, or leave the sensor out"
-        )
-        found.append(Check("stuck", channel.name, text, "refused"))
-    return found
 
 
 def check_silent(periods: PeriodicRecord) -> list[Check]:

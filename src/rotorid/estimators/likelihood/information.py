@@ -140,6 +140,8 @@ def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
         for column in range(count):
             driven = copy.copy(likelihood)
             driven.load = np.zeros_like(likelihood.load)
+            # What laws with other constants add comes of the samples, not of this noise.
+            driven.calibration = replace(likelihood.calibration, reread=())
             driven.data = np.zeros_like(likelihood.data)
             driven.data[:, :count] = likelihood.factor[:, :count, column]
             driven.data = respond(driven, still)
