@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from scipy import signal
 
 import rotorid as rid
 
@@ -65,3 +66,35 @@ def load(folder: Path, text: str = EXPERIMENT) -> rid.Experiment:
 def identify(folder: Path, text: str = EXPERIMENT) -> rid.Estimate:
     experiment = load(folder, text)
     return rid.identify(experiment.model, experiment.records(), experiment.estimator())
+
+
+def run_down(
+    rng: np.random.Generator,
+    noise: float,
+    damping: float = 300.0,
+    trial: complex = 0.0,
+    seconds: float = 20.0,
+    sense: int = 1,
+) -> rid.Record:
+    """Return samples of the same rotor, other damping, as it slows from 7000 to 2000 rpm.
+
+    ``m r'' + c r' + k r = U (Omega^2 - i Omega') exp(i phi)`` at 2 kHz, exact but for the force,
+    which is taken as linear between samples four times as dense.
+    """
+    rate, dense = 2000.0, 4
+    time = np.arange(int(seconds * rate * dense)) / (rate * dense)
+    slowing = -5000 * np.pi / 30 / seconds * sense
+    turning = sense * 7000 * np.pi / 30 + slowing * time
+    angle = sense * 7000 * np.pi / 30 * time + slowing * time**2 / 2
+    unbalance = TRUTH["u_x"] + 1j * TRUTH["u_y"] + trial
+    force = unbalance * (turning**2 - 1j * slowing) * np.exp(1j * angle)
+    m, k = TRUTH["m"], TRUTH["k"]
+    motion = np.array([[0.0, 1.0], [-k / m, -damping / m]])
+    system = (motion, np.array([[0.0], [1 / m]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    above, below = signal.ss2tf(*signal.cont2discrete(system, time[1], "foh")[:4])
+    parts = [signal.lfilter(above[0], below, part) for part in (force.real, force.imag)]
+    kept = slice(int(0.5 * rate) * dense, None, dense)  # without the way it starts
+    samples = np.column_stack(parts)[kept]
+    samples = samples + noise * rng.standard_normal(samples.shape)
+    channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]
+    return rid.Record(channels, samples, rate, float(turning.mean()), angle[kept])

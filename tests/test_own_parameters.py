@@ -8,7 +8,7 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
 
 import rotorid as rid
 from rotorid.errors import InputError
-from rotorid.phasors import phasor_lines
+from rotorid.phasor_lines import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 TRUE = rid.parse_model(MODEL)

@@ -11,7 +11,7 @@ import pytest
 from coast_down import MODEL, RPM, TRUTH, coast
 
 import rotorid as rid
-from rotorid.phasors import phasor_lines
+from rotorid.phasor_lines import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 NOISE = 2e-6

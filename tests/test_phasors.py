@@ -10,7 +10,7 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, wri
 import rotorid as rid
 from rotorid.cli import run
 from rotorid.errors import InputError
-from rotorid.phasors import phasor_lines
+from rotorid.phasor_lines import phasor_lines
 
 
 @pytest.fixture
@@ -93,6 +93,9 @@ def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder: Path) -> None
     told = {v.name: v.value for v in estimate.derived}
     assert told["u_x/m"] == pytest.approx(TRUTH["u_x"] / TRUTH["m"], rel=1e-9)
     assert told["k/m"] == pytest.approx(TRUTH["k"] / TRUTH["m"], rel=1e-9)
+    cures = [w for w in estimate.warnings if w.startswith("cure:")]
+    assert cures[0] == "cure: fix one of m, c, k, u_x, u_y"
+    assert "a further run with a trial mass" in cures[1]
 
 
 @pytest.mark.parametrize(

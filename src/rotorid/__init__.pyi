@@ -33,6 +33,7 @@ from .models import Model as Model
 from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models
+from .order_tracking import phasors as phasors
 from .predict import predict as predict
 from .record import Channel as Channel
 from .record import Check as Check

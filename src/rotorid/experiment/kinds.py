@@ -6,7 +6,7 @@ told (`ChannelEntry.kind`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from rotorid.errors import InputError
@@ -27,18 +27,31 @@ READERS: Mapping[str, tuple[Check, Reader]] = {"phasors": (phasor_channels, read
 
 def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) -> None:
     """Check the channels that a record has to itself."""
-    wrong = [name for name, entry in record.channels.items() if entry.kind != record.kind]
+    wrong = [name for name, entry in record.channels.items() if entry.kind != record.channel_kind]
     if wrong:
         raise InputError(
-            f"a channel of {record.channels[wrong[0]].kind} in a record of {record.kind}",
-            f"a channel of {record.kind}",
+            f"a channel of {record.channels[wrong[0]].kind} in a record of {record.channel_kind}",
+            f"a channel of {record.channel_kind}",
             "correct the channel, or the kind of the record",
             place=f"channels.{wrong[0]}",
         )
-    if record.kind == "samples":
-        recording(record.channels, model, _of_kind(common, record.kind), folder)
+    if record.channel_kind == "samples":
+        recording(record.channels, model, _of_kind(common, record.channel_kind), folder)
     else:
-        READERS[record.kind][0](record.channels, model, folder)
+        READERS[record.channel_kind][0](record.channels, model, folder)
+
+
+def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
+    """Refuse channels in `[channels]` of a kind that no record is of."""
+    kinds = {record.channel_kind for record in records}
+    for name, entry in common.items():
+        if entry.kind not in kinds:
+            raise InputError(
+                f"a channel of {entry.kind} that no record takes",
+                f"a channel of {' or '.join(sorted(kinds))}",
+                "correct the channel, or the kind of the records",
+                place=f"channels.{name}",
+            )
 
 
 def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path) -> Recording:
@@ -46,14 +59,14 @@ def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path
 
     Of the channels that all records share, those of another kind are not this record's.
     """
-    entries = {**_of_kind(common, record.kind), **record.channels}
-    if record.kind == "samples":
+    entries = {**_of_kind(common, record.channel_kind), **record.channels}
+    if record.channel_kind == "samples":
         return recording(entries, model, folder=folder)
     if not entries:
         raise InputError(
-            f"no channel of {record.kind}", "one or more", "add them", place="channels"
+            f"no channel of {record.channel_kind}", "one or more", "add them", place="channels"
         )
-    READERS[record.kind][0](entries, model, folder)
+    READERS[record.channel_kind][0](entries, model, folder)
     return Recording({}, {}, entries)
 
 

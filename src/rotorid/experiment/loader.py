@@ -9,7 +9,7 @@ from pathlib import Path
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.methods import Estimator
-from rotorid.experiment.kinds import check_own, plan_record, read_table
+from rotorid.experiment.kinds import check_own, check_shared, plan_record, read_table
 from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values, own_values
 from rotorid.experiment.recording import (
@@ -23,6 +23,7 @@ from rotorid.experiment.recording import (
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
+from rotorid.order_tracking import phasors
 from rotorid.record import Record
 from rotorid.signals.period_lines import KEYS
 from rotorid.toml import read_toml
@@ -96,7 +97,7 @@ class Experiment:
 
     def _measured(self, *, currents: bool) -> list[Record]:
         for number, entry in enumerate(self.entry.records):
-            if entry.kind != "samples":
+            if entry.channel_kind != "samples":
                 raise InputError(
                     f"a table of {entry.kind}",
                     "samples over time",
@@ -143,8 +144,11 @@ class Experiment:
 
     def _one(self, entry: RecordEntry, plan: Recording, *, currents: bool) -> Measured:
         """Read one record by its kind."""
-        if entry.kind != "samples":
+        if entry.channel_kind != "samples":
             return read_table(self.folder, entry, plan, self.model)
+        if entry.is_cut:
+            run = measured(self.folder, entry, plan, currents=currents)
+            return phasors(run, entry.revolutions, skip=entry.skip or 0.0)
         if entry.periodic:
             return averaged(self.folder, entry, plan, currents=currents)
         record = measured(self.folder, entry, plan, currents=currents)
@@ -233,6 +237,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     model = _model(entry.model, path)
     try:
         channels = []
+        check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
             try:
                 check_own(record, entry.channels, model, where)

@@ -15,7 +15,7 @@ from rotorid.io import open_tables
 from rotorid.io.table import Table
 from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.phasors import phasor_lines
+from rotorid.phasor_lines import phasor_lines
 from rotorid.record import Channel, Check, Complexes, Floats
 from rotorid.signals.checks_phasors import check_phases, check_probes
 from rotorid.units import si_factor, to_si

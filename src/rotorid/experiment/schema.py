@@ -309,6 +309,11 @@ class OwnEntry(Schema):
 
 _TABLES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels", "parameters"}
 """Keys of a record that is a table."""
+_CUT = _TABLES | {
+    *("sample_rate", "time", "angle", "keyphasor", "angle_lag_std", "skip", "until", "mask"),
+    "revolutions",
+}
+"""Keys of samples that are cut into a table by the angle of the rotor."""
 
 
 class RecordEntry(Schema):
@@ -333,6 +338,7 @@ class RecordEntry(Schema):
     skip: Seconds | None = None
     until: Annotated[float | None, _quantity("s"), Field(gt=0, le=1e9)] = None
     mask: str | None = None
+    revolutions: Annotated[StrictInt, Field(ge=4, le=10**6)] | None = None
     references: Annotated[list[str] | None, Field(min_length=1)] = None
     quiet: str | None = None
     cutoff: Hertz | None = None
@@ -363,6 +369,13 @@ class RecordEntry(Schema):
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> RecordEntry:
         if self.kind == "samples":
+            if self.revolutions is not None:
+                raise InputError(
+                    "revolutions in a record of samples",
+                    "them where a run-up is cut into a table",
+                    'write kind = "phasors", or remove it',
+                    place="revolutions",
+                )
             if self.speed.column is not None:
                 raise InputError(
                     "a column of speeds in a record of samples",
@@ -371,18 +384,20 @@ class RecordEntry(Schema):
                     place="speed",
                 )
             return self
-        for key in sorted(self.model_fields_set - _TABLES):
+        allowed = _CUT - {"speed"} if self.is_cut else _TABLES
+        for key in sorted(self.model_fields_set - allowed):
             raise InputError(
                 f"{key} in a table of {self.kind}",
-                f"one of {', '.join(sorted(_TABLES))}",
+                f"one of {', '.join(sorted(allowed))}",
                 "remove it",
                 place=key,
             )
-        if self.kind == "phasors" and "speed" not in self.model_fields_set:
+        if self.kind == "phasors" and not self.is_cut and "speed" not in self.model_fields_set:
             raise InputError(
                 "no speed",
                 "the column of the speeds of the rows",
-                'write speed = { column = "n", unit = "rpm" }',
+                'write speed = { column = "n", unit = "rpm" }; of a run-up over time, angle or '
+                "keyphasor",
                 place="speed",
             )
         return self
@@ -455,6 +470,16 @@ class RecordEntry(Schema):
                 "references and quiet", "one of them", "remove one", place="references, quiet"
             )
         return self
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether samples are cut into a table of phasors, by the angle of the rotor."""
+        return self.kind == "phasors" and (self.angle is not None or self.keyphasor is not None)
+
+    @property
+    def channel_kind(self) -> Kind:
+        """The kind of its channels."""
+        return "samples" if self.is_cut else self.kind
 
     @property
     def periodic(self) -> bool:

@@ -37,15 +37,15 @@ class LineCovariance(Arrays):
     apart : float
         Share of a line's noise that is not in its own covariance: 1 for the scatter of periods,
         less where the residual of the line itself is among those that the covariance is made of.
-    shared : bool
-        One estimate, that of all lines together, stands behind the covariance of each.
+    shared : int
+        How many lines have their covariance from one estimate, of as many together.
     """
 
     matrices: Complexes
     dof: int
     kind: Kind
     apart: float = 1.0
-    shared: bool = False
+    shared: int = 1
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:

@@ -243,7 +243,11 @@ def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     """
     if not combinations:
         return []
-    cures = [_fixing(combinations), *_total_mass(trial, combinations)]
+    cures = [
+        _fixing(combinations),
+        *_total_mass(trial, combinations),
+        *_trial_mass(trial, combinations),
+    ]
     count = len(combinations)
     speeds = _other_speeds(trial)
     helped: list[tuple[int, str]] = []
@@ -290,6 +294,21 @@ def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     left = len(combinations) - 1
     rest = "" if left == 0 else f" ({left} of {len(combinations)} combinations would stay open)"
     return [f"weigh the rotor: a constraint on {names}{rest}"]
+
+
+def _trial_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Say that a known unbalance sets the scale, where no force is measured and all scales."""
+    forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in trial.records)
+    together = any(
+        c.exponents is not None and len(c.names) > 1 and len(set(c.exponents)) == 1
+        for c in combinations
+    )
+    if forced or not together:
+        return []
+    return [
+        "a further run with a trial mass: write its unbalance into the equations beside the "
+        "rotor's own, 0 kg m in [parameters] and its value in [records.parameters] of that run"
+    ]
 
 
 def _weighed(model: Model) -> set[str]:

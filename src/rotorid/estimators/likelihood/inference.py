@@ -62,13 +62,14 @@ def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Float
 
 
 def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
-    """Return the variance of the costs of lines whose covariance is one estimate of n degrees.
+    """Return the variance of the costs of lines that share an estimate of C, of n degrees.
 
-    Its error is common to all lines: ``tr(C_est^-1 C)`` scatters by ``1 / sqrt(n e)``, e the
-    equations, and the sum of the costs with it; beside that each line is chi-squared.
+    Its error is common to them: ``tr(C_est^-1 C)`` scatters by ``1 / sqrt(n e)``, e the equations,
+    and the sum of their costs with it; beside that each line is chi-squared.
     """
+    noise = at.problem.noise
     alone = 2 * mean**2 / np.maximum(left, 1e-300)
-    common = mean.sum() * mean / (at.problem.noise.dof * at.problem.equations)
+    common = noise.shared * mean**2 / (noise.dof * at.problem.equations)
     return np.where(left > 0, alone + common, 0.0)
 
 
@@ -189,7 +190,7 @@ def infer(point: Point, exact: Relations) -> Inference:
         # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
         apart = likelihood.noise.apart
         means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
-        if likelihood.noise.shared:
+        if likelihood.noise.shared > 1:
             variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
         variances.append(apart * float(variance.sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)

@@ -26,15 +26,15 @@ class Noise:
         Share of the diagonal that was mixed in, 0 where the periods suffice.
     apart : float
         Share of a line's noise that is not in its own covariance.
-    shared : bool
-        All lines have their covariance from one estimate.
+    shared : int
+        How many lines have their covariance from one estimate.
     """
 
     factor: Complexes
     dof: float
     shrunk: float = 0.0
     apart: float = 1.0
-    shared: bool = False
+    shared: int = 1
 
 
 def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equations: int) -> Noise:

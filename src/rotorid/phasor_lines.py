@@ -97,31 +97,40 @@ def phasor_lines(
     (array([100., 200.]), 'stated')
     """
     turning = np.asarray(speed, dtype=np.float64)
-    found = np.asarray(phasors, dtype=np.complex128)
-    _check(channels, turning, found, source)
-    known = None if std is None else _deviations(std, found, source)
+    given = np.asarray(phasors, dtype=np.complex128)
+    _check(channels, turning, given, source)
+    known = None if std is None else _deviations(std, given, source)
     order = np.argsort(turning, kind="stable")
-    as_lines = np.array(np.where(turning[:, None] < 0, found.conj(), found) / 2, np.complex128)
+    as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
     rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
     if known is None:
         rows, covariance = _repeated(rows, source)
     else:
         covariance = _stated(rows)
         told += _doubted(rows)
-    frequency = np.abs(rows.speed) / (2 * np.pi)
-    transfer = transfer_of_recording(channels, frequency, 1.0)
+    found = lines_at_speeds(channels, rows.speed, rows.lines, covariance, 1.0)
+    return replace(found, source=source, warnings=told, checks=tuple(checks))
+
+
+def lines_at_speeds(
+    channels: Sequence[Channel],
+    speed: Floats,
+    lines: Complexes,
+    covariance: LineCovariance,
+    sample_rate: float,
+) -> Lines:
+    """Return 1x lines as recorded, a speed each, corrected for hold, delay and dynamics."""
+    frequency = np.abs(speed) / (2 * np.pi)
+    transfer = transfer_of_recording(channels, frequency, sample_rate)
     matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     return Lines(
         channels=tuple(channels),
         frequency=frequency,
-        speed=rows.speed,
-        mean=rows.lines * transfer,
+        speed=speed,
+        mean=lines * transfer,
         covariance=replace(covariance, matrices=matrices),
         multiplicity=np.full(len(frequency), 2.0),
-        clock=PhasorClock(rows.speed),
-        source=source,
-        warnings=told,
-        checks=tuple(checks),
+        clock=PhasorClock(speed),
         passive=True,
     )
 
@@ -220,7 +229,7 @@ def _repeated(rows: _Rows, source: str) -> tuple[_Rows, LineCovariance]:
     mean = (rows.lines - scatter)[first]
     matrices = reading[None] / count[:, None, None]
     return _Rows(rows.speed[first], mean, None), LineCovariance(
-        matrices, dof, "repeated", shared=True
+        matrices, dof, "repeated", shared=len(count)
     )
 
 
