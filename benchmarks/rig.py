@@ -81,7 +81,7 @@ def by_scipy(rig: Rig, duration: float, method: str, rtol: float) -> np.ndarray:
     motion, load = rotor.motion[0], rotor.load[0]
 
     def slope(t: float, y: np.ndarray, held: np.ndarray) -> np.ndarray:
-        forces(bearings, y, held, force)
+        forces(bearings, bearings.law, y, held, force)
         angle = phase + speed * t
         return derivative(motion, load, rotor.harmonics, rotor.force, angle, y, force)
 

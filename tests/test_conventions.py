@@ -1,5 +1,6 @@
 """Conventions of what users see: every public name is described, in full and truly."""
 
+import ast
 import inspect
 import re
 from collections.abc import Callable
@@ -141,3 +142,36 @@ def test_what_a_newcomer_looks_for_is_found_in_one_search() -> None:
     sources = {path: path.read_text(encoding="utf-8") for path in paths}
     for search in searches:
         assert [p for p, text in sources.items() if search in text or search == p.name], search
+
+
+SCREEN = 50
+"""Lines of a function, but for its signature and docstring, that fit a screen."""
+
+LONGER = {
+    "rig.kernel.run": "compiled: in parts that pass its state on it takes twice the time",
+}
+
+
+def test_functions_fit_a_screen() -> None:
+    found = {}
+    for path in sorted((ROOT / "src" / "rotorid").rglob("*.py")):
+        module = ".".join(path.relative_to(ROOT / "src" / "rotorid").with_suffix("").parts)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            body = node.body[bool(ast.get_docstring(node)) and len(node.body) > 1 :]
+            lines = (body[-1].end_lineno or 0) - body[0].lineno + 1
+            if lines > SCREEN:
+                found[f"{module}.{node.name}"] = lines
+    assert found.keys() == LONGER.keys(), found
+
+
+def test_cures_say_what_to_do() -> None:
+    """No message ends in "correct it": whoever could do that would have done it."""
+    empty = re.compile(r"\bcorrect (?:it|its|them|the|this|what)\b")
+    found = []
+    for path in sorted((ROOT / "src" / "rotorid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and empty.search(str(node.value)):
+                found.append(f"{path.name}, {node.lineno}: {node.value}")
+    assert not found

@@ -152,7 +152,7 @@ def _check(channels: Sequence[Channel], speed: Floats, phasors: Complexes, sourc
         raise InputError(
             f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
             "finite numbers, a speed other than 0",
-            "correct the row, or leave it out",
+            "give the row a speed and a reading, or leave it out",
             file=source,
         )
 

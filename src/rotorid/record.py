@@ -267,10 +267,16 @@ class Record(Arrays):
             )
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise self._error(
-                f"sample rate {self.sample_rate}", "a positive number of Hz", "correct it"
+                f"sample rate {self.sample_rate}",
+                "a positive number of Hz",
+                "give the samples per second",
             )
         if not np.isfinite(self.speed):
-            raise self._error(f"speed {self.speed}", "a finite number of rad/s", "correct it")
+            raise self._error(
+                f"speed {self.speed}",
+                "a finite number of rad/s",
+                "give the speed of the rotor, 0 at standstill",
+            )
         if self.valid is not None and np.shape(self.valid) != (len(self.samples),):
             raise self._error(
                 f"a mask of shape {np.shape(self.valid)}",

@@ -322,7 +322,7 @@ def test_the_right_speed_is_no_matter(speed: float) -> None:
         (93.37, 93.37 / 60, "Hz given as rpm?"),
         (93.37, 93.37 / (2 * np.pi), "Hz given as rad/s?"),
         (80.0, 91.0, "at 80 Hz (4800 rpm)"),
-        (93.37, 75.0, "where nothing stands: correct the speed"),
+        (93.37, 75.0, "where nothing stands: give the speed at which"),
     ],
 )
 def test_a_wrong_speed_is_named_with_the_one_that_the_record_shows(

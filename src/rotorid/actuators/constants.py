@@ -61,11 +61,17 @@ def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] 
             bool(np.isfinite(value) and value > 0),
             name,
             f"more than 0 {unit}",
-            "correct the constant of the force law",
+            f"give {name} of the force law in {unit}, as the data sheet has it",
         )
     for name in free:
         value = getattr(law, name)
-        require(value, bool(np.isfinite(value)), name, "a finite number", "correct the constant")
+        require(
+            value,
+            bool(np.isfinite(value)),
+            name,
+            "a finite number",
+            f"give a number for {name}, or leave it out",
+        )
     for name in (*positive, *free):
         value = getattr(law, f"{name}_std")
         require(
@@ -73,7 +79,7 @@ def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] 
             bool(value >= 0),
             f"{name}_std",
             "a standard deviation of 0 or more, infinite where the constant is unknown",
-            "correct it",
+            f"give {name}_std as one standard deviation, or leave it out",
         )
 
 

@@ -216,7 +216,13 @@ class Differential:
             For constants that are not positive.
         """
         for name, value in (("area", area), ("turns", turns)):
-            require(value, value > 0, name, "more than 0", "correct the geometry")
+            require(
+                value,
+                value > 0,
+                name,
+                "more than 0",
+                "give the pole area in m^2 and the turns of one coil",
+            )
         return cls(MU0 * turns**2 * area / 4, bias, gap, angle)
 
     @property

@@ -35,7 +35,7 @@ def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
             raise InputError(
                 f"{name[:60]!r}, which is no parameter of the model",
                 f"one of {', '.join(units)}",
-                "correct the name",
+                "take a name from there",
                 file=file,
                 place="parameters",
             )
@@ -45,7 +45,7 @@ def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
             raise InputError(
                 f"{value:g} with a deviation of {std:g}",
                 "finite numbers, the deviation 0 or more",
-                "correct it",
+                "give the value of this record, and one standard deviation or none",
                 file=file,
                 place=place,
             )
@@ -74,7 +74,7 @@ class Constraint:
             raise InputError(
                 f"value {self.value} and std {self.std} of {self.expression[:60]!r}",
                 "finite numbers, the deviation not negative",
-                "correct the constraint",
+                "give the value that the expression has, and one standard deviation or none",
             )
 
 

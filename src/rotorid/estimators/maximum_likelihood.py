@@ -97,7 +97,9 @@ class MaximumLikelihood:
     def __post_init__(self) -> None:
         if self.covariance not in ("auto", "white", "correlated"):
             raise InputError(
-                f"covariance {self.covariance!r}", "auto, white or correlated", "correct it"
+                f"covariance {self.covariance!r}",
+                "auto, white or correlated",
+                "choose one of the three; auto looks at the periods",
             )
         for name in ("constraints", "gains", "delays", "each", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -170,6 +172,6 @@ def _check_each(model: Model, each: Sequence[str]) -> None:
             raise InputError(
                 f"each of {name!r}",
                 f"a parameter of the model: {', '.join(model.parameter_names)}",
-                "correct the name",
+                "take a name from there",
                 place="each",
             )

@@ -32,7 +32,7 @@ def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) 
         raise InputError(
             f"a channel of {record.channels[wrong[0]].kind} in a record of {record.channel_kind}",
             f"a channel of {record.channel_kind}",
-            "correct the channel, or the kind of the record",
+            "move the channel to a record of its kind, or give this record that kind",
             place=f"channels.{wrong[0]}",
         )
     if record.channel_kind == "samples":

@@ -35,7 +35,7 @@ def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputErro
     return InputError(
         f"{name[:60]!r}, which is no {what} of the model",
         f"one of {', '.join(there)}",
-        f"did you mean {near[0]}?" if near else "correct the name",
+        f"did you mean {near[0]}?" if near else "take a name from there",
         place=place,
     )
 
@@ -253,7 +253,10 @@ def _unit_of(expression: str, model: Model, place: str) -> str:
     }
     if not found:
         raise InputError(
-            repr(expression[:60]), "an expression of parameters", "correct it", place=place
+            repr(expression[:60]),
+            "an expression of parameters",
+            "write parameters of the model, such as k1 - k2",
+            place=place,
         )
     first, *others = sorted(found)
     for other in others:

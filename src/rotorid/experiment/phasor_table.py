@@ -154,7 +154,7 @@ def _phasor(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) ->
             raise InputError(
                 f"the amplitude {size.min():g} in row {int(size.argmin()) + 1}",
                 "0 or more",
-                "correct the row; a signed reading is a real part",
+                "turn its phase by 180 deg, or give a signed reading as real",
                 place=f"{place}.amplitude",
             )
         _check_lengths(size, turned, place)

@@ -105,7 +105,9 @@ def _band(value: object) -> tuple[float, float]:
         raise InputError(repr(value)[:60], "two frequencies", 'write ["0 Hz", "40 Hz"]')
     low, high = (to_si(end, "Hz") for end in value)
     if not 0 <= low <= high <= 1e12:
-        raise InputError(repr(value)[:60], "0 Hz or more, the lower end first", "correct it")
+        raise InputError(
+            repr(value)[:60], "0 Hz or more, the lower end first", "put the lower end first"
+        )
     return low, high
 
 
@@ -118,11 +120,19 @@ class TimeEntry(Schema):
 
 def _scale(value: object) -> object:
     if not isinstance(value, str | int | float) or isinstance(value, bool):
-        raise InputError(repr(value)[:60], "a number, or the name of a scalar", "correct it")
+        raise InputError(
+            repr(value)[:60],
+            "a number, or the name of a scalar",
+            'write what turns the column into its unit, such as 0.05 or "gain_x1"',
+        )
     if not isinstance(value, str) and not math.isfinite(value):
-        raise InputError(f"{value}", "a finite number", "correct it")
+        raise InputError(f"{value}", "a finite number", "write what turns the column into its unit")
     if value == 0:
-        raise InputError("0", "a scale other than 0", "correct it")
+        raise InputError(
+            "0",
+            "a scale other than 0",
+            "write what turns the column into its unit, or leave it out for 1",
+        )
     return value
 
 
@@ -266,7 +276,11 @@ def _speed(value: object) -> object:
         return value
     speed = to_si(value, "rad/s")
     if not abs(speed) <= 1e9:
-        raise InputError(f"{speed:g} rad/s", "1e9 rad/s at most", "correct it")
+        raise InputError(
+            f"{speed:g} rad/s",
+            "1e9 rad/s at most",
+            "look at its unit: rpm, Hz and rad/s are different",
+        )
     return SpeedEntry(value=f"{speed!r} rad/s")  # type: ignore[arg-type]
 
 

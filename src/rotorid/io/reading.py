@@ -277,7 +277,12 @@ def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[fl
         except InputError as error:
             raise error.at(place=_place(name, "scale")) from None
     if scale == 0:
-        raise InputError("0", "a scale other than 0", "correct it", place=_place(name, "scale"))
+        raise InputError(
+            "0",
+            "a scale other than 0",
+            "write what turns the column into its unit, or leave it out for 1",
+            place=_place(name, "scale"),
+        )
     if source.unit and column.unit and source.scale is None and not source.overrule:
         _check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:

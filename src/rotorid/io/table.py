@@ -186,7 +186,7 @@ def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") 
     return ReadError(
         f"no {kind} {name!r}",
         f"one of {shown}" if there else f"a {kind}; the file has none",
-        f"did you mean {near[0]!r}?" if near else "correct the name",
+        f"did you mean {near[0]!r}?" if near else "take a name from there",
         file=file,
     )
 

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
-from rotorid.record import Floats, Integers
+from rotorid.record import Floats
 from rotorid.rig.controller import Controller
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
 from rotorid.rig.lags import Lags, build_lags
-from rotorid.rig.plant import Plant
+from rotorid.rig.machine import Machine
+from rotorid.rig.parts import PositionSensor
+from rotorid.rig.plant import Plant, pairs
 from rotorid.rig.schedule import Schedule
-
-if TYPE_CHECKING:
-    from rotorid.rig.parts import PositionSensor
-    from rotorid.rig.rig import Rig
 
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
 HUM = 50.0  # Hz, of the mains
@@ -47,7 +44,7 @@ class Transitions:
     load: Floats
 
 
-def transitions(rig: Rig, plant: Plant, lags: Lags, speed: float) -> Transitions:
+def transitions(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Transitions:
     """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
     a, cuts = _continuous(rig, plant.at(speed), lags, speed)
     lengths = rig.schedule.length
@@ -57,7 +54,7 @@ def transitions(rig: Rig, plant: Plant, lags: Lags, speed: float) -> Transitions
     return Transitions(*(np.ascontiguousarray(block) for block in blocks))
 
 
-def _continuous(rig: Rig, plant: Plant, lags: Lags, speed: float) -> tuple[Floats, list[int]]:
+def _continuous(rig: Machine, plant: Plant, lags: Lags, speed: float) -> tuple[Floats, list[int]]:
     """Return the rates of [x, commands, random forces, loads], and where each of these begins."""
     n, inputs = plant.force.shape
     ki, ks = np.array([part.slopes for part in rig.parts]).T
@@ -96,7 +93,7 @@ def _continuous(rig: Rig, plant: Plant, lags: Lags, speed: float) -> tuple[Float
     return a, [states, first, last]
 
 
-def noise_matrix(rig: Rig, plant: Plant) -> Floats:
+def noise_matrix(rig: Machine, plant: Plant) -> Floats:
     """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
     n = len(plant.force)
     columns = [_acceleration(rig, plant, name, force=True) for name in rig.process_noise.std]
@@ -106,7 +103,7 @@ def noise_matrix(rig: Rig, plant: Plant) -> Floats:
     return np.ascontiguousarray(np.array(columns).reshape(len(columns), n).T, dtype=float)
 
 
-def _acceleration(rig: Rig, plant: Plant, name: str, *, force: bool) -> Floats:
+def _acceleration(rig: Machine, plant: Plant, name: str, *, force: bool) -> Floats:
     """Return the accelerations by one N at an input; of a coordinate by a force, or its own."""
     if name in rig.model.inputs:
         return plant.force[:, rig.model.inputs.index(name)]
@@ -114,14 +111,14 @@ def _acceleration(rig: Rig, plant: Plant, name: str, *, force: bool) -> Floats:
     return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
 
 
-def sensor_matrix(rig: Rig) -> Floats:
+def sensor_matrix(rig: Machine) -> Floats:
     """Return what the sensors read, shape (sensor, coordinate)."""
     return np.array(
         [[s.combination.get(name, 0.0) for name in rig.model.coordinates] for s in rig.sensors]
     )
 
 
-def growth(rig: Rig, plant: Plant, speed: float) -> tuple[float, float, str]:
+def growth(rig: Machine, plant: Plant, speed: float) -> tuple[float, float, str]:
     """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
     lags = build_lags(rig, plant, sensor_matrix(rig))
     steps = transitions(rig, plant, lags, speed)
@@ -139,7 +136,7 @@ def growth(rig: Rig, plant: Plant, speed: float) -> tuple[float, float, str]:
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
-def event_table(rig: Rig, samples: int) -> Events:
+def event_table(rig: Machine, samples: int) -> Events:
     """Return the pattern of events, repeated until the record is complete."""
     plan = rig.schedule
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
@@ -147,7 +144,7 @@ def event_table(rig: Rig, samples: int) -> Events:
     return Events(plan, settling + -(-readings // plan.logs), settling)
 
 
-def step_table(rig: Rig, plant: Plant, lags: Lags) -> Steps:
+def step_table(rig: Machine, plant: Plant, lags: Lags) -> Steps:
     """Return the exact steps of a linear rig; of another one only their sizes matter."""
     n, inputs = plant.force.shape
     if rig.linear:
@@ -159,7 +156,7 @@ def step_table(rig: Rig, plant: Plant, lags: Lags) -> Steps:
     return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
 
 
-def bearing_table(rig: Rig, plant: Plant) -> Bearings:
+def bearing_table(rig: Machine, plant: Plant) -> Bearings:
     """Return the actuators' constants."""
     parts = rig.parts
     law, heating = np.zeros((2, len(parts), 7))
@@ -195,27 +192,7 @@ def bearing_table(rig: Rig, plant: Plant) -> Bearings:
     )
 
 
-def pairs(inputs: tuple[str, ...]) -> Integers:
-    """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none."""
-    swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
-    return np.array(
-        [
-            inputs.index(other) if other != name and other in inputs else -1
-            for name, other in zip(inputs, swapped, strict=True)
-        ]
-    )
-
-
-def quarter_turn(inputs: tuple[str, ...]) -> Floats:
-    """Return the matrix that takes the force on y from the motion along x, and -x from y."""
-    turn = np.zeros((len(inputs), len(inputs)))
-    for j, other in enumerate(pairs(inputs)):
-        if other >= 0:
-            turn[j, other] = 1.0 if "x" in inputs[j] else -1.0
-    return turn
-
-
-def rotor_table(rig: Rig, plant: Plant) -> Rotor:
+def rotor_table(rig: Machine, plant: Plant) -> Rotor:
     """Return the rotor and its rotation."""
     n = len(plant.force)
     turn = rig.rotation
@@ -234,7 +211,7 @@ def rotor_table(rig: Rig, plant: Plant) -> Rotor:
     )
 
 
-def loop_table(rig: Rig, events: Events, samples: int, rng: np.random.Generator) -> Loop:
+def loop_table(rig: Machine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
     """Return controller, sensors and their errors, excitation, and the random forces."""
     plan = events.pattern
     steps = events.repeats * plan.controls
@@ -267,7 +244,7 @@ def loop_table(rig: Rig, events: Events, samples: int, rng: np.random.Generator)
     )
 
 
-def _errors(rig: Rig, time: Floats, rng: np.random.Generator) -> Floats:
+def _errors(rig: Machine, time: Floats, rng: np.random.Generator) -> Floats:
     """Draw the noise, and add bias and runout, at given times; shape (time, sensor)."""
     angle = rig.rotation.angle_at(time)
     errors = rng.normal(size=(len(time), len(rig.sensors)))
@@ -285,7 +262,7 @@ def runout_of(sensor: PositionSensor, angle: Floats) -> Floats:
     return total
 
 
-def excitation_table(rig: Rig) -> Floats:
+def excitation_table(rig: Machine) -> Floats:
     """Return one period of what is added to the commands, shape (step, input)."""
     inputs = rig.model.inputs
     if rig.excitation is None:
@@ -306,7 +283,7 @@ def excitation_table(rig: Rig) -> Floats:
     return table
 
 
-def load_table(rig: Rig, plant: Plant, events: Events) -> Floats:
+def load_table(rig: Machine, plant: Plant, events: Events) -> Floats:
     """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
     if not rig.linear:
         return np.zeros((0, 0))
@@ -316,7 +293,7 @@ def load_table(rig: Rig, plant: Plant, events: Events) -> Floats:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
 
 
-def log_table(rig: Rig, samples: int) -> Log:
+def log_table(rig: Machine, samples: int) -> Log:
     """Return the empty log."""
     inputs = len(rig.model.inputs)
     every = rig.logger.oversampling

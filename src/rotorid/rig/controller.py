@@ -60,13 +60,21 @@ class Controller:
                 given.ndim == 2 and n and given.shape != shape
             ):
                 raise InputError(
-                    f"{name} of shape {given.shape}", f"{shape}", "correct the controller"
+                    f"{name} of shape {given.shape}", f"{shape}", "make A, B, C and D of one size"
                 )
             object.__setattr__(self, name, given.reshape(shape))
         if not all(np.isfinite(getattr(self, name)).all() for name in "ABCD"):
-            raise InputError("numbers that are not finite", "finite matrices", "correct them")
+            raise InputError(
+                "numbers that are not finite",
+                "finite matrices",
+                "look for NaN and inf where A, B, C and D are computed",
+            )
         if not (np.isfinite(self.period) and self.period > 0):
-            raise InputError(f"a period of {self.period} s", "more than 0 s", "correct it")
+            raise InputError(
+                f"a period of {self.period} s",
+                "more than 0 s",
+                "give the time between two steps of the controller",
+            )
 
     @property
     def states(self) -> int:
@@ -139,7 +147,10 @@ def pid(
     """
     if not (np.isfinite(filter_frequency) and filter_frequency > 0):
         raise InputError(
-            f"{filter_frequency} Hz", "more than 0 Hz", "correct it", place="filter_frequency"
+            f"{filter_frequency} Hz",
+            "more than 0 Hz",
+            "give the corner of the filter of the derivative",
+            place="filter_frequency",
         )
     a = np.exp(-2 * np.pi * filter_frequency * period)
     slope = derivative * (1 - a) / period

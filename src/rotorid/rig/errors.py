@@ -102,6 +102,6 @@ def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...]
             raise InputError(
                 f"{name} = {value}",
                 "more than 0" if strict else "0 or more",
-                "correct it",
+                f"give a {'positive ' if strict else ''}size, without a sign",
                 place=name,
             )

@@ -149,7 +149,7 @@ def load_rig(name: str | Path) -> RigPlan:
         raise ReadError(
             f"no rig {text[:60]!r}",
             f"one of {', '.join(shipped_rigs())}, or the path of a rig file",
-            "correct the name",
+            "take a name from there, or give a path ending in .toml",
         )
     try:
         data = path.read_bytes()
@@ -226,7 +226,7 @@ def _require(name: str, known: Iterable[str], place: str) -> None:
         raise InputError(
             repr(name[:60]),
             f"one of {', '.join(there)}",
-            f"did you mean {near[0]}?" if near else "correct the name",
+            f"did you mean {near[0]}?" if near else "take a name from there",
             place=place,
         )
 
@@ -336,7 +336,7 @@ def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[
             raise InputError(
                 repr(name[:60]),
                 f"all, or one of {', '.join(model.inputs)}",
-                "correct the name",
+                "name an input of the model, or all",
                 place="actuators",
             )
     shared = entries.get(ALL, ActuatorEntry())
@@ -446,7 +446,7 @@ def _transfer_function(entry: ControllerEntry, period: float) -> Controller:
         raise InputError(
             f"{len(entry.numerator)} and {len(entry.denominator)} coefficients",
             "a denominator at least as long as the numerator, that starts with no 0",
-            "correct them: a controller cannot look ahead",
+            "pad the denominator: a controller cannot look ahead",
         )
     numerator = np.trim_zeros(entry.numerator, "f") or [0.0]
     return Controller(*signal.tf2ss(numerator, entry.denominator), period)
@@ -467,7 +467,7 @@ def _feedback(
             raise InputError(
                 repr(entry.feedback[name][:60]),
                 f"one of {', '.join(names)}",
-                "correct the name",
+                "take a sensor from there",
                 place=f"feedback.{name}",
             )
         return entry.feedback[name]

@@ -293,6 +293,30 @@ def _accelerations(
             cosine, sine = cosine * s, sine * s
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _stage_point(y: Any, stages: Any, stage: int, h: float) -> None:
+    """Set y[1] to where a stage of the step is evaluated."""
+    for r in range(y.shape[1]):
+        y[1, r] = y[0, r]
+    for m in range(stage):
+        weight = h * _A[stage, m]
+        for r in range(y.shape[1]):
+            y[1, r] += weight * stages[m, r]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _step_error(y: Any, stages: Any, peak: Any, h: float) -> float:
+    """Return the error of a step, relative to the largest size of each state."""
+    error = 0.0
+    for r in range(y.shape[1]):
+        part = 0.0
+        for m in range(7):
+            part += _E[m] * stages[m, r]
+        relative = abs(h * part) / max(abs(y[1, r]), peak[r])
+        error = error if relative <= error else relative  # NaN stays
+    return error
+
+
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def integrate(
     rotor: Any,
@@ -328,12 +352,7 @@ def integrate(
         h = length - done if last else h
         for stage in range(0 if first else 1, 7):
             c = _C[stage]
-            for r in range(states):
-                y[1, r] = y[0, r]
-            for m in range(stage):
-                weight = h * _A[stage, m]
-                for r in range(states):
-                    y[1, r] += weight * stages[m, r]
+            _stage_point(y, stages, stage, h)
             angle, omega = angle_and_speed(rotation, begin + done + c * h)
             s = (omega - rotor.centre) / rotor.width
             _currents(lag, slew, coil, held, done + c * h, current)
@@ -348,14 +367,7 @@ def integrate(
             )
             _signal(lags.rate, y[1], n, current, played, n, stages[stage])
         first = False
-        error = 0.0
-        for r in range(states):
-            part = 0.0
-            for m in range(7):
-                part += _E[m] * stages[m, r]
-            relative = abs(h * part) / max(abs(y[1, r]), peak[r])
-            error = error if relative <= error else relative  # NaN stays
-        error /= rotor.tolerance
+        error = _step_error(y, stages, peak, h) / rotor.tolerance
         if error <= 1.0:
             for r in range(states):
                 peak[r] = max(abs(y[1, r]), peak[r])

@@ -6,15 +6,13 @@ after the iron's hysteresis h, and the states z, with z' such rows too.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rotorid.record import Floats
+from rotorid.rig.machine import Machine
 from rotorid.rig.plant import Plant
-
-if TYPE_CHECKING:
-    from rotorid.rig.rig import Rig
 
 # Eddy currents: rates over tau, one to each factor of e. What is slower than the first is left to
 # it, what is faster than the last follows at once: right to 5e-4 from omega tau = 1e-3 to 0.3, as
@@ -106,7 +104,7 @@ def eddy_weights(tau: float) -> tuple[Floats, Floats, float]:
     return _RATES / tau, weights * (1 - fast) / weights.sum(), float(fast)
 
 
-def build_lags(rig: Rig, plant: Plant, sensors: Floats) -> Lags:
+def build_lags(rig: Machine, plant: Plant, sensors: Floats) -> Lags:
     """Return the lags of a rig; sensors is what they read of the coordinates."""
     n, inputs = plant.force.shape
     eddies = sum(part.eddy > 0 for part in rig.parts)
@@ -130,7 +128,7 @@ def build_lags(rig: Rig, plant: Plant, sensors: Floats) -> Lags:
     )
 
 
-def _current(rig: Rig, plant: Plant, states: _States, j: int) -> tuple[Floats, Floats]:
+def _current(rig: Machine, plant: Plant, states: _States, j: int) -> tuple[Floats, Floats]:
     """Return the currents that the force of an input follows, and that its coil carries."""
     part, inputs = rig.parts[j], states.inputs
     coil, iron = states.signal(states.motion + j), states.signal(states.motion + inputs + j)
@@ -151,7 +149,7 @@ def _current(rig: Rig, plant: Plant, states: _States, j: int) -> tuple[Floats, F
     return iron, coil
 
 
-def _reading(rig: Rig, states: _States, row: Floats, j: int) -> Floats:
+def _reading(rig: Machine, states: _States, row: Floats, j: int) -> Floats:
     signal = np.zeros(states.width)
     signal[: len(row)] = row
     bandwidth = rig.sensors[j].bandwidth

@@ -77,7 +77,7 @@ def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, 
             raise InputError(
                 f"a sensor of {strange[0]!r}",
                 f"one of {', '.join(model.coordinates)}",
-                "correct the name",
+                "write the combination in these coordinates",
             )
     return (*(Channel(name, model.units[name]) for name in model.inputs), *read)
 

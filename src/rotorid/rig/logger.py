@@ -13,6 +13,7 @@ from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
 from rotorid.dynamics import Constant, FirstOrder
 from rotorid.record import Channel, Drive, Floats, Record
+from rotorid.rig.machine import Machine
 from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
 from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
@@ -20,7 +21,6 @@ from rotorid.signals.shift import shifted
 
 if TYPE_CHECKING:
     from rotorid.rig.kernel import Log
-    from rotorid.rig.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def label(name: str, part: Actuator, kind: str = "i") -> str:
     return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
 
 
-def how_recorded(rig: Rig, part: Actuator) -> tuple[bool, float]:
+def how_recorded(rig: Machine, part: Actuator) -> tuple[bool, float]:
     """Return hold and delay of the recorded command or current of an actuator.
 
     The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
@@ -145,7 +145,7 @@ def _age(theta: float, period: float, delay: float, lag: float) -> float:
     return float(theta + period * np.where(begun, rest, 1.0).sum())
 
 
-def logged(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
+def logged(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
     """Return what the logger makes of a run; the noise of its recording is drawn here."""
     rate = rig.logger.sample_rate
     time = np.arange(len(log.state)) / rate
@@ -163,12 +163,10 @@ def logged(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> Logged
         force=log.force,
     )
     columns = _columns(rig, plant, log, time, rng)
-    for spoil, own in zip(rig.spoils, rng.spawn(len(rig.spoils)), strict=True):
-        columns = tuple(spoil(columns, rig, own))
     return Logged(rate, columns, truth)
 
 
-def read(rig: Rig, found: Logged) -> RigRecord:
+def read(rig: Machine, found: Logged) -> RigRecord:
     """Return the record that a reader makes of a rig's columns, told what the rig is."""
     by_name = {column.name: column for column in found.columns}
     mark = by_name.get("encoder", by_name.get("keyphasor"))
@@ -186,7 +184,7 @@ def read(rig: Rig, found: Logged) -> RigRecord:
 
 
 def _columns(
-    rig: Rig, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
+    rig: Machine, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
 ) -> tuple[Column, ...]:
     """Return the logger's columns: currents or forces, positions, the mark of the angle."""
     positions = [
@@ -198,7 +196,7 @@ def _columns(
     return (*drives, *positions, *([] if mark is None else [mark]))
 
 
-def _drive_columns(rig: Rig, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
+def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
     """Return the columns of forces or currents, and of flux densities."""
     found = []
     described = rig if rig.described is None else rig.described
@@ -241,7 +239,7 @@ def decimated(samples: Floats, every: int) -> Floats:
     )
 
 
-def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | None:
+def _mark_column(rig: Machine, time: Floats, rng: np.random.Generator) -> Column | None:
     match rig.logger.angle:
         case Encoder() as mark:
             return Column("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))
@@ -250,7 +248,7 @@ def _mark_column(rig: Rig, time: Floats, rng: np.random.Generator) -> Column | N
     return None
 
 
-def force_reading(rig: Rig, plant: Plant, index: int) -> ForceReading:
+def force_reading(rig: Machine, plant: Plant, index: int) -> ForceReading:
     """Return how a reader gets the force of an actuator with a law from the columns."""
     name, part = rig.model.inputs[index], rig.parts[index]
     if part.flux is not None:
@@ -261,13 +259,13 @@ def force_reading(rig: Rig, plant: Plant, index: int) -> ForceReading:
     return ForceReading(part.law, (label(name, part),), place)
 
 
-def actuator_position(rig: Rig, plant: Plant, index: int) -> dict[str, float]:
+def actuator_position(rig: Machine, plant: Plant, index: int) -> dict[str, float]:
     """Return the displacement in an actuator as a combination of coordinates."""
     row = zip(rig.model.coordinates, plant.displacement[index].tolist(), strict=True)
     return {name: value for name, value in row if value}
 
 
-def sensor_channels(rig: Rig) -> list[Channel]:
+def sensor_channels(rig: Machine) -> list[Channel]:
     """Return the channels of the position sensors."""
     units = rig.model.units
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
@@ -280,7 +278,9 @@ def _channel(name: str, column: Column) -> Channel:
     )
 
 
-def _as_read(rig: Rig, columns: tuple[Column, ...], angle: Floats | None, speed: float) -> Record:
+def _as_read(
+    rig: Machine, columns: tuple[Column, ...], angle: Floats | None, speed: float
+) -> Record:
     """Return the record that a reader makes of the columns, told of the rig."""
     plant = rig.plant(1.0)
     by_name = {column.name: column for column in columns}
@@ -314,7 +314,7 @@ def _as_read(rig: Rig, columns: tuple[Column, ...], angle: Floats | None, speed:
     return forces(record, readings, drives=False, period=_period(rig)) if readings else record
 
 
-def _period(rig: Rig) -> int | None:
+def _period(rig: Machine) -> int | None:
     """Return the samples of a period of the excitation, where that is a whole number."""
     if rig.excitation is None:
         return None

@@ -180,7 +180,12 @@ class Runout:
 
     def __post_init__(self) -> None:
         if self.order < 1:
-            raise InputError(f"order {self.order}", "1 or more", "correct it", place="order")
+            raise InputError(
+                f"order {self.order}",
+                "1 or more",
+                "count orders of the speed from 1",
+                place="order",
+            )
 
 
 @dataclass(frozen=True)
@@ -289,7 +294,7 @@ class ProcessNoise:
     def __post_init__(self) -> None:
         for name, value in self.std.items():
             if not value >= 0:
-                raise InputError(f"{value}", "0 or more", "correct it", place=name)
+                raise InputError(f"{value}", "0 or more", "give a standard deviation", place=name)
 
 
 @dataclass(frozen=True)

@@ -188,3 +188,23 @@ def _load_harmonics(
     weight = np.where(harmonics == 0, 1.0, 2.0)[:, None]
     kept = stacked[:, harmonics] * weight
     return harmonics.astype(np.int64), np.stack([kept.real, -kept.imag], axis=-1)
+
+
+def pairs(inputs: tuple[str, ...]) -> Integers:
+    """Return the other axis of each auxiliary bearing: F_x1 and F_y1; -1 where there is none."""
+    swapped = [name.translate(str.maketrans("xy", "yx")) for name in inputs]
+    return np.array(
+        [
+            inputs.index(other) if other != name and other in inputs else -1
+            for name, other in zip(inputs, swapped, strict=True)
+        ]
+    )
+
+
+def quarter_turn(inputs: tuple[str, ...]) -> Floats:
+    """Return the matrix that takes the force on y from the motion along x, and -x from y."""
+    turn = np.zeros((len(inputs), len(inputs)))
+    for j, other in enumerate(pairs(inputs)):
+        if other >= 0:
+            turn[j, other] = 1.0 if "x" in inputs[j] else -1.0
+    return turn

@@ -2,166 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.models.model import Model
-from rotorid.record import Floats
 from rotorid.rig import assembly, errors, kernel
-from rotorid.rig.controller import Controller
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
-from rotorid.rig.parts import Actuator, Disturbance, Logger, PositionSensor, ProcessNoise
-from rotorid.rig.plant import Plant, rotor_plant
-from rotorid.rig.rotation import Rotation
-from rotorid.rig.schedule import Schedule, merge_clocks
-from rotorid.signals.multisine import Multisine
+from rotorid.rig.machine import Machine
+from rotorid.rig.plant import Plant
 
 Spoil = Callable[[Sequence[Column], "Rig", np.random.Generator], Sequence[Column]]
 
 
 @dataclass(frozen=True)
-class Rig:
-    """A rotor on magnetic bearings, its controller and its logger.
+class Rig(Machine):
+    """A machine that can be run; its parameters are those of `Machine`, and one more.
 
     Parameters
     ----------
-    model : Model
-        Linear; each equation the balance of the forces on its coordinate.
-    values : mapping of str to float
-        Parameters (SI).
-    rotation : Rotation
-    actuators : mapping of str to Actuator
-        One for each input.
-    sensors : sequence of PositionSensor
-    controller : Controller
-        From the sensors fed back to the inputs.
-    feedback : sequence of str
-        Names of the sensors that it reads.
-    logger : Logger
-    excitation : Multisine, optional
-        Forces in N (or currents in A, by its unit), added to the commands; its t = 0 is the first
-        sample of the record.
-    process_noise : ProcessNoise
-    clearance : float
-        Radius in m at which the rotor touches the auxiliary bearing, at each actuator.
-    delay : float
-        Time in s from the controller's sample until its command takes effect.
-    settling : float
-        Time in s that the rig runs before the record begins.
-    tolerance : float
-        Relative error of a step, for what is integrated.
-    work : array, shape (row, input), optional
-        B as it really is, where the magnets do not stand as the model says.
-    cross : float
-        Cross stiffness at each actuator in N/m: F_x = -cross y, F_y = cross x, as of a seal.
-    disturbances : sequence of Disturbance
-    contact : float
-        Stiffness in N/m of the auxiliary bearings; 0 ends the run where the rotor touches.
-    gain : callable, optional
-        From times in s of the record to a factor on the controller's answer.
-    described : Rig, optional
-        What the experiment file takes the rig for; itself by default.
     spoils : sequence of callable
         What happens to the logger's columns, (columns, rig, rng) -> columns, one after the other.
-
-    Raises
-    ------
-    InputError
-        For parts that do not fit together.
-
-    Notes
-    -----
-    The displacement of an actuator is B'q, the one that does work with its force. While the speed
-    changes, the loads follow it as the model says; the angular acceleration adds nothing.
     """
 
-    model: Model
-    values: Mapping[str, float]
-    rotation: Rotation
-    actuators: Mapping[str, Actuator]
-    sensors: tuple[PositionSensor, ...]
-    controller: Controller
-    feedback: tuple[str, ...]
-    logger: Logger
-    excitation: Multisine | None = None
-    process_noise: ProcessNoise = field(default_factory=ProcessNoise)
-    clearance: float = np.inf
-    delay: float = 0.0
-    settling: float = 1.0
-    tolerance: float = 1e-8
-    work: Floats | None = None
-    cross: float = 0.0
-    disturbances: tuple[Disturbance, ...] = ()
-    contact: float = 0.0
-    gain: Callable[[Floats], Floats] | None = None
     described: Rig | None = None
     spoils: tuple[Spoil, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        object.__setattr__(self, "feedback", tuple(self.feedback))
-        inputs, coordinates = self.model.inputs, self.model.coordinates
-        missing = [name for name in inputs if name not in self.actuators]
-        if missing:
-            raise InputError(
-                f"no actuator of {missing[0]}", "one for each input", "add it", place="actuators"
-            )
-        _known("actuators", self.actuators, inputs)
-        _known("feedback", self.feedback, [sensor.name for sensor in self.sensors])
-        for part in self.disturbances:
-            _known("disturbances", part.on, inputs + coordinates)
-        _known("process_noise", self.process_noise.std, inputs + coordinates)
-        for sensor in self.sensors:
-            _known(f"sensors.{sensor.name}", sensor.combination, coordinates)
-        if self.excitation is not None:
-            _known("excitation", self.excitation.names, inputs)
-        sizes = (self.controller.positions, self.controller.commands)
-        if sizes != (len(self.feedback), len(inputs)):
-            raise InputError(
-                f"a controller from {sizes[0]} positions to {sizes[1]} commands",
-                f"from {len(self.feedback)} to {len(inputs)}",
-                "match the sensors fed back and the inputs",
-                place="controller",
-            )
-        for name in ("clearance", "tolerance", "delay", "settling"):
-            value = getattr(self, name)
-            if not (value >= 0 if name in ("delay", "settling") else value > 0):
-                raise InputError(f"{value}", "more than 0", "correct it", place=name)
-
-    @cached_property
-    def schedule(self) -> Schedule:
-        """The clocks of controller and logger, merged."""
-        return merge_clocks(1 / self.controller.period, self.logger.converter_rate, self.delay)
-
-    @cached_property
-    def parameters(self) -> Floats:
-        """Parameter values in the order of the model, shape (parameter,)."""
-        return self.model.values(self.values)
-
-    @property
-    def parts(self) -> tuple[Actuator, ...]:
-        """The actuators in the order of the inputs."""
-        return tuple(self.actuators[name] for name in self.model.inputs)
-
-    @property
-    def linear(self) -> bool:
-        """Whether every step between events can be exact."""
-        exact = all(part.linear for part in self.parts)
-        return exact and self.rotation.constant and self.contact == 0
-
-    def plant(self, duration: float) -> Plant:
-        """Return the rotor's accelerations for a run of a duration in s."""
-        plant = rotor_plant(self.model, self.parameters, self.rotation, duration)
-        if self.work is not None:
-            plant = plant.with_work(self.work)
-        if self.cross:
-            plant = plant.with_stiffness(self.cross * assembly.quarter_turn(self.model.inputs))
-        return plant
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
         """Run the rig, record it, and read the record.
@@ -217,7 +84,10 @@ class Rig:
             raise errors.beyond_bias(name, since, size, float(bearings.bias[axis]))
         if code == kernel.STUCK:
             raise errors.stuck(since, self.tolerance)
-        return logged(self, plant, log, rng)
+        found = logged(self, plant, log, rng)
+        for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
+            found = replace(found, columns=tuple(spoil(found.columns, self, own)))
+        return found
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
         """Refuse a loop that grows at any speed of the run."""
@@ -225,12 +95,3 @@ class Rig:
             rate, frequency, axis = assembly.growth(self, plant, speed)
             if rate >= 0:
                 raise errors.unstable(axis, speed, frequency, rate)
-
-
-def _known(place: str, names: Iterable[str], known: Iterable[str]) -> None:
-    known = list(known)
-    for name in names:
-        if name not in known:
-            raise InputError(
-                f"{name!r}", f"one of {', '.join(known)}", "correct the name", place=place
-            )

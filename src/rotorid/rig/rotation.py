@@ -54,10 +54,15 @@ class Rotation:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if not np.isfinite(value):
-                raise InputError(f"{value}", "a finite number", "correct it", place=name)
+                raise InputError(
+                    f"{value}", "a finite number", "give a number, or leave it out", place=name
+                )
         if self.drift and self.drift_period <= 0:
             raise InputError(
-                f"{self.drift_period}", "more than 0 s", "correct it", place="drift_period"
+                f"{self.drift_period}",
+                "more than 0 s",
+                "give the time in which the speed drifts to and fro",
+                place="drift_period",
             )
 
     @property

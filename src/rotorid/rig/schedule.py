@@ -49,9 +49,19 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
     """Merge the clocks of controller and logger; both tick at t = 0."""
     for name, value in (("rate", control_rate), ("sample_rate", sample_rate)):
         if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{value} Hz", "more than 0 Hz", "correct it", place=name)
+            raise InputError(
+                f"{value} Hz",
+                "more than 0 Hz",
+                "give how often its clock ticks in a second",
+                place=name,
+            )
     if not (np.isfinite(delay) and delay >= 0):
-        raise InputError(f"{delay} s", "0 s or more", "correct it", place="delay")
+        raise InputError(
+            f"{delay} s",
+            "0 s or more",
+            "give how long the controller computes, or leave it out",
+            place="delay",
+        )
     ratio = Fraction(sample_rate / control_rate).limit_denominator(MAX_EVENTS)
     logs, controls = ratio.numerator, ratio.denominator
     close = abs(float(ratio) * control_rate / sample_rate - 1) < 1e-12

@@ -99,7 +99,11 @@ def _check_numbers(model: Model, values: Floats, forces: Floats, sample_rate: fl
             "give one column per input",
         )
     if not (np.isfinite(values).all() and np.isfinite(forces).all() and 0 < sample_rate < np.inf):
-        raise InputError("values, forces or rate not finite", "finite numbers", "correct them")
+        raise InputError(
+            "values, forces or rate not finite",
+            "finite numbers",
+            "look for NaN and inf in what is passed, and give a positive rate in Hz",
+        )
 
 
 def _load_lines(
@@ -181,7 +185,7 @@ def simulate(
     (('F_x', 'F_y', 'x', 'y'), 300)
     """
     if periods < 1:
-        raise InputError(f"{periods} periods", "1 or more", "correct it")
+        raise InputError(f"{periods} periods", "1 or more", "ask for one period at least")
     position = steady_state(
         model, values, forces, sample_rate=sample_rate, speed=speed, phase=phase
     )
@@ -200,10 +204,14 @@ def simulate(
 def _deviations(names: Sequence[str], noise: Mapping[str, float]) -> Floats:
     negative = [value for value in noise.values() if not 0 <= value < np.inf]
     if negative:
-        raise InputError(f"noise of {negative[0]}", "a standard deviation", "correct it")
+        raise InputError(
+            f"noise of {negative[0]}",
+            "a standard deviation",
+            "give a finite number, 0 or more, for each channel",
+        )
     unknown = [name for name in noise if name not in names]
     if unknown:
         raise InputError(
-            f"noise of {unknown[0]!r}", f"one of {', '.join(names)}", "correct the name"
+            f"noise of {unknown[0]!r}", f"one of {', '.join(names)}", "take a name from there"
         )
     return np.array([noise.get(name, 0.0) for name in names])

@@ -131,7 +131,12 @@ def encoder_angle(
     bad = np.flatnonzero(~np.isfinite(raw))
     if raw.ndim != 1 or len(raw) < 3 or bad.size:
         found = f"{raw[bad[0]]} in sample {bad[0]}" if bad.size else f"shape {raw.shape}"
-        raise InputError(found, "finite angles, one per sample", "correct the column", file=source)
+        raise InputError(
+            found,
+            "finite angles, one per sample",
+            "name the column that holds the angle, and cut off the samples without one",
+            file=source,
+        )
     step = 2 * np.pi / lines if lines else 0.0
     time = np.arange(len(raw)) / sample_rate
     angle = np.unwrap(raw * (2 * np.pi / per_revolution))

@@ -316,5 +316,5 @@ def _told(found: list[Tone], given: float, hidden: bool) -> Check:
     elif hidden:
         text, verdict = f"{told}: hum, or is that the speed?", "note"
     else:
-        text = f"{told}, where nothing stands: correct the speed"
+        text = f"{told}, where nothing stands: give the speed at which the machine ran"
     return Check("speed", tone.channel, text, verdict)

@@ -94,7 +94,8 @@ def check_repeats(periods: PeriodicRecord) -> list[Check]:
         return []
     text = (
         f"{periods.periods} periods that differ by {100 * part:.3g} % of their size: the record "
-        "does not repeat with this period; correct it, or use the record without periods"
+        "does not repeat with this period: give the rate at which the excitation repeats, or use "
+        "the record without periods"
     )
     return [Check("repeats", "", text, "warning")]
 
@@ -113,8 +114,16 @@ def check_silent(periods: PeriodicRecord) -> list[Check]:
     ratio = np.sqrt(f_limit(np.exp(-(SILENT**2)), 2, freedom))
     there = mean > np.where(noisy, ratio * deviation, NO_SCATTER * mean.max(axis=0))
     for wanted, what, cure in (
-        (True, "input", "excite the machine, or correct the fundamental"),
-        (False, "sensor", "raise the excitation, or correct the fundamental or the columns"),
+        (
+            True,
+            "input",
+            "excite the machine, or give the rate at which it repeats as the fundamental",
+        ),
+        (
+            False,
+            "sensor",
+            "raise the excitation, or look at the fundamental and at what its column holds",
+        ),
     ):
         chosen = [c for c, channel in enumerate(periods.channels) if is_input(channel) == wanted]
         if not chosen:

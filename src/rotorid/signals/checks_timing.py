@@ -410,8 +410,8 @@ def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bo
     text = (
         f"every period comes {abs(slope) * 1e6:.3g} us {'late' if slope > 0 else 'early'} "
         f"({1e6 * slope / length:+.3g} ppm): the data repeat with {true:.8g} Hz, not "
-        f"{periods.fundamental:.8g}; correct the fundamental or the sample rate, or let one clock "
-        "drive excitation and logger"
+        f"{periods.fundamental:.8g}; give the rates that the clocks have, or let one clock drive "
+        "excitation and logger"
     )
     return [Check("period", "", text, "warning")]
 

@@ -56,7 +56,9 @@ class Distortion:
         """
         if channel not in self.channels:
             raise InputError(
-                f"no channel {channel!r}", f"one of {', '.join(self.channels)}", "correct the name"
+                f"no channel {channel!r}",
+                f"one of {', '.join(self.channels)}",
+                "take a name from there",
             )
         j = self.channels.index(channel)
         odd, even, noise = (

@@ -59,12 +59,15 @@ class Multisine:
             raise InputError(
                 f"amplitudes of shape {self.amplitudes.shape}",
                 f"finite numbers of shape {expected}: one row per harmonic, one column per signal",
-                "correct them",
+                "give each harmonic its row and each signal its column",
                 place="amplitudes",
             )
         if not (np.isfinite(self.fundamental) and self.fundamental > 0):
             raise InputError(
-                f"{self.fundamental} Hz", "more than 0 Hz", "correct it", place="fundamental"
+                f"{self.fundamental} Hz",
+                "more than 0 Hz",
+                "give the rate at which the signal repeats",
+                place="fundamental",
             )
 
     def samples(self, sample_rate: float) -> Floats:
@@ -127,7 +130,9 @@ def _harmonics(harmonics: ArrayLike) -> Integers:
     whole = given.astype(np.int64)
     if given.ndim != 1 or not given.size or (whole != given).any() or whole[0] < 1:
         raise InputError(
-            f"harmonics {list(given.ravel()[:8])}", "whole numbers from 1", "correct them"
+            f"harmonics {list(given.ravel()[:8])}",
+            "whole numbers from 1",
+            "count harmonics from the fundamental, which is 1",
         )
     if (np.diff(whole) <= 0).any():
         raise InputError(f"harmonics {list(whole[:8])}", "increasing numbers", "sort them")
@@ -220,7 +225,7 @@ def multisine(
         raise InputError(
             "amplitudes of another number than the harmonics",
             f"one, or {len(lines)}, for each signal",
-            "correct them",
+            "give one amplitude for all harmonics, or a list of one for each",
             place="amplitude",
         ) from None
     if apart:

@@ -69,7 +69,7 @@ def _positive(record: Sampled, fundamental: float | None) -> float:
             "fundamental",
             f"a fundamental of {fundamental} Hz",
             "more than 0 Hz",
-            "correct it",
+            "give the rate at which the excitation repeats",
         )
     return fundamental
 
@@ -105,7 +105,7 @@ def lines_of(
             )
         if not 0 <= band[0] <= band[1]:
             raise _error(
-                record, key, shown, "0 Hz or more, the lower end first", "correct its ends"
+                record, key, shown, "0 Hz or more, the lower end first", "put the lower end first"
             )
         chosen = range(
             math.ceil(band[0] / spacing - 1e-6), math.floor(band[1] / spacing + 1e-6) + 1
@@ -119,7 +119,7 @@ def lines_of(
             key,
             shown,
             f"different whole numbers from 0 to {size // 2}, half the samples of a period",
-            "correct the lines or the fundamental",
+            "name each line once, counted from the fundamental, or lower the fundamental",
         )
     return np.array(lines, dtype=np.int64)
 
@@ -127,7 +127,13 @@ def lines_of(
 def first_sample(record: Sampled, skip: float, start: float = 0.0) -> int:
     """Return the number of samples to skip, of a record whose first is taken at a time `start`."""
     if not (math.isfinite(skip) and skip >= 0):
-        raise _error(record, "skip", f"skip of {skip} s", "0 s or more", "correct it")
+        raise _error(
+            record,
+            "skip",
+            f"skip of {skip} s",
+            "0 s or more",
+            "give the time from the start of the record, in s",
+        )
     return max(0, math.ceil((skip - start) * record.sample_rate - 1e-6))
 
 
@@ -136,13 +142,13 @@ def too_short(record: Sampled, left: int, size: int) -> InputError:
     return InputError(
         f"{left} samples after skip, {left // size} whole periods",
         f"at least two periods of {size} samples",
-        "record longer, skip less, or correct the fundamental",
+        "record longer, skip less, or give the rate at which the excitation repeats",
         file=record.source,
     )
 
 
 def check_nyquist(record: Sampled, size: int, lines: Integers) -> None:
-    """Refuse to correct the Nyquist line, whose phase is not in the samples."""
+    """Refuse a correction of the Nyquist line, whose phase is not in the samples."""
     corrected = [c.name for c in record.channels if c.hold or c.delay or c.delay_std]
     if corrected and 2 * lines[-1] == size:
         raise _error(

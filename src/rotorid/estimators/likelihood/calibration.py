@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from rotorid.estimators.likelihood.nuisances import Factor
 from rotorid.estimators.likelihood.reread import BoundBend, BoundLaw
 from rotorid.record import Complexes, Floats, Integers
-
-if TYPE_CHECKING:
-    from rotorid.estimators.likelihood.cost import Evaluation
 
 
 def _none() -> Integers:
@@ -36,6 +33,20 @@ class CalibrationState:
     factors: Complexes
     readings: Complexes
     phase: Complexes
+
+
+class Acting(Protocol):
+    """What a point of the cost says of channels and loads; `cost.Evaluation` says it.
+
+    `columns`, shape (line, row, channel), act on the measured lines, `plain` on what adds to them;
+    `mu` are the monomials that the loads are multiplied by.
+    """
+
+    unknowns: Floats
+    mu: Floats
+    state: CalibrationState
+    plain: Complexes
+    columns: Complexes
 
 
 @dataclass(frozen=True)
@@ -132,23 +143,27 @@ class Calibration:
         """Return what adds to phi."""
         return 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
 
-    def add_directions(self, jacobian: Complexes, at: Evaluation, data: Complexes) -> None:
-        """Add the columns of the nuisance unknowns to `jacobian`, (line, row, unknown)."""
-        unknowns = at.unknowns
+    def add_directions(
+        self, jacobian: Complexes, at: Acting, data: Complexes, load: Complexes
+    ) -> None:
+        """Add the columns of the nuisance unknowns to `jacobian`, (line, row, unknown).
+
+        `data` are the corrected lines, `load` the columns of g for each order of the rotor angle.
+        """
         for bound in self.factors:
-            jacobian[:, :, bound.unknowns] += factor_columns(
-                bound.nuisance, unknowns[bound.unknowns], bound.channels, at, data
-            )
+            acted = (at.columns[:, :, bound.channels] @ data[:, bound.channels, None])[:, :, 0]
+            slopes = bound.nuisance.slopes(at.unknowns[bound.unknowns], self.omega)
+            jacobian[:, :, bound.unknowns] += acted[:, :, None] * slopes[:, None, :]
         for law in self.reread:
             line = at.columns[:, :, law.channel] * data[:, law.channel, None]
-            for unknown, slope in law.slopes(unknowns):
-                jacobian[:, :, unknown] += slope.gain / law.at(unknowns).gain * line
+            for unknown, slope in law.slopes(at.unknowns):
+                jacobian[:, :, unknown] += slope.gain / law.at(at.unknowns).gain * line
                 jacobian[:, :, unknown] += at.plain[:, :, law.channel] * slope.rest[:, None]
-        self.add_readings(jacobian, at, np.arange(len(unknowns)))
+        self.add_readings(jacobian, at, np.arange(len(at.unknowns)))
         if self.phase_unknown is not None:
-            self._add_phase(jacobian, at, self.phase_unknown)
+            self._add_phase(jacobian, at, load, self.phase_unknown)
 
-    def add_readings(self, jacobian: Complexes, at: Evaluation, among: Integers) -> None:
+    def add_readings(self, jacobian: Complexes, at: Acting, among: Integers) -> None:
         """Add the columns of what adds to readings to those of some unknowns."""
         if self.readings is None:
             return
@@ -158,22 +173,12 @@ class Calibration:
             there, where = np.nonzero(unknown[:, None] == among)
             jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
 
-    def _add_phase(self, jacobian: Complexes, at: Evaluation, unknown: int) -> None:
-        turned = np.tensordot(1j * self.phase_orders * at.state.phase, at.problem.load, 1)
-        rows = at.problem.rows
-        jacobian[:, :rows, unknown] += turned @ at.mu
+    def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
+        turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)
+        jacobian[:, : turned.shape[1], unknown] += turned @ at.mu
         if self.readings is not None:
             cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
             moved = cos * at.unknowns[self.readings.sin] - sin * at.unknowns[self.readings.cos]
             moved = moved * self.readings.order
             acted = at.plain[:, :, self.readings.channel] @ moved[:, :, None]
             jacobian[:, :, unknown] -= acted[:, :, 0]
-
-
-def factor_columns(
-    nuisance: Factor, values: Floats, channels: Integers, at: Evaluation, data: Complexes
-) -> Complexes:
-    """Return the columns of a factor, (line, row, unknown), acting on corrected lines `data`."""
-    acted = (at.columns[:, :, channels] @ data[:, channels, None])[:, :, 0]
-    slopes = nuisance.slopes(values, at.problem.calibration.omega)
-    return np.asarray(acted[:, :, None] * slopes[:, None, :])

@@ -388,7 +388,7 @@ class Evaluation:
             p._columns_weight * sources[:, p._columns_column],
         )
         jacobian = _complex(monomial_columns @ p.monomials.jacobian(self.unknowns))
-        p.calibration.add_directions(jacobian, self, data)
+        p.calibration.add_directions(jacobian, self, data, p.load)
         return jacobian
 
     def whiten(self, rows: Complexes) -> Floats:

@@ -154,7 +154,7 @@ def unit(names: Sequence[str], label: str, gain: float) -> Lead:
     return Lead(
         f"unit[{label}]",
         f"{label} reading {gain:.4g} times the quantity{factor_name(gain)}",
-        f"correct the unit or the scale of {label}",
+        f"look up the unit and the scale of {label}, and give them",
         _each(lambda record: multiplied(record, dict.fromkeys(names, 1 / gain))),
         gain,
         "1",

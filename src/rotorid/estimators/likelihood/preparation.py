@@ -154,7 +154,7 @@ def _started(layout: Layout) -> Layout:
         raise InputError(
             f"a start of {wrong[0]} that is not positive",
             "a positive number, as the model declares",
-            "correct it",
+            "start above 0, or take positive out of the model",
             place=f"parameters.{wrong[0]}",
         )
     return replace(layout, unknowns=unknowns)
@@ -169,12 +169,17 @@ def _check_names(model: Model, extra: Sequence[Unknown], knowledge: Knowledge, b
                 raise InputError(
                     f"{name!r} in {key}",
                     f"one of {', '.join(sorted(names))}",
-                    "correct the name",
+                    "take a name from there",
                     place=key,
                 )
             numbers = np.atleast_1d(np.asarray(value, dtype=float))
             if not np.isfinite(numbers).all():
-                raise InputError(f"{value} for {name}", "finite numbers", "correct it", place=key)
+                raise InputError(
+                    f"{value} for {name}",
+                    "finite numbers",
+                    "give numbers, or leave the name out",
+                    place=key,
+                )
             if key == "known" and (len(numbers) != 2 or numbers[1] <= 0):
                 raise InputError(
                     f"{value} for {name}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -37,28 +37,14 @@ def summarize(model: Model, fit: Fit) -> Estimate:
     cost, expectation = point.cost, inference.expectation
     p_value = expectation.p_value(cost)
     inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
-    std = _deviations(fit)
-    values = [
-        Value(
-            u.name,
-            u.unit,
-            float(x) if np.isfinite(s) else np.nan,
-            float(s),
-            float(s * inflation),
-            u.fixed,
-        )
-        for u, x, s in zip(layout.unknowns, point.unknowns, std, strict=True)
-    ]
+    values, held = _values(fit, inflation), _held(model, fit)
     suspicion = _suspicion(model, fit, p_value)
     # Where a search failed, nothing follows of what the records determine.
     arrived = fit.solution.converged
     combinations = open_combinations(layout, point, inference) if arrived else []
+    cures = find_cures(Trial(layout, records, point, inference), combinations)
     count = layout.named
     kept = [v for i, v in enumerate(values[:count]) if i not in layout.idle]
-    held = [
-        Value(name, model.parameters[model.parameter_names.index(name)].unit, value, 0.0, 0.0, True)
-        for name, value in fit.prepared.substituted.items()
-    ]
     return Estimate(
         model=model.name,
         method="ml",
@@ -73,29 +59,56 @@ def summarize(model: Model, fit: Fit) -> Estimate:
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
         suspects=suspicion.suspects,
         prediction=relative_errors(by_likelihood(records, point.records)),
-        lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
+        lines_hz=_lines(records),
         periods=min((r.lines.periods for r in records), default=0),
         warnings=(
             *([suspicion.sentence] if suspicion.sentence else []),
             *model.unit_faults,
             *_warnings(fit, p_value),
             *(f"not identifiable: {combination}" for combination in combinations),
-            *(
-                f"cure: {cure}"
-                for cure in find_cures(Trial(layout, records, point, inference), combinations)
-            ),
+            *(f"cure: {cure}" for cure in cures),
         ),
         condition_number=inference.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
         modes=_mode_fits(fit),
-        alternatives=tuple(
-            Alternative(
-                other.cost,
-                tuple((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free),
-            )
-            for other in fit.doubt.alternatives
-        ),
+        alternatives=tuple(_alternatives(fit)),
     )
+
+
+def _values(fit: Fit, inflation: float) -> list[Value]:
+    """Return every unknown with its deviations; NaN where the records do not determine it."""
+    std = _deviations(fit)
+    return [
+        Value(
+            u.name,
+            u.unit,
+            float(x) if np.isfinite(s) else np.nan,
+            float(s),
+            float(s * inflation),
+            u.fixed,
+        )
+        for u, x, s in zip(
+            fit.prepared.layout.unknowns, fit.solution.point.unknowns, std, strict=True
+        )
+    ]
+
+
+def _held(model: Model, fit: Fit) -> list[Value]:
+    """Return the parameters that were replaced by numbers."""
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    held = fit.prepared.substituted.items()
+    return [Value(name, units[name], value, 0.0, 0.0, True) for name, value in held]
+
+
+def _alternatives(fit: Fit) -> Iterator[Alternative]:
+    layout = fit.prepared.layout
+    for other in fit.doubt.alternatives:
+        named = ((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free)
+        yield Alternative(other.cost, tuple(named))
+
+
+def _lines(records: Sequence[Observation]) -> tuple[float, ...]:
+    return tuple(sorted({float(f) for r in records for f in r.lines.frequency}))
 
 
 def nothing_found(
@@ -112,7 +125,7 @@ def nothing_found(
             else Value(p.name, p.unit, np.nan, np.nan, np.nan)
             for p in model.parameters
         ),
-        lines_hz=tuple(sorted({float(f) for r in records for f in r.lines.frequency})),
+        lines_hz=_lines(records),
         periods=min((r.lines.periods for r in records), default=0),
         warnings=(*(w for r in records for w in r.lines.warnings), message),
     )

@@ -552,7 +552,7 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
         return told, "check the unit, the sign and the calibration of the channel"
     if isinstance(option.nuisance, LawConstant):
         told = f"{option.term} of the force laws{size}"
-        return told, f"correct it, or have it estimated: {option.term} = {{ start = ... }}"
+        return told, f"give its value, or have it estimated: {option.term} = {{ start = ... }}"
     if isinstance(option.nuisance, Bend):
         return f"{option.term}{size}", "calibrate what bends over its range, or excite less"
     if isinstance(option.nuisance, Factor):
