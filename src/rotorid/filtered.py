@@ -198,10 +198,9 @@ def filtered(
     inner = LowPass(record.sample_rate, (hertz,))
     second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
     outer = LowPass(record.sample_rate, (hertz,) if second is None else (hertz, second))
+    units = {c.name: c.unit for c in record.channels}
     try:
-        conditions = [
-            read_condition(text, {c.name: c.unit for c in record.channels}) for text in leave_out
-        ]
+        conditions = [read_condition(text, units) for text in leave_out]
     except InputError as error:
         raise error.at(file=record.source) from None
     good, told = _good(record, conditions, quantity(skip, "s"), _end(until))

@@ -195,9 +195,9 @@ def check(name: str, data: bytes, folder: Path, capfd: pytest.CaptureFixture[str
     (folder / "model.toml").write_text(MODEL)
     (folder / "experiment.toml").write_text(EXPERIMENT.format(name=name))
     (folder / name).write_bytes(data)
-    started = time.monotonic()
+    started = time.process_time()
     code = run(["identify", str(folder / "experiment.toml")])
-    spent = time.monotonic() - started
+    spent = time.process_time() - started
     told = capfd.readouterr().err
     assert spent < SECONDS, (name, spent)
     assert code in (0, 1, 2), told

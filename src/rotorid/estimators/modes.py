@@ -62,7 +62,9 @@ class Mode:
         for name in ("frequency", "std"):
             _positive(getattr(self, name), "Hz", name)
         if not np.isfinite(self.in_si[2]):
-            raise InputError(f"{self.speed}", "a finite speed", "correct it", place="speed")
+            raise InputError(
+                f"{self.speed}", "a finite speed", "give 0 at standstill", place="speed"
+            )
         if self.damping is not None:
             value, std = self.damping
             if not -1 < value < 1:
@@ -103,7 +105,7 @@ def _positive(value: float, unit: str, place: str) -> None:
             "a number above 0",
             "state the deviation of the test: what repeating it scatters by"
             if place.endswith("std")
-            else "correct it",
+            else "give what the test found",
             place=place,
         )
 
@@ -115,7 +117,7 @@ def in_units_of(model: Model, mode: Mode) -> Mode:
             raise InputError(
                 f"{name!r} in the parameters of a mode",
                 f"one of {', '.join(model.parameter_names)}",
-                "correct the name",
+                "take a name from there",
                 place="modes",
             )
     return replace(mode, parameters=in_si(mode.parameters, model))

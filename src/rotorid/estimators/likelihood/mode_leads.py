@@ -47,7 +47,7 @@ def mode_mistakes(prepared: Prepared) -> Iterator[ModeMistake]:
         yield ModeMistake(
             "unit[modes]",
             f"natural frequencies in {name}, not in Hz",
-            "correct the unit of frequency and std in [[modes]]",
+            "write frequency and std in [[modes]] with their unit",
             1 / factor,
             "1",
             _with(prepared, changed),
