@@ -219,7 +219,8 @@ CHANNELS = {
     "a constant with a deviation": (
         'ki = "120 N/A"',
         'ki = { value = "120 N/A", std = "1 N/A" }',
-        "channels.F_x1.ki: found a deviation; expected exact values, the same in all records, for this method; use ml",
+        "channels.F_x1.ki: found a deviation; expected exact values, the same in all records, "
+        "for this method; use ml",
     ),
     "ks with a deviation": (
         'ks = "200000 N/m"',
