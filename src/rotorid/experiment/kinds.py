@@ -49,7 +49,7 @@ def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
             raise InputError(
                 f"a channel of {entry.kind} that no record takes",
                 f"a channel of {' or '.join(sorted(kinds))}",
-                "correct the channel, or the kind of the records",
+                "leave the channel out, or give a record its kind",
                 place=f"channels.{name}",
             )
 

@@ -95,7 +95,7 @@ class Nuisances:
             raise InputError(
                 f"{self.force_scale_std}",
                 "a share of the forces: 0.01 where they are known to 1 %",
-                "correct it",
+                "give a share below 1, or leave it out",
                 place="force_scale_std",
             )
         if {"ks", "ks*"} <= set(self.gains):
