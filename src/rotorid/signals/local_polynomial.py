@@ -14,6 +14,7 @@ poles: McKelvey, Guerin 2012).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import special
@@ -109,14 +110,19 @@ def local_covariance(
         if 2 * half_width(count, driven, turning, order) + 1 <= len(channels)
     ]
     probed = lines[:: max(1, len(lines) // PROBED)]
-    left = [_of_order(channels, references, rotation, probed, order) for order in fitting]
-    power = [np.diagonal(found.matrices, axis1=1, axis2=2).real for found in left]
-    for order, this, following in zip(fitting, power, power[1:], strict=False):
+
+    def left(order: int) -> Floats:
+        found = _of_order(channels, references, rotation, probed, order)
+        return np.diagonal(found.matrices, axis1=1, axis2=2).real
+
+    this = left(fitting[0]) if len(fitting) > 1 else np.zeros((0, count))
+    for order, above in pairwise(fitting):
+        following = left(above)
         typical = np.median(following, axis=0)
-        if (this / np.where(typical > 0, typical, 1.0)).mean() <= BENT * (
-            following / np.where(typical > 0, typical, 1.0)
-        ).mean():
+        typical = np.where(typical > 0, typical, 1.0)
+        if (this / typical).mean() <= BENT * (following / typical).mean():
             return _of_order(channels, references, rotation, lines, order)
+        this = following
     last = _of_order(channels, references, rotation, lines, fitting[-1])
     return replace(last, bent=len(fitting) > 1)
 
@@ -130,12 +136,15 @@ def _of_order(
     dof = 2 * half + 1 - columns_of(driven, turning, order)
     every = _Windows(channels, references, rotation, order, half, dof)
     ordinary = np.ones(len(channels), dtype=bool)
-    for _ in range(PASSES):
-        found, leverage, share = every.covariances(lines, ordinary)
+    found, lever, share = every.covariances(lines, ordinary)
+    for last in range(PASSES):
         fresh = lines[ordinary[lines] & (share > _limit(count, dof, len(lines)))]
-        if not len(fresh):
-            break
         ordinary[fresh] = False
+        if not len(fresh) or last == PASSES - 1:
+            break
+        again = every.touched(lines, fresh)  # the other windows are as they were
+        found[again], lever[again], share[again] = every.covariances(lines[again], ordinary)
+    leverage = float(lever.mean()) if len(lines) else 0.0
     return Local(found, dof, leverage, order, half, lines[~ordinary[lines]])
 
 
@@ -155,12 +164,22 @@ class _Windows:
     half: int
     dof: int
 
-    def covariances(self, lines: Integers, ordinary: Booleans) -> tuple[Complexes, float, Floats]:
-        """Return C, the mean leverage, and each line's share of A = n C in its own direction."""
+    def _first(self, lines: Integers) -> Integers:
+        """Return the first line of each window."""
+        return np.clip(lines - self.half, 0, len(self.channels) - 2 * self.half - 1)
+
+    def touched(self, lines: Integers, fresh: Integers) -> Booleans:
+        """Tell whose windows hold some of these lines."""
+        first, fresh = self._first(lines), np.sort(fresh)
+        inside = np.searchsorted(fresh, (first, first + 2 * self.half + 1))
+        return np.asarray(inside[1] > inside[0])
+
+    def covariances(self, lines: Integers, ordinary: Booleans) -> tuple[Complexes, Floats, Floats]:
+        """Return C, each line's leverage, and its share of A = n C in its own direction."""
         width, count = 2 * self.half + 1, self.channels.shape[1]
-        first = np.clip(lines - self.half, 0, len(self.channels) - width)
+        first = self._first(lines)
         found = np.empty((len(lines), count, count), dtype=np.complex128)
-        share, taken = np.zeros(len(lines)), 0.0
+        share, taken = np.zeros(len(lines)), np.zeros(len(lines))
         for start in range(0, len(lines), CHUNK):
             part = slice(start, start + CHUNK)
             window = first[part, None] + np.arange(width)
@@ -178,10 +197,10 @@ class _Windows:
             found[part] /= (degrees - POLES / count * fit.resonant)[:, None, None]
             each = np.arange(len(middle))
             lever = (np.abs(orthogonal[each, middle]) ** 2).sum(axis=1)
-            taken += float(lever.sum())
+            taken[part] = lever
             own = left[each, middle] / np.sqrt(np.maximum(1 - lever, 1e-12))[:, None]
             share[part] = _share(found[part] * degrees[:, None, None], own)
-        return found, taken / max(len(lines), 1), share
+        return found, taken, share
 
 
 @dataclass(frozen=True)
@@ -229,7 +248,7 @@ class _Regression:
         size = np.sqrt((np.abs(plain.left) ** 2).mean(axis=1, keepdims=True))
         scaled = data / np.where(size > 0, size, 1.0)
         chance = special.chdtri(2 * POLES, RESONANT) / 2 / (degrees * data.shape[2])
-        inverse, gained = self.poles(scaled)
+        inverse, gained = self.poles(scaled, plain.orthogonal)
         tried = np.flatnonzero((gained > chance) & inverse.any(axis=1))
         if not len(tried):
             return plain
@@ -246,15 +265,18 @@ class _Regression:
         found[tried[better]] = True
         return _Fit(orthogonal, left, found)
 
-    def poles(self, scaled: Complexes) -> tuple[Complexes, Floats]:
+    def poles(self, scaled: Complexes, orthogonal: Complexes) -> tuple[Complexes, Floats]:
         """Return the poles' inverses, and the share of the residual that they explain.
+
+        `orthogonal` are the columns of a window without poles.
 
         By linear least squares for a_1 and a_2. What A is multiplied with is noise too, so that
         lines far from the poles weigh more: near enough, and repeating it with the weights of the
         last A (Sanathanan, Koerner 1963) ran astray where noise is all there is.
         """
         turned = scaled[:, :, :, None] * self.offset[:, :, None, None] ** np.arange(POLES + 1)
-        left = self.fitted(turned.reshape(*scaled.shape[:2], -1)).left
+        flat = turned.reshape(*scaled.shape[:2], -1)
+        left = flat - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ flat)
         rows = left.reshape(len(left), -1, POLES + 1)
         u, s, vh = np.linalg.svd(rows[:, :, 1:], full_matrices=False)
         along = (u.conj().transpose(0, 2, 1) @ rows[:, :, :1])[:, :, 0]
