@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepa
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.solver import Solution, solve
+from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -117,10 +118,16 @@ def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solut
 
 def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
     """Return the likelihoods of all records with what is known."""
-    likelihoods = tuple(
-        assemble(prepared.layout, record, number) for number, record in enumerate(records)
-    )
-    return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+
+    def posed(chosen: Sequence[Observation]) -> Problem:
+        likelihoods = tuple(
+            assemble(prepared.layout, record, number) for number, record in enumerate(chosen)
+        )
+        known = (prepared.exact, prepared.known, prepared.bounds)
+        return Problem(prepared.layout, likelihoods, *known)
+
+    fewer = thinned(records)
+    return posed(records) if fewer is None else replace(posed(records), sketch=posed(fewer))
 
 
 def _solve(

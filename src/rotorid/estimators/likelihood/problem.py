@@ -30,6 +30,8 @@ class Problem:
         h of deviation one, and measured modes.
     bounds : Relations
         h >= 0.
+    sketch : Problem, optional
+        The same with few of the lines, for the way to the minimum.
     """
 
     layout: Layout
@@ -37,6 +39,7 @@ class Problem:
     exact: Relations
     known: Known
     bounds: Relations
+    sketch: Problem | None = None
 
     def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
         """Evaluate at all unknowns, shape (unknown,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,10 @@ from rotorid.estimators.likelihood.cost import Evaluation, Likelihood
 from rotorid.estimators.likelihood.unknowns import Layout
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
+
+SINGULAR = 1e10
+"""|Z| |q| / |f| from which on a line is taken for singular, as at DC where the rotor floats: the
+sharpest resonance of a machine with damping gives 1e4 or so, rounding leaves 1e16."""
 
 
 def respond(likelihood: Likelihood, unknowns: Floats) -> Complexes:
@@ -36,12 +41,24 @@ def predicted_readings(at: Evaluation) -> Complexes:
     if at.ends is not None:
         right += at.loose[:, :equations]
     stiffness = -at.stiffness[:, :equations]
-    motion = np.stack(
-        [np.linalg.lstsq(z, f, rcond=None)[0] for z, f in zip(stiffness, right, strict=True)]
-    )
+    motion = _motion(stiffness, right)
     indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
     reads = np.concatenate([indirect, motion @ p.sensing.reads.T], axis=1)
     return np.asarray(reads + at.state.readings[:, forces:])
+
+
+def _motion(stiffness: Complexes, right: Complexes) -> Complexes:
+    """Solve ``Z q = f`` on each line, (line, coordinate); the least q where Z is singular."""
+    found: Complexes = np.full((len(right), stiffness.shape[2]), np.nan, dtype=np.complex128)
+    if stiffness.shape[1] == stiffness.shape[2]:
+        with suppress(np.linalg.LinAlgError):
+            found = np.asarray(
+                np.linalg.solve(stiffness, right[:, :, None])[:, :, 0], dtype=complex
+            )
+    size = np.linalg.norm(stiffness, axis=(1, 2)) * np.linalg.norm(found, axis=1)
+    for line in np.flatnonzero(~(size <= SINGULAR * np.linalg.norm(right, axis=1))):
+        found[line] = np.linalg.lstsq(stiffness[line], right[line], rcond=None)[0]
+    return found
 
 
 def simulated(

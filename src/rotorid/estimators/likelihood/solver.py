@@ -271,7 +271,7 @@ def _descended(
     elif len(problem.exact):
         moved = retract(start, free, problem.exact, scale)
         x = start if moved is None else moved
-    walk = _Walk(anchored(problem, start), x, bounded)
+    walk = _Walk(anchored(problem.sketch or problem, start), x, bounded)
     trail: list[Floats] = []
     for stage, relaxation in enumerate(stages[:-1]):
         with suppress(np.linalg.LinAlgError):

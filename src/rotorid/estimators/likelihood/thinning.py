@@ -1,0 +1,60 @@
+"""Some of the lines of a whole record, for the way to the minimum: the last steps take them all.
+
+The stages of the homotopy only lead into the right valley, for which a few hundred lines do; a
+whole record has thousands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.lines import WholeClock
+from rotorid.observation import Observation
+from rotorid.record import Integers
+
+FEW = 400
+"""Lines that lead to the minimum: half of them the strongest, where the machine shows, half evenly
+spaced. Against a hundred unknowns and the ends of the window they are many."""
+WORTH = 2
+"""Times as many lines from which on some are left out."""
+
+
+def thinned(records: Sequence[Observation]) -> list[Observation] | None:
+    """Return the records with fewer lines; None where they have few."""
+    found = [_thinned(record) for record in records]
+    same = all(new is old for new, old in zip(found, records, strict=True))
+    return None if same else found
+
+
+def _thinned(record: Observation) -> Observation:
+    lines = record.lines
+    if len(lines.frequency) <= WORTH * FEW or not isinstance(lines.clock, WholeClock):
+        return record
+    chosen = _chosen(record)
+    clock = replace(lines.clock, lines_kept=lines.clock.lines_kept[chosen])
+    covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
+    return record.with_lines(
+        replace(
+            lines,
+            frequency=lines.frequency[chosen],
+            speed=lines.speed[chosen],
+            mean=lines.mean[chosen],
+            covariance=covariance,
+            multiplicity=lines.multiplicity[chosen],
+            clock=clock,
+        )
+    )
+
+
+def _chosen(record: Observation) -> Integers:
+    """Return the strongest lines, in units of their noise, and others evenly spaced."""
+    lines = record.lines
+    noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real
+    power = np.abs(lines.mean) ** 2
+    strength = (power / np.where(noise > 0, noise, 1.0)).sum(axis=1)
+    strongest = np.argsort(-strength)[: FEW // 2]
+    spaced = np.linspace(0, len(strength) - 1, FEW - FEW // 2).round().astype(np.int64)
+    return np.unique(np.concatenate([strongest, spaced]))

@@ -1,0 +1,83 @@
+"""Few lines lead to the minimum of many."""
+
+import numpy as np
+import pytest
+from test_spectra import KNOWN, MODEL, levitated
+
+import rotorid as rid
+from rotorid.estimators.likelihood import thinning
+from rotorid.estimators.likelihood.response import _motion
+from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
+from rotorid.observation import bind
+
+
+@pytest.fixture(scope="module")
+def record() -> rid.Record:
+    return levitated(1)
+
+
+def lines_of(record: rid.Record, count: int = 991) -> rid.Lines:
+    lines = rid.spectra(record, (2.0, 2.0 + 0.2 * (count - 1)), references=["r_x", "r_y"])
+    assert len(lines.frequency) == count
+    return lines
+
+
+def test_the_answer_is_that_of_all_lines(
+    record: rid.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = lines_of(record)
+    by_few = rid.identify(MODEL, lines, KNOWN)
+    monkeypatch.setattr(thinning, "FEW", 10**6)
+    by_all = rid.identify(MODEL, lines, KNOWN)
+    assert by_few.misfit == by_all.misfit or by_few.misfit.cost == pytest.approx(
+        by_all.misfit.cost, rel=1e-9
+    )
+    for few, every in zip(by_few.parameters, by_all.parameters, strict=True):
+        assert few.value == pytest.approx(every.value, abs=1e-3 * every.std)
+        assert few.std == pytest.approx(every.std, rel=1e-3)
+
+
+@pytest.mark.parametrize(("count", "fewer"), [(800, False), (801, True)])
+def test_which_records_are_thinned(record: rid.Record, count: int, fewer: bool) -> None:
+    seen = bind(MODEL, lines_of(record, count))
+    found = thinned([seen])
+    assert (found is not None) == fewer
+    assert WORTH * FEW == 800
+    if found is not None:
+        assert 200 < len(found[0].lines.frequency) <= FEW == 400
+
+
+def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
+    """And all that goes with a line goes with it."""
+    lines = lines_of(record)
+    mean = lines.mean.copy()
+    strong = np.arange(3, 991, 6)
+    mean[strong] *= 1e3
+    loud = rid.Lines(**{**vars(lines), "mean": mean})
+    found = thinned([bind(MODEL, loud)])
+    assert found is not None
+    few = found[0].lines
+    where = np.searchsorted(lines.frequency, few.frequency)
+    np.testing.assert_array_equal(lines.frequency[where], few.frequency)
+    assert set(strong) <= set(where)
+    assert {0, 990} <= set(where)
+    np.testing.assert_array_equal(mean[where], few.mean)
+    np.testing.assert_array_equal(lines.covariance.matrices[where], few.covariance.matrices)
+    phi = few.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
+    whole = lines.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
+    np.testing.assert_allclose(whole[where], phi, rtol=1e-12)
+
+
+def test_a_rotor_that_floats_at_dc() -> None:
+    """Lines that are singular are solved by the least motion, the others exactly."""
+    rng = np.random.default_rng(0)
+    stiffness = rng.standard_normal((4, 3, 3)) + 1j * rng.standard_normal((4, 3, 3))
+    stiffness[0] = np.diag([1.0, 2.0, 0.0])
+    stiffness[1] = np.diag([1.0, 2.0, 1e-17])
+    right = rng.standard_normal((4, 3)) + 0j
+    for first in (0, 1):
+        found = _motion(stiffness[first:], right[first:])
+        for z, f, q in zip(stiffness[first:], right[first:], found, strict=True):
+            np.testing.assert_allclose(q, np.linalg.lstsq(z, f)[0], rtol=1e-9)
+    wide = _motion(stiffness[2:, :2], right[2:, :2])
+    np.testing.assert_allclose(wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2])[0])
