@@ -168,3 +168,33 @@ WRITERS: Mapping[str, Callable[[Path, Columns], None]] = {
     "run.mf4": write_mdf,
 }
 PACKAGES = {".parquet": "pyarrow", ".tdms": "nptdms", ".uff": "pyuff", ".mf4": "asammdf"}
+
+
+def write_responses(path: Path, sets: list[dict], binary: int = 0) -> None:
+    """Write frequency responses and coherences as data sets 58.
+
+    A set holds node and direction of response and force, frequency, values, and, of a response,
+    its quantity (8 displacement, 11 velocity, 12 acceleration) and unit.
+    """
+    import pyuff
+
+    path.unlink(missing_ok=True)
+    written = []
+    for given in sets:
+        coherent = "unit" not in given
+        one = uff_set("NONE", given["values"], given.get("unit", "NONE"), node=0, binary=binary)
+        one |= {"func_type": 6 if coherent else 4, "abscissa_spec_data_type": 18}
+        one |= {"rsp_node": given["response"][0], "rsp_dir": given["response"][1]}
+        one |= {"ref_node": given["force"][0], "ref_dir": given["force"][1]}
+        one |= {"x": given["frequency"], "num_pts": len(given["frequency"])}
+        one |= {"abscissa_min": float(given["frequency"][0])}
+        one |= {"abscissa_inc": float(given["frequency"][1] - given["frequency"][0])}
+        one |= {"ord_data_type": 4 if coherent else 6}
+        one |= {"ordinate_spec_data_type": given.get("quantity", 0)}
+        one |= {"orddenom_spec_data_type": 0 if coherent else 13}
+        one |= {"orddenom_axis_units_lab": "NONE" if coherent else "N"}
+        written.append(one)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        pyuff.UFF(str(path)).write_sets(written, "add")
+        gc.collect()

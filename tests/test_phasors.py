@@ -104,7 +104,7 @@ def test_only_unbalance_over_mass_is_known_of_a_free_scale(folder: Path) -> None
         ('file = "run.csv"', 'file = "run.csv"\nskip = "1 s"', "skip in a table of phasors"),
         ('speed = { column = "n", unit = "rpm" }', "", "no speed"),
         ('kind = "phasors"', "", "a column of speeds in a record of samples"),
-        ('kind = "phasors"', 'kind = "phasor"', "'samples' or 'phasors'"),
+        ('kind = "phasors"', 'kind = "phasor"', "'samples', 'phasors' or 'responses'"),
         ('amplitude = "ax", phase = "px"', 'column = "ax"', r"std in a channel of samples"),
         ('phase = "px", ', "", r"channels\.x: phase: found no such key"),
         ('amplitude = "ax"', 'amplitude = "ax", hold = "zero-order"', "hold in a phasor's"),

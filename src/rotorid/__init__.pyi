@@ -40,6 +40,7 @@ from .record import Check as Check
 from .record import Drive as Drive
 from .record import PeriodicRecord as PeriodicRecord
 from .record import Record as Record
+from .responses import response_lines as response_lines
 from .results.export import export as export
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state

@@ -175,6 +175,29 @@ class Samples(Arrays):
         return line_spectra(signals, self.lines_kept)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class SilentClock(Arrays):
+    """The clock of frequency responses: what does not come from the input averages out of them.
+
+    Parameters
+    ----------
+    count : int
+        Number of lines.
+    """
+
+    count: int
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return zeros, (line, signal): unbalance and weight are no part of a response."""
+        zero = np.zeros(1)
+        signals = np.shape(signal(zero, zero, zero))[-1]
+        return np.zeros((self.count, signals), dtype=np.complex128)
+
+    def at_speed(self, speed: float) -> SilentClock:
+        """Return the same: responses at any speed hold no load."""
+        return self
+
+
 def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     """Set lines to zero that are rounding of their signal, lines (line, signal)."""
     size = np.sqrt((samples**2).mean(axis=0))

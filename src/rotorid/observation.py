@@ -15,7 +15,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.filtered import FilteredRecord
 from rotorid.linalg import null_space, sensor_rank
-from rotorid.lines import Lines, WholeClock
+from rotorid.lines import Lines, SilentClock, WholeClock
 from rotorid.models import Model
 from rotorid.models.combination import SensorTerm, sensor_terms
 from rotorid.models.terms import DERIVATIVES
@@ -245,7 +245,7 @@ def _unforced(model: Model, lines: Lines) -> Lines:
     missing = [name for name in model.inputs if name not in lines.names]
     for name in missing:
         lines = lines.with_channel(Channel(name, model.units[name]), np.zeros(len(lines.mean)))
-    if not missing:
+    if not missing or isinstance(lines.clock, SilentClock):  # responses are to one input alone
         return lines
     told = f"no column of {', '.join(missing)}: taken as zero, as in passive bearings"
     return replace(lines, warnings=(*lines.warnings, told))

@@ -12,16 +12,20 @@ from pathlib import Path
 from rotorid.errors import InputError
 from rotorid.experiment.phasor_table import phasor_channels, read_phasors
 from rotorid.experiment.recording import Recording, recording
+from rotorid.experiment.response_table import read_response_table, response_channels
 from rotorid.experiment.schema import ChannelEntry, Kind, RecordEntry
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.record import Channel
 
 Entries = Mapping[str, ChannelEntry]
-Reader = Callable[[Path, RecordEntry, Entries, Model], Lines]
+Reader = Callable[[Path, RecordEntry, Entries, Model], Sequence[Lines]]
 Check = Callable[[Entries, Model, Path], Mapping[str, Channel]]
 
-READERS: Mapping[str, tuple[Check, Reader]] = {"phasors": (phasor_channels, read_phasors)}
+READERS: Mapping[str, tuple[Check, Reader]] = {
+    "phasors": (phasor_channels, read_phasors),
+    "responses": (response_channels, read_response_table),
+}
 """Of each kind: what checks its channels against the model, and what reads its files."""
 
 
@@ -74,6 +78,6 @@ def _of_kind(entries: Entries, kind: Kind) -> dict[str, ChannelEntry]:
     return {name: entry for name, entry in entries.items() if entry.kind == kind}
 
 
-def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Lines:
-    """Read a record that is a table."""
+def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Sequence[Lines]:
+    """Read a record that is a table; responses to several inputs are several."""
     return READERS[entry.kind][1](folder, entry, plan.table, model)

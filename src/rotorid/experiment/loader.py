@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -130,9 +131,9 @@ class Experiment:
         found: list[Measured] = []
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
-                one = self._one(entry, plan, currents=currents)
+                several = self._one(entry, plan, currents=currents)
                 own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
-                found.append(one.with_parameters(**own) if own else one)
+                found += [one.with_parameters(**own) if own else one for one in several]
             except InputError as error:
                 if error.place not in KEYS:
                     raise
@@ -142,20 +143,20 @@ class Experiment:
                 ) from None
         return found
 
-    def _one(self, entry: RecordEntry, plan: Recording, *, currents: bool) -> Measured:
-        """Read one record by its kind."""
+    def _one(self, entry: RecordEntry, plan: Recording, *, currents: bool) -> Sequence[Measured]:
+        """Read one record by its kind; responses to several inputs are several."""
         if entry.channel_kind != "samples":
             return read_table(self.folder, entry, plan, self.model)
         if entry.is_cut:
             run = measured(self.folder, entry, plan, currents=currents)
-            return phasors(run, entry.revolutions, skip=entry.skip or 0.0)
+            return [phasors(run, entry.revolutions, skip=entry.skip or 0.0)]
         if entry.periodic:
-            return averaged(self.folder, entry, plan, currents=currents)
+            return [averaged(self.folder, entry, plan, currents=currents)]
         record = measured(self.folder, entry, plan, currents=currents)
         if entry.cutoff is not None:
-            return filtered_of(record, entry)
+            return [filtered_of(record, entry)]
         quiet = quiet_record(self.folder, entry, plan, currents=currents)
-        return lines_of(record, quiet, entry, self.model)
+        return [lines_of(record, quiet, entry, self.model)]
 
     def records(self, method: Method | None = None) -> list[Measured]:
         """Read every record and cut it into periods, take the lines of the whole, or filter it.

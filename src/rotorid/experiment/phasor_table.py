@@ -18,7 +18,7 @@ from rotorid.models import Model
 from rotorid.phasor_lines import phasor_lines
 from rotorid.record import Channel, Check, Complexes, Floats
 from rotorid.signals.checks_phasors import check_phases, check_probes
-from rotorid.units import si_factor, to_si
+from rotorid.units import check_unit, si_factor, to_si
 
 
 def phasor_channels(
@@ -33,13 +33,15 @@ def phasor_channels(
             raise InputError("no unit", "the unit of the amplitude", "write it", place=place)
         si_factor(entry.unit, unit, place=f"{place}.unit")
         si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
-        found[name] = source(name, entry, model, folder).channel(name, unit or "")
+        found[name] = source(name, entry, model, folder).channel(
+            name, unit or check_unit(entry.unit)
+        )
     return found
 
 
 def read_phasors(
     folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
-) -> Lines:
+) -> list[Lines]:
     """Read a table of phasors, its files relative to a folder.
 
     Raises
@@ -48,13 +50,14 @@ def read_phasors(
         For files, columns, units and numbers that cannot be used.
     """
     table = open_tables([folder / name for name in entry.paths], header_row=entry.header_row)
-    rows = _Columns(table, entry.overrule)
+    rows = Columns(table, entry.overrule)
     try:
         channels = phasor_channels(entries, model, folder)
         speed = _speeds(rows, entry, entries)
-        read = [_phasor(rows, name, one, channels[name]) for name, one in entries.items()]
+        units = {name: channels[name].unit for name in entries}
+        read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
         phasors = _stacked(speed, read, table)
-        stated = [_std(rows, name, one, channels[name]) for name, one in entries.items()]
+        stated = [std_column(rows, name, one, units[name]) for name, one in entries.items()]
         std = _common(list(entries), stated, speed)
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         checks = [
@@ -65,15 +68,16 @@ def read_phasors(
             ),
             *(c for name, one in entries.items() for c in _phases(rows, name, one)),
         ]
-        return phasor_lines(
+        lines = phasor_lines(
             list(channels.values()), speed, phasors, std, source=table.file, checks=checks
         )
+        return [lines]
     except InputError as error:
         raise error.at(file=table.file) from None
 
 
 @dataclass(frozen=True)
-class _Columns:
+class Columns:
     """The columns of a table, in SI."""
 
     table: Table
@@ -89,7 +93,7 @@ class _Columns:
             )
         factor = si_factor(declared, expected, place=f"{place}.unit")
         if unit and found.unit and not self.overrule:
-            self._check_stated(unit, found.unit, place)
+            self.check_stated(unit, found.unit, place)
         wrong = ~np.isfinite(found.values)
         if wrong.any():
             raise InputError(
@@ -115,7 +119,8 @@ class _Columns:
             raise error.at(place=place) from None
 
     @staticmethod
-    def _check_stated(declared: str, stated: str, place: str) -> None:
+    def check_stated(declared: str, stated: str, place: str) -> None:
+        """Refuse a unit other than the one that the file states."""
         try:
             si_factor(stated)
         except InputError:
@@ -133,7 +138,7 @@ class _Columns:
             )
 
 
-def _speeds(rows: _Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
+def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
     """Return the speed of each row."""
     if entry.speed.column is not None:
         return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
@@ -143,10 +148,9 @@ def _speeds(rows: _Columns, entry: RecordEntry, entries: Mapping[str, ChannelEnt
     return np.full(count, entry.speed.value)
 
 
-def _phasor(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Complexes:
-    """Return X of a channel: what the instrument states, as Re(X exp(i phi)) has it."""
+def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
+    """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
     place = f"channels.{name}"
-    expected = channel.unit or entry.unit or "1"
     if entry.polar:
         size = rows.si(entry.amplitude or "", entry.unit, expected, f"{place}.amplitude")
         turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"{place}.phase")
@@ -157,18 +161,18 @@ def _phasor(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) ->
                 "turn its phase by 180 deg, or give a signed reading as real",
                 place=f"{place}.amplitude",
             )
-        _check_lengths(size, turned, place)
+        check_lengths(size, turned, place)
         found = size * np.exp(1j * turned)
     else:
         real = rows.si(entry.real or "", entry.unit, expected, f"{place}.real")
         imag = rows.si(entry.imag or "", entry.unit, expected, f"{place}.imag")
-        _check_lengths(real, imag, place)
+        check_lengths(real, imag, place)
         found = real + 1j * imag
     found = found.conj() if entry.lag else found
     return np.asarray(found / 2 if entry.peak_to_peak else found)
 
 
-def _phases(rows: _Columns, name: str, entry: ChannelEntry) -> list[Check]:
+def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Check]:
     """Check the phases of a channel in the unit in which they are stated."""
     if not entry.polar:
         return []
@@ -177,12 +181,11 @@ def _phases(rows: _Columns, name: str, entry: ChannelEntry) -> list[Check]:
     return list(check_phases(name, turned / factor, degrees=factor < 1))
 
 
-def _std(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Floats | None:
-    """Return the deviation of the amplitude, a column or one for all rows."""
+def std_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Floats | None:
+    """Return the deviation of the amplitude in a unit, a column or one for all rows."""
     if entry.std is None:
         return None
     place = f"channels.{name}.std"
-    expected = channel.unit or entry.unit or "1"
     if rows.has(entry.std):
         found = rows.si(entry.std, entry.unit, expected, place)
     else:
@@ -197,7 +200,8 @@ def _std(rows: _Columns, name: str, entry: ChannelEntry, channel: Channel) -> Fl
     return found / 2 if entry.peak_to_peak else found
 
 
-def _check_lengths(one: Floats, other: Floats, place: str) -> None:
+def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
+    """Refuse columns of different lengths."""
     if len(one) != len(other):
         raise InputError(
             f"{len(one)} and {len(other)} rows", "columns of one length", "cut them", place=place

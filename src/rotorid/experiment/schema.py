@@ -152,7 +152,7 @@ class ColumnEntry(Schema):
     dynamics: DynamicsEntry | None = None
 
 
-Kind = Literal["samples", "phasors"]
+Kind = Literal["samples", "phasors", "responses"]
 """What a record is made of, and therefore what its channels say."""
 
 
@@ -177,8 +177,14 @@ class PhasorKeys(Schema):
 _PHASORS = {"unit", "std", "lag", "peak_to_peak", "reads", "delay", "gain_std", "dynamics"}
 
 
+_RESPONSES = {"input", "unit", "std", "coherence", "lag", "reads", "delay", "gain_std", "dynamics"}
+
+
 class ChannelEntry(LawEntry, PhasorKeys):
-    """Where an input, coordinate or sensor comes from: a column, a law's columns, a phasor's."""
+    """Where an input, coordinate or sensor comes from: a column, a law's columns, a phasor's.
+
+    With ``input`` it is a frequency response: of a table, or of a universal file's ``column``.
+    """
 
     law: LawName | None = None  # type: ignore[assignment]
     column: str | None = None
@@ -192,10 +198,14 @@ class ChannelEntry(LawEntry, PhasorKeys):
     current: ColumnEntry | None = None
     flux: Annotated[list[ColumnEntry] | None, Field(min_length=2, max_length=2)] = None
     position: str | None = None
+    input: str | None = None
+    coherence: str | None = None
 
     @property
     def kind(self) -> Kind:
         """The kind of record that the channel can belong to."""
+        if self.input is not None:
+            return "responses"
         phasor = self.polar or self.real is not None or self.imag is not None
         return "phasors" if phasor else "samples"
 
@@ -203,8 +213,13 @@ class ChannelEntry(LawEntry, PhasorKeys):
     def _column_or_law(self) -> ChannelEntry:
         given = self.model_fields_set
         as_recorded = {"hold", "delay", "gain_std", "dynamics"}
-        if self.kind == "phasors":
-            wanted = {"amplitude", "phase"} if self.polar else {"real", "imag"}
+        parts = {"amplitude", "phase"} if self.polar else {"real", "imag"}
+        if self.kind == "responses":
+            wanted = parts if self.column is None else {"column"}
+            allowed = wanted | _RESPONSES | ({"phase_unit"} if self.polar else set())
+            beside = "in a frequency response"
+        elif self.kind == "phasors":
+            wanted = parts
             allowed = wanted | _PHASORS | ({"phase_unit"} if self.polar else set())
             beside = "in a phasor's channel"
         elif self.law is None:
@@ -328,12 +343,17 @@ _CUT = _TABLES | {
     "revolutions",
 }
 """Keys of samples that are cut into a table by the angle of the rotor."""
+_OF_RESPONSES = {"frequency", "averages", "band", "every"}
+"""Keys that a table of frequency responses has besides."""
 
 
 class RecordEntry(Schema):
     """One run of the machine."""
 
     kind: Kind = "samples"
+    frequency: TimeEntry | None = None
+    averages: Annotated[StrictInt | None, Field(ge=1, le=10**9)] = None
+    every: Annotated[StrictInt, Field(ge=1, le=10**6)] = 1
     file: str | None = None
     files: Annotated[list[str] | None, Field(min_length=1)] = None
     header_row: Count | None = None
@@ -382,6 +402,15 @@ class RecordEntry(Schema):
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> RecordEntry:
+        if self.kind != "phasors" and self.speed.column is not None:
+            raise InputError(
+                f"a column of speeds in a record of {self.kind}",
+                "one speed, an angle column, or a keyphasor"
+                if self.kind == "samples"
+                else "one speed",
+                'write speed = "3000 rpm"; for a table of a row per speed, kind = "phasors"',
+                place="speed",
+            )
         if self.kind == "samples":
             if self.revolutions is not None:
                 raise InputError(
@@ -390,15 +419,16 @@ class RecordEntry(Schema):
                     'write kind = "phasors", or remove it',
                     place="revolutions",
                 )
-            if self.speed.column is not None:
+            for key in sorted(self.model_fields_set & (_OF_RESPONSES - {"band"})):
                 raise InputError(
-                    "a column of speeds in a record of samples",
-                    "one speed, an angle column, or a keyphasor",
-                    'write speed = "3000 rpm"; for a table of a row per speed, kind = "phasors"',
-                    place="speed",
+                    f"{key} in a record of samples",
+                    'kind = "responses"',
+                    f"say kind, or remove {key}",
+                    place=key,
                 )
             return self
         allowed = _CUT - {"speed"} if self.is_cut else _TABLES
+        allowed = allowed | (_OF_RESPONSES if self.kind == "responses" else set())
         for key in sorted(self.model_fields_set - allowed):
             raise InputError(
                 f"{key} in a table of {self.kind}",

@@ -33,18 +33,9 @@ def open_universal(path: Path) -> LoadedArrays:
     A column has the name in the first line of its data set, or its node and direction, ``12+X``,
     where that line does not tell the sets apart.
     """
-    start = head(path)
-    if not start.lstrip(b"\r\n").startswith(b"    -1"):
-        raise not_what_it_says(path, start, "a universal file")
-    try:
-        import pyuff
-    except ImportError:
-        raise missing_package("pyuff", str(path)) from None
-    with reading(str(path), "universal file data"), np.errstate(all="ignore"):
-        file = pyuff.UFF(str(path))
-        types = [int(kind) for kind in np.atleast_1d(file.get_set_types())]
-        read = [file.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION]
-        sets = [found for found in read if _is_over_time(found)]
+    found, types = read_sets(path)
+    sets = [one for one in found if _is_over_time(one)]
+    with reading(str(path), "universal file data"):
         columns = {name: _column(s) for name, s in zip(_names(sets), sets, strict=True)}
     if not columns:
         raise ReadError(
@@ -56,13 +47,28 @@ def open_universal(path: Path) -> LoadedArrays:
     return loaded(str(path), columns)
 
 
+def read_sets(path: Path) -> tuple[list[Any], list[int]]:
+    """Return the functions of a universal file, and the types of all its data sets."""
+    start = head(path)
+    if not start.lstrip(b"\r\n").startswith(b"    -1"):
+        raise not_what_it_says(path, start, "a universal file")
+    try:
+        import pyuff
+    except ImportError:
+        raise missing_package("pyuff", str(path)) from None
+    with reading(str(path), "universal file data"), np.errstate(all="ignore"):
+        file = pyuff.UFF(str(path))
+        types = [int(kind) for kind in np.atleast_1d(file.get_set_types())]
+        return [file.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION], types
+
+
 def _is_over_time(found: Mapping[str, Any]) -> bool:
     time = found.get("abscissa_spec_data_type") == _TIME_AXIS
     return (time or found.get("func_type") == _TIME_RESPONSE) and not np.iscomplexobj(found["data"])
 
 
 def _names(sets: list[Mapping[str, Any]]) -> list[str]:
-    first = [_text(s.get("id1")) for s in sets]
+    first = [text_of(s.get("id1")) for s in sets]
     if all(first) and len(set(first)) == len(first):
         return first
     nodes = [f"{s.get('rsp_node', '')}{_DIRECTION.get(int(s.get('rsp_dir', 0)), '')}" for s in sets]
@@ -71,7 +77,8 @@ def _names(sets: list[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
+    """Return a text of a data set, empty where it says NONE."""
     text = str(value or "").strip()
     return "" if text == "NONE" else text
 
@@ -82,5 +89,5 @@ def _column(found: Mapping[str, Any]) -> Column:
         raise ValueError(f"{len(values)} values where {found['num_pts']} are announced")
     step = float(found.get("abscissa_inc") or 0.0)
     even = found.get("abscissa_spacing") == _EVEN and np.isfinite(step) and step > 0
-    unit = _text(found.get("ordinate_axis_units_lab")) or None
+    unit = text_of(found.get("ordinate_axis_units_lab")) or None
     return Column(values, unit, Rate(1 / step, _DIGITS) if even else None)

@@ -12,7 +12,15 @@ from rotorid.record import Complexes
 from rotorid.values import Arrays
 
 Kind = Literal[
-    "white", "correlated", "references", "quiet", "inputs", "stated", "known", "repeated"
+    "white",
+    "correlated",
+    "references",
+    "quiet",
+    "inputs",
+    "stated",
+    "known",
+    "repeated",
+    "coherence",
 ]
 
 KNOWN = 10**12
@@ -30,10 +38,11 @@ class LineCovariance(Arrays):
     dof : int
         Complex degrees of freedom of the estimate.
     kind : {"white", "correlated", "references", "quiet", "inputs", "stated", "known",
-        "repeated"}
+        "repeated", "coherence"}
         Where it came from: the scatter between periods, neighbouring lines of periods, a local
         polynomial with references, a quiet record, a local polynomial with the measured inputs
-        for references, the user, a plan, or repeated readings.
+        for references, the user, a plan, repeated readings, or the coherence of frequency
+        responses: then it is diagonal, and each variance has `dof` of its own.
     apart : float
         Share of a line's noise that is not in its own covariance: 1 for the scatter of periods,
         less where the residual of the line itself is among those that the covariance is made of.

@@ -184,11 +184,25 @@ def _close(gain: float, factor: float) -> bool:
     return abs(gain / factor - 1) < SNAP
 
 
+def exact_inputs(record: Observation) -> frozenset[str]:
+    """Return the inputs that are what they are by definition, 1 or 0: nothing is wrong with them.
+
+    They have no noise; a factor of one would be a factor of rounding.
+    """
+    if not record.lines.passive:
+        return frozenset()
+    variance = np.einsum("kii->ki", record.lines.covariance.matrices).real.max(axis=0)
+    named = zip(record.inputs, record.input_columns, strict=True)
+    return frozenset(channel.name for channel, column in named if variance[column] == 0)
+
+
 def like_groups(record: Observation) -> list[list[str]]:
     """Return inputs of one unit, then sensors of one unit: what can be mistaken for another."""
-    model = record.model
+    model, exact = record.model, exact_inputs(record)
     groups: dict[tuple[str, str], list[str]] = {}
     for channel in record.inputs:
+        if channel.name in exact:
+            continue
         groups.setdefault(("input", model.units[channel.name]), []).append(channel.name)
     for sensor in record.direct:
         groups.setdefault(("sensor", sensor.channel.unit or _unit(record, sensor)), []).append(

@@ -287,9 +287,16 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
             "as many of one as of the other, for natural frequencies",
             "complete the model",
         )
-    places, products, weights = _entries(layout, mode.in_si[2])
     held = _held(layout, mode)
-    _refuse_idle(layout, {i for factors in products for i in factors} - held.keys())
+    pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
+    used = set(pencil.monomials.factors.ravel().tolist())
+    _refuse_idle(layout, used - held.keys())
+    return pencil
+
+
+def pencil_at(layout: Layout, speed: float) -> Pencil:
+    """Return the pencil of a machine as the layout has it, at a speed in rad/s."""
+    places, products, weights = _entries(layout, speed)
     distinct = sorted(set(products))
     exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
     for row, factors in enumerate(distinct):
@@ -303,8 +310,8 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
         np.array([distinct.index(factors) for factors in products], dtype=np.int64),
         np.array(weights),
         Monomials.from_exponents(exponents),
-        held,
-        linear.coordinates,
+        {},
+        linear_form(layout.model).coordinates,
     )
 
 

@@ -45,6 +45,8 @@ def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equat
     """
     dof = float(covariance.dof)
     share = max(0.0, 1.0 - dof / (2 * equations))
+    if covariance.kind == "coherence":  # variances alone were estimated, each by itself
+        share = 1.0
     matrices = covariance.matrices
     if share > 0:
         diagonal = matrices * np.eye(matrices.shape[1])

@@ -227,7 +227,8 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
     found = [warning for record in fit.records for warning in record.lines.warnings]
     for number, at in enumerate(point.records):
         noise = at.problem.noise
-        if noise.shrunk > 0:
+        told = fit.records[number].lines.covariance.kind != "coherence"
+        if noise.shrunk > 0 and told:
             where = f"record {number + 1}: " if len(fit.records) > 1 else ""
             found.append(
                 f"{where}too few periods for the covariance of {at.problem.equations} equations "

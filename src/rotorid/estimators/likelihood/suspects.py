@@ -20,6 +20,7 @@ from rotorid.estimators.likelihood.inference import projected_jacobian
 from rotorid.estimators.likelihood.leads import (
     Lead,
     discrete_leads,
+    exact_inputs,
     factor_groups,
     factor_name,
     sign,
@@ -45,6 +46,7 @@ from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.refits import Case, minimized, screened
+from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.models import Model
@@ -234,11 +236,14 @@ class _Search:
         """Return everything that can be set free by itself."""
         case, records = self.case, self.case.records
         taken = case.prepared.layout.index
+        exact = set.intersection(*(set(exact_inputs(r)) for r in records)) if records else set()
         found = self._modes()
         found += [
             Option(_term(n), n.unknowns[0].unit, n)
             for n in (*every_nuisance(records), *_harmonic_runout(records))
-            if _apart(n) and not {u.name for u in n.unknowns} & taken.keys()
+            if _apart(n)
+            and not {u.name for u in n.unknowns} & taken.keys()
+            and not (isinstance(n, Factor) and n.channels <= exact)
         ]
         factors = [
             Option(f"gain[{label}]", "1", Multiplier.of(label, names))
@@ -362,6 +367,7 @@ class _Search:
         """Yield what to screen, the likeliest first, and how to follow it."""
         records, prepared = self.case.records, self.case.prepared
         single, several = discrete_leads(records, self.structure, self.speeds())
+        single = [*response_leads(records), *single]
         for lead in single:
             yield prepared, lead.undo(records), partial(self.followed, lead)
         for name, start in typical_factors(records[0]).items():

@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorid.estimators.likelihood.leads import SPEEDS, Lead
 from rotorid.estimators.likelihood.nuisances import Unknown
+from rotorid.estimators.likelihood.response_leads import is_response
 from rotorid.estimators.likelihood.unknowns import Layout
 from rotorid.lines import Lines, PhasorClock
 from rotorid.observation import Observation
@@ -101,24 +102,44 @@ def _reversed(record: Observation) -> Lines:
     )
 
 
-def _of_time(unknown: Unknown) -> float:
-    """Return the power of 1 / time in a parameter: 2 of a stiffness."""
-    return -float(dict(dimension_of(unknown.unit).powers).get("s", 0))
+def _of_time(unknown: Unknown, force: bool) -> float:
+    """Return the power of 1 / time in a parameter: 2 of a stiffness, where masses stay.
+
+    Where forces stay, 0 of a stiffness, and -2 of a mass: kg = N s^2 / m.
+    """
+    powers = dict(dimension_of(unknown.unit).powers)
+    return -float(powers.get("s", 0)) - (2 * float(powers.get("kg", 0)) if force else 0.0)
+
+
+def _timing(records: Sequence[Observation], modes: bool) -> tuple[str, bool] | None:
+    """Return what sets the scale of time alone, and whether it holds forces."""
+    if not records:
+        return "the measured natural frequencies", False
+    if modes:
+        return None  # two kinds of data hold each other's unit
+    if all(is_response(record) for record in records):
+        return "the frequencies of the responses", True
+    return ("the speeds of the table", False) if all(map(is_table, records)) else None
 
 
 def scale_of_time(
-    layout: Layout, unknowns: Floats, records: Sequence[Observation]
+    layout: Layout, unknowns: Floats, records: Sequence[Observation], *, modes: bool = False
 ) -> tuple[str, bool] | None:
     """Say that the speeds of tables look like those of another unit, and whether that is sure.
 
     With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
-    nothing else in a table changes. So the answer is held against its start: where it is far off,
-    and near with the speeds in another unit, that unit is suspected.
+    nothing else in a table changes; with all frequencies of responses, masses are f^-2 times, and
+    with those of measured modes, stiffnesses f^2 times what they are. So the answer is held
+    against its start: where it is far off, and near with the speeds in another unit, that unit is
+    suspected.
     """
-    if not all(is_table(record) for record in records):
+    timing = _timing(records, modes)
+    if timing is None:
         return None
-    powers = {int(i): _of_time(layout.unknowns[i]) for i in layout.free if i < layout.parameters}
-    at = [i for i, power in powers.items() if power > 0 and unknowns[i] * layout.start[i] > 0]
+    what, force = timing
+    inner = [int(i) for i in layout.free if i < layout.parameters]
+    powers = {i: _of_time(layout.unknowns[i], force) for i in inner}
+    at = [i for i, power in powers.items() if power and unknowns[i] * layout.start[i] > 0]
     if not at:
         return None
     power = np.array([powers[i] for i in at])
@@ -133,7 +154,7 @@ def scale_of_time(
     names = ", ".join(layout.unknowns[i].name for i in at)
     told = (
         f"{names} are far off their start, and within a factor {np.exp(off[said]):.2g} of it with "
-        f"the speeds of the table {factor:.4g} times as large ({said}): a table cannot tell, so "
-        "check the unit of its speeds, or give a nearer start"
+        f"{what} {factor:.4g} times as large ({said}): the data cannot tell, so check their "
+        "unit, or give a nearer start"
     )
     return told, max(factor, 1 / factor) ** 2 > SURE

@@ -12,6 +12,7 @@ from rotorid.estimators import gate
 from rotorid.estimators.gate import Verdict
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
+from rotorid.estimators.likelihood.response_leads import growing_mode, lines_alike
 from rotorid.estimators.likelihood.table_leads import scale_of_time
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -24,6 +25,8 @@ there for a right model, since what carries over between periods cancels in the 
 CLOSED = 0.1
 """Mean coherence between the noise of inputs and sensors, beyond that of chance, that shows a
 closed loop (a levitated rotor has .4)."""
+MISFIT = 1e-3
+"""The p-value below which what neighbouring lines have in common may be the model's error."""
 BLOCKS = 8
 """Parts of a record whose scatter is told beside the stated deviations."""
 
@@ -37,13 +40,29 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         if halves is not None:
             total += gate.agreement(free, halves, std)
     total += _time(fit)
-    return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit))))
+    if fit.solution.converged and not fit.inference.null.shape[1]:
+        layout, at = fit.prepared.layout, fit.solution.point.unknowns
+        grows = growing_mode(layout, at, fit.covariance, fit.records)
+        total += Verdict(faults=() if grows is None else (grows,))
+    return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit), *_alike(fit))))
+
+
+def _alike(fit: Fit) -> Iterator[str]:
+    """Say where neighbouring lines of responses are not independent; a misfit is alike too."""
+    point = fit.solution.point
+    if fit.inference.expectation.p_value(point.cost) < MISFIT:
+        return
+    for record, at in zip(fit.records, point.records, strict=True):
+        said = lines_alike(record, at)
+        if said is not None:
+            yield said
 
 
 def _time(fit: Fit) -> Verdict:
     """Judge whether the speeds of tables are in the unit that they are said to be in."""
     point = fit.solution.point
-    found = scale_of_time(fit.prepared.layout, point.unknowns, fit.records)
+    modes = bool(len(fit.problem.known.modes))
+    found = scale_of_time(fit.prepared.layout, point.unknowns, fit.records, modes=modes)
     if found is None:
         return Verdict()
     said, sure = found

@@ -1,0 +1,281 @@
+"""Frequency responses that an experiment file names, in tables or universal files, to lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.experiment.names import source, unknown
+from rotorid.experiment.phasor_table import Columns, check_lengths, complex_column, std_column
+from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.io import open_tables
+from rotorid.io.table import Table
+from rotorid.io.universal_responses import StoredResponse, read_responses
+from rotorid.lines import Lines
+from rotorid.models import Model
+from rotorid.models.combination import sensor_terms
+from rotorid.models.terms import DERIVATIVES
+from rotorid.record import Channel, Complexes, Floats
+from rotorid.responses import response_lines
+from rotorid.units import multiply_units, si_factor, to_si
+
+
+@dataclass(frozen=True)
+class _Response:
+    """One response in SI, with what is told of its noise."""
+
+    input: str
+    channel: Channel
+    frequency: Floats
+    values: Complexes
+    std: Floats | None = None
+    coherence: Floats | None = None
+
+
+def response_channels(
+    entries: Mapping[str, ChannelEntry], model: Model, folder: Path
+) -> dict[str, Channel]:
+    """Return the sensors of responses, names, inputs and units checked against the model."""
+    found = {}
+    for name, entry in entries.items():
+        place = f"channels.{name}"
+        if entry.input not in model.inputs:
+            raise unknown(entry.input or "", model.inputs, "input", f"{place}.input")
+        if entry.unit is None and entry.column is None:
+            raise InputError(
+                "no unit", "the unit of the response, such as um/N", "write it", place=place
+            )
+        if entry.polar:
+            si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
+        own = entry if entry.unit is not None else entry.model_copy(update={"unit": "1"})
+        channel = source(name, own, model, folder).channel(name, "")
+        unit = _reading_unit(name, entry, model)
+        if entry.unit is not None:
+            _factor(name, entry, entry.unit, unit, model)
+        found[name] = replace(channel, unit=unit)
+    return found
+
+
+def _reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
+    """Return the SI unit of what a sensor reads."""
+    if entry.reads is None:
+        return model.units[name]
+    first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    held = zip(model.parameter_names, first.powers, strict=True)
+    return multiply_units(
+        [
+            (model.units[model.coordinates[first.coordinate]], 1),
+            ("s", -first.order),
+            *((units[parameter], power) for parameter, power in held),
+        ]
+    )
+
+
+def _factor(name: str, entry: ChannelEntry, stated: str, reading: str, model: Model) -> float:
+    """Return the number that turns a response into SI; a derivative of another order is told."""
+    place, over = f"channels.{name}.unit", model.units[entry.input or ""]
+    expected = f"({reading})/({over})"
+    try:
+        return si_factor(stated, expected)
+    except InputError as error:
+        read = entry.reads or name
+        plain = read.rstrip("'")
+        for order, dots in enumerate(DERIVATIVES):
+            other = multiply_units([(model.units.get(plain, reading), 1), ("s", -order)])
+            if plain in model.coordinates and _converts(stated, f"({other})/({over})"):
+                raise InputError(
+                    f"unit {stated!r} of a response that reads {read}",
+                    f"a unit that converts to {expected}",
+                    f'a channel of a name of its own with reads = "{plain}{dots}"',
+                    place=place,
+                ) from None
+        raise error.at(place=place) from None
+
+
+def _converts(stated: str, expected: str) -> bool:
+    try:
+        si_factor(stated, expected)
+    except InputError:
+        return False
+    return True
+
+
+def read_response_table(
+    folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
+) -> list[Lines]:
+    """Read frequency responses: those to one input, on one grid of frequencies, share their lines.
+
+    Raises
+    ------
+    InputError
+        For files, columns, units and numbers that cannot be used.
+    """
+    paths = [folder / name for name in entry.paths]
+    channels = response_channels(entries, model, folder)
+    stored = [name for name, one in entries.items() if one.column is not None]
+    if stored and len(stored) < len(entries):
+        raise InputError(
+            f"a column in {stored[0]}, none in {next(n for n in entries if n not in stored)}",
+            "responses of universal files, or columns of a table",
+            "put them into records of their own",
+            place=f"channels.{stored[0]}",
+        )
+    try:
+        if stored:
+            found = _of_universal(paths, entry, entries, channels, model)
+        else:
+            table = open_tables(paths, header_row=entry.header_row)
+            found = _of_table(table, entry, entries, channels, model)
+        return [_lines(group, entry, model, entry.paths[0]) for group in _groups(found, entry)]
+    except InputError as error:
+        raise error.at(file=", ".join(map(str, paths))) from None
+
+
+def _of_table(
+    table: Table,
+    entry: RecordEntry,
+    entries: Mapping[str, ChannelEntry],
+    channels: Mapping[str, Channel],
+    model: Model,
+) -> list[_Response]:
+    """Return the responses of a table: a row per frequency."""
+    rows = Columns(table, entry.overrule)
+    if entry.frequency is None:
+        raise InputError(
+            "no frequency",
+            "the column of the frequencies of the rows",
+            'write frequency = { column = "f", unit = "Hz" }',
+            place="frequency",
+        )
+    hertz = rows.si(entry.frequency.column, entry.frequency.unit, "Hz", "frequency")
+    found = []
+    for name, one in entries.items():
+        assert one.input is not None  # checked with the channels
+        place = f"channels.{name}"
+        unit = f"({channels[name].unit})/({model.units[one.input]})"
+        values = complex_column(rows, name, one, unit)
+        check_lengths(hertz, values, place)
+        coherence = None
+        if one.coherence is not None:
+            coherence = rows.si(one.coherence, "1", "1", f"{place}.coherence")
+            check_lengths(hertz, coherence, f"{place}.coherence")
+        std = std_column(rows, name, one, unit)
+        found.append(
+            _Response(
+                one.input,
+                channels[name],
+                hertz,
+                values,
+                None if std is None else np.broadcast_to(std, hertz.shape),
+                coherence,
+            )
+        )
+    return found
+
+
+def _of_universal(
+    paths: Sequence[Path],
+    entry: RecordEntry,
+    entries: Mapping[str, ChannelEntry],
+    channels: Mapping[str, Channel],
+    model: Model,
+) -> list[_Response]:
+    """Return the responses of universal files, by node and direction."""
+    stored: dict[str, StoredResponse] = {}
+    for path in paths:
+        stored |= read_responses(path)
+    found = []
+    for name, one in entries.items():
+        assert one.input is not None  # checked with the channels
+        assert one.column is not None
+        place = f"channels.{name}"
+        if one.column not in stored:
+            raise InputError(
+                f"no response {one.column[:60]!r}",
+                f"one of {', '.join(list(stored)[:12])}{' ..' if len(stored) > 12 else ''}",
+                "name node and direction of the response, then of the force",
+                place=f"{place}.column",
+            )
+        data = stored[one.column]
+        _check_derivative(data.derivative, name, one)
+        unit = one.unit or data.unit
+        if one.unit and data.unit and not entry.overrule:
+            Columns.check_stated(one.unit, data.unit, place)
+        if unit is None:
+            raise InputError(
+                "no unit, here or in the file", "the unit of the response", "write it", place=place
+            )
+        factor = _factor(name, one, unit, channels[name].unit, model)
+        values = np.asarray(data.values * factor, dtype=np.complex128)
+        std = None
+        if one.std is not None:
+            expected = f"({channels[name].unit})/({model.units[one.input]})"
+            std = np.full(len(values), to_si(one.std, expected, place=f"{place}.std"))
+        values = values.conj() if one.lag else values
+        found.append(
+            _Response(one.input, channels[name], data.frequency, values, std, data.coherence)
+        )
+    return found
+
+
+def _check_derivative(found: str | None, name: str, entry: ChannelEntry) -> None:
+    """Refuse a sensor of positions where the file says that accelerations were measured."""
+    reads = entry.reads or name
+    said = reads.count("'") and max(len(part) - len(part.rstrip("'")) for part in reads.split())
+    if found is None or said == len(found):
+        return
+    kinds = ("a displacement", "a velocity", "an acceleration")
+    raise InputError(
+        f"{kinds[len(found)]} in the file, where the channel reads {reads}",
+        f"a sensor of {kinds[len(found)]}",
+        f'a channel of a name of its own with reads = "{reads.rstrip(chr(39))}{found}"',
+        place=f"channels.{name}",
+    )
+
+
+def _groups(found: Sequence[_Response], entry: RecordEntry) -> list[list[_Response]]:
+    """Return the responses that share an input, a grid of frequencies and a kind of noise."""
+    groups: dict[tuple[str, bytes, bool], list[_Response]] = {}
+    for one in found:
+        if one.std is None and one.coherence is None:
+            raise InputError(
+                "neither std nor coherence",
+                "what tells the noise of the response",
+                "write coherence beside it, with averages in the record; or std",
+                place=f"channels.{one.channel.name}",
+            )
+        grid = np.round(one.frequency, 9).tobytes()
+        groups.setdefault((one.input, grid, one.std is None), []).append(one)
+    return list(groups.values())
+
+
+def _lines(group: Sequence[_Response], entry: RecordEntry, model: Model, source: str) -> Lines:
+    """Return the lines of responses to one input."""
+    driven, hertz = group[0].input, group[0].frequency
+    low, high = (0.0, np.inf) if entry.band is None else entry.band
+    kept = np.flatnonzero((hertz >= low) & (hertz <= high))[:: entry.every]
+    if not len(kept):
+        raise InputError(
+            f"no line from {low:g} to {high:g} Hz",
+            f"a band within {hertz.min():g} to {hertz.max():g} Hz",
+            "correct band",
+            place="band",
+        )
+    std = [one.std[kept] for one in group if one.std is not None]
+    coherence = [one.coherence[kept] for one in group if one.coherence is not None]
+    return response_lines(
+        Channel(driven, model.units[driven]),
+        [one.channel for one in group],
+        hertz[kept],
+        np.column_stack([one.values[kept] for one in group]),
+        std=np.column_stack(std) if std else None,
+        coherence=np.column_stack(coherence) if coherence else None,
+        averages=entry.averages,
+        speed=entry.speed.value,
+        source=source,
+    )

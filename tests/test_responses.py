@@ -1,0 +1,444 @@
+"""Frequency responses as data: from numpy's own solution of a chain of masses, with H1 averages."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from io_writers import write_responses
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.lines import SilentClock
+from rotorid.responses import FAINT, POOLED
+
+CHAIN = """
+title = "three masses in a row"
+equations = [
+  "m1*x1'' + c*(x1' - x2') + k1*(x1 - x2) + k0*x1 = F",
+  "m2*x2'' + c*(x2' - x1') + k1*(x2 - x1) + k2*(x2 - x3) = G",
+  "m3*x3'' + k2*(x3 - x2) = 0",
+]
+coordinates = { x1 = "m", x2 = "m", x3 = "m" }
+inputs = { F = "N", G = "N" }
+[parameters]
+m1 = { unit = "kg", nominal = 2.2, positive = true }
+m2 = { unit = "kg", nominal = 2.7, positive = true }
+m3 = { unit = "kg", nominal = 1.3, positive = true }
+k0 = { unit = "N/m", nominal = 4e5, positive = true }
+k1 = { unit = "N/m", nominal = 1.2e6, positive = true }
+k2 = { unit = "N/m", nominal = 1.8e6, positive = true }
+c = { unit = "N s/m", nominal = 30.0 }
+"""
+MODEL = rid.parse_model(CHAIN)
+TRUTH = {"m1": 2.0, "m2": 3.0, "m3": 1.5, "k0": 5e5, "k1": 1e6, "k2": 2e6, "c": 20.0}
+HERTZ = np.arange(5.0, 300.0, 2.5)
+OMEGA = 2 * np.pi * HERTZ
+F, X1, X3 = rid.Channel("F", "N"), rid.Channel("x1", "m"), rid.Channel("x3", "m")
+NOISE = 2e-7  # m of every average, white; the force is 1 N
+
+
+def response(force: int = 0) -> np.ndarray:
+    """Return H of all coordinates to one force, shape (line, coordinate)."""
+    p = TRUTH
+    k0, k1, k2, c = p["k0"], p["k1"], p["k2"], p["c"]
+    mass = np.diag([p["m1"], p["m2"], p["m3"]])
+    stiffness = np.array([[k0 + k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
+    damping = c * np.array([[1, -1, 0], [-1, 1, 0], [0, 0, 0]])
+    s = 1j * OMEGA[:, None, None]
+    return np.linalg.inv(s**2 * mass + s * damping + stiffness)[:, :, force]
+
+
+def averaged(rng: np.random.Generator, averages: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return H1 and coherence of x1 and x3 from averages of a random force of 1 N."""
+    shape = (averages, len(HERTZ))
+    force = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+    wide = (*shape, 2)
+    noise = NOISE * (rng.standard_normal(wide) + 1j * rng.standard_normal(wide)) / np.sqrt(2)
+    read = force[:, :, None] * response()[:, [0, 2]] + noise
+    auto = (np.abs(force) ** 2).sum(axis=0)[:, None]
+    cross = (read * force.conj()[:, :, None]).sum(axis=0)
+    return cross / auto, np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0))
+
+
+def estimate(found: np.ndarray, sensors=(X1, X3), **told) -> rid.Estimate:
+    lines = rid.response_lines(F, sensors, told.pop("frequency", HERTZ), found, **told)
+    return rid.identify(MODEL, lines, rid.MaximumLikelihood())
+
+
+def wrong(estimate: rid.Estimate) -> float:
+    """Return the largest error in deviations."""
+    return max(abs(v.value - TRUTH[v.name]) / v.std for v in estimate.parameters)
+
+
+def check_truth(found: rid.Estimate) -> None:
+    assert found.status == "ok"
+    for value in found.parameters:
+        assert value.value == pytest.approx(TRUTH[value.name], rel=1e-9), value.name
+
+
+class TestExact:
+    def test_receptances(self) -> None:
+        check_truth(estimate(response()[:, [0, 2]], std=1e-12))
+
+    def test_accelerances(self) -> None:
+        sensors = [rid.Channel(f"a{k}", "m/s^2", {f"x{k}''": 1.0}) for k in (1, 3)]
+        found = -(OMEGA[:, None] ** 2) * response()[:, [0, 2]]
+        check_truth(estimate(found, sensors, std=1e-7))
+
+    def test_one_mobility(self) -> None:
+        sensor = rid.Channel("v1", "m/s", {"x1'": 1.0})
+        check_truth(estimate(1j * OMEGA[:, None] * response()[:, :1], [sensor], std=1e-12))
+
+    def test_responses_to_two_forces(self) -> None:
+        g = rid.Channel("G", "N")
+        lines = [
+            rid.response_lines(force, [X1], HERTZ, response(k)[:, :1], std=1e-12)
+            for k, force in enumerate((F, g))
+        ]
+        check_truth(rid.identify(MODEL, lines, rid.MaximumLikelihood()))
+
+    def test_order_of_lines_and_the_line_at_zero_do_not_matter(self) -> None:
+        frequency = np.append(HERTZ[::-1], 0.0)
+        found = np.vstack([response()[::-1, [0, 2]], [[1.0, 1.0]]])
+        check_truth(estimate(found, frequency=frequency, std=1e-12))
+
+    def test_what_turns_with_the_rotor_is_no_part_of_a_response(self) -> None:
+        lines = rid.response_lines(F, [X1], HERTZ, response()[:, :1], std=1.0)
+        assert isinstance(lines.clock, SilentClock)
+        unbalance = lines.clock.lines(lambda t, phi, speed: np.stack([np.cos(phi)], -1))
+        assert unbalance.shape == (len(HERTZ), 1)
+        assert not unbalance.any()
+        assert lines.clock.at_speed(3.0) is lines.clock
+
+
+class TestNoise:
+    def test_deviations_are_those_of_the_averages(self) -> None:
+        found, coherence = averaged(np.random.default_rng(5), 40)
+        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=40)
+        assert (lines.covariance.kind, lines.covariance.dof) == ("coherence", 39)
+        # E |dH|^2 = noise^2 / (averages |F|^2); 1 / |F|^2 of 40 averages: 40 / 39 in the mean
+        variance = np.einsum("kii->ki", lines.covariance.matrices).real[:, 1:].mean()
+        assert variance == pytest.approx(NOISE**2 / 39, rel=0.05)
+
+    def test_few_averages_are_pooled_over_neighbouring_lines(self) -> None:
+        assert POOLED == 20
+        for averages, dof in ((21, 20), (20, 57), (5, 20), (3, 22)):
+            found, coherence = averaged(np.random.default_rng(5), averages)
+            lines = rid.response_lines(
+                F, [X1, X3], HERTZ, found, coherence=coherence, averages=averages
+            )
+            assert lines.covariance.dof == dof
+
+    def test_lines_of_noise_alone_are_left_out_and_told(self) -> None:
+        found, coherence = averaged(np.random.default_rng(5), 40)
+        coherence[[3, 4], 0] = 0.9 * FAINT
+        coherence[7, 1] = 0.0
+        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=40)
+        assert FAINT == 0.01
+        assert len(lines.frequency) == len(HERTZ) - 3
+        assert lines.warnings == ("3 lines with a coherence below 0.01 left out: noise alone",)
+
+    def test_a_coherence_printed_as_one_is_not_one(self) -> None:
+        found, coherence = averaged(np.random.default_rng(5), 40)
+        short = np.round(coherence, 3)
+        assert (short == 1).any()
+        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=short, averages=40)
+        at = np.argwhere(short == 1)[0]
+        variance = lines.covariance.matrices[at[0], 1 + at[1], 1 + at[1]].real
+        size = np.abs(found[tuple(at)]) ** 2
+        assert variance == pytest.approx(size * 5e-4 / (1 - 5e-4) / 39)
+        assert wrong(estimate(found, coherence=short, averages=40)) < 5
+
+    def test_coherence_and_its_averages_give_honest_deviations(self) -> None:
+        found, coherence = averaged(np.random.default_rng(11), 20)
+        result = estimate(found, coherence=coherence, averages=20)
+        assert result.status == "ok"
+        assert wrong(result) < 4
+        assert not any("too few periods" in w for w in result.warnings)
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("told", "said"),
+        [
+            ({}, "neither std nor coherence"),
+            ({"std": 0.0}, "found a deviation of 0; expected more than 0"),
+            ({"std": np.nan}, "found a deviation of nan"),
+            ({"coherence": 1.02}, "found a coherence of 1.02; expected numbers from 0 to 1"),
+            ({"coherence": 98.0}, "divide percent by 100"),
+            ({"coherence": -0.1}, "found a coherence of -0.1"),
+            ({"coherence": 1.0}, "a coherence of 1 on every line"),
+            ({"coherence": 0.0}, "coherence below 0.01 on every line"),
+            ({"coherence": 0.5, "averages": None}, "found no averages"),
+            ({"coherence": 0.5, "averages": 1}, "of one average every coherence is 1"),
+            ({"coherence": np.nan}, "a coherence that is no number"),
+        ],
+    )
+    def test_noise_that_is_none(self, told: dict, said: str) -> None:
+        told = {"averages": 20, **told}
+        if "coherence" in told:
+            told["coherence"] = np.full((len(HERTZ), 2), told["coherence"])
+        with pytest.raises(InputError, match=said):
+            estimate(response()[:, [0, 2]], **told)
+
+    def test_shapes_and_numbers(self) -> None:
+        found = response()[:, [0, 2]]
+        with pytest.raises(InputError, match=r"responses of shape \(118, 2\)"):
+            estimate(found, [X1], std=1.0)
+        with pytest.raises(InputError, match="coherence of shape"):
+            estimate(found, coherence=np.full(3, 0.5), averages=3)
+        with pytest.raises(InputError, match="a frequency that stands there twice"):
+            estimate(found, frequency=np.full(len(HERTZ), 5.0), std=1.0)
+        with pytest.raises(InputError, match="line 3: 10 Hz"):
+            estimate(np.where(HERTZ[:, None] == 10, np.nan, found), std=1.0)
+        with pytest.raises(InputError, match="one frequency"):
+            estimate(found[:1], frequency=HERTZ[:1], std=1.0)
+
+
+THIN = HERTZ[::4]
+
+
+def thinned() -> tuple[np.ndarray, np.ndarray]:
+    """Return every fourth line of a measurement, which a failed search takes less time over."""
+    found, coherence = averaged(np.random.default_rng(1), 20)
+    return found[::4], coherence[::4]
+
+
+class TestMistakes:
+    """Mistakes that the data can show: none is ok and far off, each is said in one line."""
+
+    def test_phases_that_count_the_other_way(self) -> None:
+        found, coherence = thinned()
+        result = estimate(found.conj(), frequency=THIN, coherence=coherence, averages=20)
+        assert result.status == "rejected"
+        assert any("set lag = true in the channels" in w for w in result.warnings)
+
+    def test_a_sensor_upside_down(self) -> None:
+        found, coherence = thinned()
+        result = estimate(found * [1, -1], frequency=THIN, coherence=coherence, averages=20)
+        assert result.status != "ok"
+        assert result.suspects[0].term == "sign[x3]"
+
+    def test_accelerances_taken_for_receptances(self) -> None:
+        found, coherence = thinned()
+        result = estimate(
+            -((2 * np.pi * THIN[:, None]) ** 2) * found,
+            frequency=THIN,
+            coherence=coherence,
+            averages=20,
+        )
+        assert result.status != "ok"
+        assert result.suspects[0].term == "derivative"
+        assert "responses of accelerations, where positions are said" in result.warnings[0]
+
+    def test_frequencies_in_another_unit_are_doubted(self) -> None:
+        """No response tells: all masses are 39 times less, and the start is all there is."""
+        found, coherence = thinned()
+        result = estimate(found, frequency=2 * np.pi * THIN, coherence=coherence, averages=20)
+        told = [w for w in result.warnings if "the frequencies of the responses" in w]
+        assert "rad/s taken for Hz" in told[0]
+
+
+FILE = """
+model = "chain.toml"
+
+[[records]]
+kind = "responses"
+{record}
+
+[channels]
+"""
+TABLE = """x1 = { input = "F", amplitude = "a1", phase = "p1", unit = "um/N", coherence = "c1" }
+a3 = { input = "F", reads = "x3''", real = "re", imag = "im", unit = "m/s^2/N", coherence = "c3" }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("responses")
+    (folder / "chain.toml").write_text(CHAIN)
+    found, coherence = averaged(np.random.default_rng(1), 20)
+    polar = [1e6 * np.abs(found[:, 0]), np.degrees(np.angle(found[:, 0])), coherence[:, 0]]
+    driven = -(OMEGA**2) * found[:, 1]
+    table = np.column_stack([HERTZ, *polar, driven.real, driven.imag, coherence[:, 1]])
+    header = "f,a1,p1,c1,re,im,c3"
+    np.savetxt(folder / "tap.csv", table, "%.15g", delimiter=",", header=header, comments="")
+    for binary in (0, 1):
+        common = {"force": (1, 1), "frequency": HERTZ}
+        sets = [
+            {"response": (1, 1), "values": found[:, 0], "quantity": 8, "unit": "m", **common},
+            {"response": (1, 1), "values": coherence[:, 0], **common},
+            {"response": (3, -3), "values": driven, "quantity": 12, "unit": "m/s^2", **common},
+            {"response": (3, -3), "values": coherence[:, 1], **common},
+        ]
+        write_responses(folder / f"tap{binary}.uff", sets, binary)
+    return folder
+
+
+def load(folder: Path, channels: str, file: str = "tap.csv", more: str = "") -> rid.Experiment:
+    table = 'frequency = { column = "f", unit = "Hz" }\n' if file.endswith("csv") else ""
+    record = f'file = "{file}"\naverages = 20\n{table}{more}'
+    (folder / "run.toml").write_text(FILE.format(record=record) + channels)
+    return rid.load_experiment(folder / "run.toml")
+
+
+def expected() -> rid.Estimate:
+    found, coherence = averaged(np.random.default_rng(1), 20)
+    both = np.column_stack([found[:, 0], -(OMEGA**2) * found[:, 1]])
+    sensors = [X1, rid.Channel("a3", "m/s^2", {"x3''": 1.0})]
+    return estimate(both, sensors, coherence=coherence, averages=20)
+
+
+def check_alike(found: rid.Estimate) -> None:
+    other = expected()
+    assert found.status == other.status == "ok"
+    for value in found.parameters:
+        assert value.value == pytest.approx(other.value(value.name), rel=1e-6)
+        assert value.std == pytest.approx(other.std(value.name), rel=1e-4)
+
+
+def identified(experiment: rid.Experiment) -> rid.Estimate:
+    return rid.identify(MODEL, experiment.records("ml"), experiment.estimator("ml"))
+
+
+class TestFiles:
+    def test_a_table(self, folder: Path) -> None:
+        check_alike(identified(load(folder, TABLE)))
+
+    @pytest.mark.parametrize("binary", [0, 1])
+    def test_universal_files(self, folder: Path, binary: int) -> None:
+        pytest.importorskip("pyuff")
+        channels = (
+            'x1 = { input = "F", column = "1+X/1+X" }\n'
+            'a3 = { input = "F", reads = "x3\'\'", column = "3-Z/1+X" }\n'
+        )
+        check_alike(identified(load(folder, channels, f"tap{binary}.uff")))
+
+    def test_inputs_are_taken_apart(self, folder: Path) -> None:
+        both = TABLE.replace('a3 = { input = "F"', 'a3 = { input = "G"')
+        first, second = load(folder, both).records("ml")
+        assert (first.names, second.names) == (("F", "x1"), ("G", "a3"))
+
+    def test_band_speed_and_lag(self, folder: Path) -> None:
+        more = 'band = ["50 Hz", "100 Hz"]\nspeed = "600 rpm"\n'
+        turned = TABLE.replace("unit", "lag = true, unit")
+        (lines,) = load(folder, turned, more=more).records("ml")
+        assert lines.frequency[[0, -1]].tolist() == [50.0, 100.0]
+        assert lines.speed[0] == pytest.approx(20 * np.pi)
+        (plain,) = load(folder, TABLE, more=more).records("ml")
+        np.testing.assert_allclose(lines.mean[:, 1:], plain.mean[:, 1:].conj(), rtol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("channel", "told"),
+        [
+            ('x1 = { input = "H", real = "re", imag = "im", unit = "m/N", std = "1 um/N" }', "'H'"),
+            ('x1 = { input = "F", real = "re", imag = "im", unit = "m/s^2/N" }', "reads = .x1''"),
+            ('x1 = { input = "F", real = "re", imag = "im" }', "no unit"),
+            ('x1 = { input = "F", real = "re", imag = "im", unit = "m/N" }', "neither std nor"),
+            ('x1 = { input = "F", real = "re", unit = "m/N" }', "imag"),
+            ('x1 = { input = "F", real = "re", imag = "im", unit = "kg" }', "'kg'"),
+            (
+                'x1 = { input = "F", real = "re", imag = "im", unit = "m/N", std = "0 m/N" }',
+                "more than 0",
+            ),
+            (
+                'x1 = { input = "F", real = "re", imag = "im", unit = "m/N", coherence = "a1" }',
+                "found a coherence of",
+            ),
+            ('x1 = { input = "F", column = "1+X/1+X", unit = "m/N" }', "a universal file"),
+            ("x1 = { input = 'F', real = 're', imag = 'im', unit = 'm/N', hold = 'none' }", "hold"),
+        ],
+    )
+    def test_refused(self, folder: Path, channel: str, told: str) -> None:
+        with pytest.raises(InputError, match=told):
+            load(folder, channel).records("ml")
+
+    def test_refused_of_universal_files(self, folder: Path) -> None:
+        pytest.importorskip("pyuff")
+        with pytest.raises(
+            InputError, match=r"no response '2\+X/1\+X'.*one of 1\+X/1\+X, 3-Z/1\+X"
+        ):
+            load(folder, 'x1 = { input = "F", column = "2+X/1+X" }', "tap0.uff").records("ml")
+        wrong = 'x3 = { input = "F", column = "3-Z/1+X", unit = "m/N" }'
+        with pytest.raises(InputError, match=r"an acceleration in the file.*reads = \"x3''\""):
+            load(folder, wrong, "tap0.uff").records("ml")
+        unit = 'x1 = { input = "F", column = "1+X/1+X", unit = "um/N" }'
+        with pytest.raises(InputError, match="where the file says"):
+            load(folder, unit, "tap0.uff").records("ml")
+
+    @pytest.mark.parametrize(
+        ("more", "told"),
+        [
+            ('fundamental = "3 Hz"', "fundamental in a table of responses"),
+            ('band = ["400 Hz", "500 Hz"]', "no line from 400 to 500 Hz"),
+            ('speed = { column = "f", unit = "rpm" }', "a column of speeds in a record of resp"),
+        ],
+    )
+    def test_keys_refused(self, folder: Path, more: str, told: str) -> None:
+        with pytest.raises(InputError, match=told):
+            load(folder, TABLE, more=more).records("ml")
+
+    def test_keys_of_responses_are_none_of_samples(self, folder: Path) -> None:
+        load(folder, TABLE)
+        text = (folder / "run.toml").read_text().replace('kind = "responses"', "")
+        (folder / "samples.toml").write_text(text)
+        with pytest.raises(InputError, match='kind = "responses"'):
+            rid.load_experiment(folder / "samples.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("averages", [5, 20])
+def test_deviations_hold(averages: int) -> None:
+    """150 tests each: errors over stated deviations, cover, and a 5 % test."""
+    errors, stated, rejected = [], [], []
+    for seed in range(150):
+        found, coherence = averaged(np.random.default_rng(seed), averages)
+        result = estimate(found, coherence=coherence, averages=averages)
+        assert result.status == "ok"
+        errors.append([v.value - TRUTH[v.name] for v in result.parameters])
+        stated.append([v.std for v in result.parameters])
+        rejected.append(result.misfit.p_value < 0.05)
+    error, std = np.array(errors), np.array(stated)
+    ratio = np.sqrt((error**2).mean() / (std**2).mean())
+    scaled = np.sqrt(((error / std) ** 2).mean())
+    assert 0.9 <= scaled <= 1.15, (ratio, scaled)
+    assert 0.93 <= (np.abs(error) < 1.959964 * std).mean() <= 0.975
+    assert 0.02 <= np.mean(rejected) <= 0.09
+
+
+class TestWindow:
+    """Lines of a Hann window hold the noise of their neighbours."""
+
+    @staticmethod
+    def averaged(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return H1 and coherence of x1 from 40 averages of force and noise through the window."""
+
+        def windowed() -> np.ndarray:
+            draw = rng.standard_normal((2, 40, len(HERTZ) + 2))
+            lines = draw[0] + 1j * draw[1]
+            return (lines[:, 1:-1] - (lines[:, 2:] + lines[:, :-2]) / 2) / np.sqrt(3)
+
+        force = windowed()
+        read = force * response()[:, 0] + NOISE * windowed()
+        auto = (np.abs(force) ** 2).sum(axis=0)
+        cross = (read * force.conj()).sum(axis=0)
+        found = (cross / auto)[:, None]
+        return found, (np.abs(cross) ** 2 / (auto * (np.abs(read) ** 2).sum(axis=0)))[:, None]
+
+    def test_it_is_said_and_every_second_line_cures_it(self) -> None:
+        found, coherence = self.averaged(np.random.default_rng(3))
+        result = estimate(found, [X1], coherence=coherence, averages=40)
+        assert any("keep every second line (every = 2)" in w for w in result.warnings)
+        thin = {"frequency": HERTZ[::2], "coherence": coherence[::2], "averages": 40}
+        result = estimate(found[::2], [X1], **thin)
+        assert not any("neighbouring lines" in w for w in result.warnings)
+
+    def test_independent_lines_are_not_suspected(self) -> None:
+        found, coherence = averaged(np.random.default_rng(3), 40)
+        result = estimate(found, coherence=coherence, averages=40)
+        assert not any("neighbouring lines" in w for w in result.warnings)
+
+    def test_every_second_line_of_a_file(self, folder: Path) -> None:
+        (lines,) = load(folder, TABLE, more="every = 2\n").records("ml")
+        assert set(lines.frequency) < set(HERTZ[::2])
+        assert len(lines.frequency) > 50  # but for lines of noise alone
