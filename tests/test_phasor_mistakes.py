@@ -172,3 +172,58 @@ def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path: Path) -> None:
     estimate = measured(tmp_path, slow)
     assert estimate.status == "ok"
     assert any("6.283 times as large (Hz taken for rad/s)" in w for w in estimate.warnings)
+
+
+@pytest.mark.parametrize(("row", "factor", "speed"), [(9, 1.1, 1.0), (4, 1.0, 10.0)])
+def test_a_row_that_is_wrong_is_found(
+    tmp_path: Path, row: int, factor: float, speed: float
+) -> None:
+    """A reading by ten per cent, a speed by a factor of ten."""
+
+    tables = iter([True, False])  # the first of two
+
+    def mistyped(rpm: np.ndarray, phasors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rpm, phasors = rpm.copy(), phasors.copy()
+        if next(tables):
+            rpm[row] *= speed
+            phasors[row] *= factor
+        return rpm, phasors
+
+    estimate = measured(tmp_path, mistyped)
+    assert estimate.status in ("rejected", "not_identifiable")
+    where = rf"first suspect: the row at {FEW[row] * speed:.6g} rpm of record 1"
+    assert re.search(where, estimate.warnings[0])
+
+
+@pytest.mark.parametrize(
+    ("std", "status", "told"),
+    [
+        ("0.1 um", "rejected", r"stated std is too small \((9|1\d)(\.\d)? times as much"),
+        ("30 um", "ok", r"the stated std is too large, 0\.0\d+ times as much would do"),
+    ],
+)
+def test_a_std_that_is_no_std_is_told(tmp_path: Path, std: str, status: str, told: str) -> None:
+    estimate = measured(tmp_path, text=TWO.replace("1 um", std))
+    assert estimate.status == status
+    assert any(re.search(told, w) for w in estimate.warnings)
+
+
+def test_one_probe_tells_phases_that_count_backward(tmp_path: Path) -> None:
+    text = TWO.replace(
+        'y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }\n', ""
+    ).replace("std =", "lag = true, std =")
+    estimate = measured(tmp_path, text=text)
+    assert estimate.status != "ok"
+    assert "lag" in [s.term for s in estimate.suspects][:3]
+
+
+def test_forces_that_are_zero_set_no_scale(tmp_path: Path) -> None:
+    """Of the shipped rotor in passive bearings only ratios follow, whatever rounding says."""
+    text = TWO.replace('"model.toml"', '"jeffcott"').split("[[records]]\n")
+    head = text[0] + "[[records]]\n" + text[1].replace("\n\n", "\n")
+    channels = "[channels]" + text[2].partition("[channels]")[2].partition("[parameters]")[0]
+    estimate = measured(tmp_path, text=head + channels)
+    assert estimate.status == "not_identifiable"
+    assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / TRUTH["m"], rel=1e-2)
+    assert any("m, c, k scale together" in w for w in estimate.warnings)
+    assert any("trial mass" in w for w in estimate.warnings)

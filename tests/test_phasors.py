@@ -274,3 +274,56 @@ def test_bad_input_is_one_line(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert re.search(message, said)
+
+
+WHIRLING = """
+title = "Rigid rotor in two different elastic bearings"
+equations = [
+  "m*x'' + 2*c*x' + (k_a + k_b)*x + KL*b = Omega^2*u*cos(phi)",
+  "m*y'' + 2*c*y' + 1.5*(k_a + k_b)*y + 1.5*KL*a = Omega^2*u*sin(phi)",
+  "I_t*a'' - Omega*I_p*b' + 1.5*KL*y + 1.5*KLL*a + d*a' = Omega^2*w*sin(phi)",
+  "I_t*b'' + Omega*I_p*a' + KL*x + KLL*b + d*b' = Omega^2*w*cos(phi)",
+]
+coordinates = { x = "m", y = "m", a = "rad", b = "rad" }
+[parameters]
+m = { unit = "kg", nominal = 9.0, positive = true }
+c = { unit = "N s/m", nominal = 30.0 }
+d = { unit = "N m s", nominal = 0.4 }
+k_a = { unit = "N/m", nominal = 1.2e5, positive = true }
+k_b = { unit = "N/m", nominal = 1.8e5, positive = true }
+L_a = { unit = "m" }
+L_b = { unit = "m" }
+I_t = { unit = "kg m^2", nominal = 0.25, positive = true }
+I_p = { unit = "kg m^2", nominal = 0.12, positive = true }
+u = { unit = "kg m" }
+w = { unit = "kg m^2" }
+""".replace("KLL", "(k_a*L_a^2 + k_b*L_b^2)").replace("KL", "(k_b*L_b - k_a*L_a)")
+
+
+@pytest.mark.parametrize("senses", [(1,), (-1,), (1, -1)])
+def test_gyroscopic_moments_follow_the_speed_of_each_row(senses: tuple[int, ...]) -> None:
+    """Two whirls of a rigid rotor in bearings that differ in x and y, solved row by row."""
+    m, c, d, k_a, k_b, l_a, l_b, i_t, i_p = 10.0, 40.0, 0.5, 1e5, 2e5, 0.2, 0.25, 0.2, 0.15
+    u, w = 2e-4, 3e-5
+    k, kl, kll = k_a + k_b, k_b * l_b - k_a * l_a, k_a * l_a**2 + k_b * l_b**2
+    stiffness = np.array(
+        [[k, 0, 0, kl], [0, 1.5 * k, 1.5 * kl, 0], [0, 1.5 * kl, 1.5 * kll, 0], [kl, 0, 0, kll]]
+    )
+    speeds = np.concatenate([s * np.linspace(60.0, 400.0, 30) for s in senses])
+    phasors = []
+    for speed in speeds:
+        turning = np.zeros((4, 4))
+        turning[2, 3], turning[3, 2] = -speed * i_p, speed * i_p
+        damping = np.diag([2 * c, 2 * c, d, d]) + turning
+        dynamic = stiffness + 1j * speed * damping - speed**2 * np.diag([m, m, i_t, i_t])
+        # cos phi is Re exp(i phi), sin phi is Re(-i exp(i phi)), whichever way phi runs.
+        load = speed**2 * np.array([u, -1j * u, -1j * w, w])
+        phasors.append(np.linalg.solve(dynamic, load))
+    units = {"x": "m", "y": "m", "a": "rad", "b": "rad"}
+    channels = [rid.Channel(name, unit) for name, unit in units.items()]
+    lines = phasor_lines(channels, speeds, phasors, [1e-7, 1e-7, 1e-7, 1e-7])
+    known = {"L_a": l_a, "L_b": l_b, "m": m}
+    estimate = rid.identify(rid.parse_model(WHIRLING), lines, rid.MaximumLikelihood(fixed=known))
+    assert estimate.status == "ok"
+    truth = {"c": c, "d": d, "k_a": k_a, "k_b": k_b, "I_t": i_t, "I_p": i_p, "u": u, "w": w}
+    assert {n: estimate.value(n) for n in truth} == pytest.approx(truth, rel=1e-6)

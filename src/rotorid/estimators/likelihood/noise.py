@@ -13,6 +13,11 @@ FLOOR = 1e-9
 """Least deviation of a mean line, relative to the size of its channels: rounding and no more."""
 
 
+NOTHING = 1e-20
+"""Size of channels that are all exactly zero, forces in passive bearings, in SI: with a floor that
+any machine would notice, one of a vanishing scale would fit best."""
+
+
 @dataclass(frozen=True)
 class Noise:
     """Covariance C = F F^H of the mean lines.
@@ -61,7 +66,7 @@ def _floor(data: Complexes, inputs: int) -> Floats:
     for part in (slice(0, inputs), slice(inputs, None)):
         kind = size[part]
         kind[kind < 1e-6 * kind.max(initial=0.0)] = kind.max(initial=0.0)
-    return FLOOR * np.where(size > 0, size, 1.0)
+    return FLOOR * np.where(size > 0, size, NOTHING)
 
 
 def _factor(matrices: Complexes, floor: Floats) -> Complexes:

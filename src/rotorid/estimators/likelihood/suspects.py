@@ -217,7 +217,9 @@ class _Search:
         """Return what was found, what leaves the least cost first."""
         scored = [*self.scored(self.options()), *self.shifted()]
         scored.sort(key=lambda pair: -pair[1].drop)
-        found = [f for option, _ in scored[:FIRST] for f in self.freed(option)]
+        # Of a table first: a negative damping may explain as well that phases count backward.
+        found = [f for lead in table_leads(self.case, self.gross) for f in self.followed(lead)]
+        found += [f for option, _ in scored[:FIRST] for f in self.freed(option)]
         found += self.mistaken_modes()
         if any(self.explained(finding) for finding in found) or not self.gross:
             found += [f for option, _ in scored[FIRST:REFITTED] for f in self.freed(option)]
@@ -331,10 +333,6 @@ class _Search:
         if not records:
             return []
         found: list[Finding] = []
-        for lead in table_leads(records):  # few, and a negative damping screens as well as theirs
-            found += self.followed(lead)
-            if any(self.explained(finding) for finding in found):
-                return found
         level = screened(prepared, records)
         tries: list[tuple[float, _Follow]] = []
         for wanted, changed, follow in self._trials():

@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorid.estimators.likelihood.leads import SPEEDS, Lead
 from rotorid.estimators.likelihood.nuisances import Unknown
+from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.response_leads import is_response
 from rotorid.estimators.likelihood.unknowns import Layout
 from rotorid.lines import Lines, PhasorClock
@@ -23,6 +24,8 @@ from rotorid.units import dimension_of
 FAR = 30.0
 """Factor by which a stiffness is off its start, at least, before the unit of speed is doubted: of
 the units that are mistaken, rad/s for Hz changes it least, by 39."""
+FORGOTTEN = 1e12
+"""Factor on the covariance of a row that takes no part any more."""
 NEAR = 3.0
 """Factor within which the answer lies about its start once the unit is put right."""
 SURE = 1000.0
@@ -35,11 +38,37 @@ def is_table(record: Observation) -> bool:
     return isinstance(record.lines.clock, PhasorClock)
 
 
-def table_leads(records: Sequence[Observation]) -> list[Lead]:
-    """Return what may be mistaken in the tables among some records."""
-    tables = [record for record in records if is_table(record)]
+def table_leads(case: Case, gross: bool) -> list[Lead]:
+    """Return what may be mistaken in the tables among some records; of all rows where `gross`."""
+    tables = [record for record in case.records if is_table(record)]
     if not tables:
         return []
+    rows = [_row(case)]
+    return [*rows, *_of_all_rows(tables)] if gross else rows
+
+
+def _row(case: Case) -> Lead:
+    """Return the lead that the row with the largest misfit is wrong."""
+    tables = [k for k, record in enumerate(case.records) if is_table(record)]
+    number = max(tables, key=lambda k: float(case.point.records[k].line_costs.max()))
+    row = int(case.point.records[number].line_costs.argmax())
+
+    def undo(records: Sequence[Observation]) -> list[Observation]:
+        record = records[number]
+        matrices = record.lines.covariance.matrices.copy()
+        matrices[row] *= FORGOTTEN
+        covariance = replace(record.lines.covariance, matrices=matrices)
+        changed = record.with_lines(replace(record.lines, covariance=covariance))
+        return [*records[:number], changed, *records[number + 1 :]]
+
+    speed = float(case.records[number].lines.speed[row])
+    where = f" of record {number + 1}" if len(case.records) > 1 else ""
+    said = f"the row at {speed * 30 / np.pi:.6g} rpm{where}"
+    return Lead("row", said, "check its speed and its readings, or leave it out", undo)
+
+
+def _of_all_rows(tables: Sequence[Observation]) -> list[Lead]:
+    """Return what may be mistaken in every row alike."""
     names = [s.channel.name for s in tables[0].sensors]
     cure = "set lag = true in their channels, or take it out where it stands"
     degrees = 'set phase_unit = "rad" in the channels'
@@ -143,7 +172,7 @@ def scale_of_time(
     if not at:
         return None
     power = np.array([powers[i] for i in at])
-    ratio = np.log(unknowns[at] / layout.start[at])
+    ratio = np.log(np.maximum(unknowns[at] / layout.start[at], 1e-300))
     if np.abs(ratio * 2 / power).max() < np.log(FAR):
         return None
     off = {said: float(np.abs(ratio + power * np.log(f)).max()) for said, f in SPEEDS.items()}

@@ -13,7 +13,7 @@ from rotorid.estimators.gate import Verdict
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
 from rotorid.estimators.likelihood.response_leads import growing_mode, lines_alike
-from rotorid.estimators.likelihood.table_leads import scale_of_time
+from rotorid.estimators.likelihood.table_leads import is_table, scale_of_time
 from rotorid.models import Model
 from rotorid.observation import Observation
 
@@ -27,6 +27,8 @@ CLOSED = 0.1
 closed loop (a levitated rotor has .4)."""
 MISFIT = 1e-3
 """The p-value below which what neighbouring lines have in common may be the model's error."""
+ORDERLY = 3.0
+"""Deviations of a correlation from row to row beyond which rows are not independent."""
 BLOCKS = 8
 """Parts of a record whose scatter is told beside the stated deviations."""
 
@@ -44,7 +46,8 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
         grows = growing_mode(layout, at, fit.covariance, fit.records)
         total += Verdict(faults=() if grows is None else (grows,))
-    return total + Verdict(doubts=tuple((*_too_good(fit), *_few_periods(fit), *_alike(fit))))
+    doubts = (*_too_good(fit), *_few_periods(fit), *_scattered(estimate, fit), *_alike(fit))
+    return total + Verdict(doubts=tuple(doubts))
 
 
 def _alike(fit: Fit) -> Iterator[str]:
@@ -102,11 +105,39 @@ def _too_good(fit: Fit) -> Iterator[str]:
     if not fit.records:  # measured modes alone: their deviations are what the user stated
         return
     if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
+        if all(record.lines.covariance.kind == "stated" for record in fit.records):
+            yield (
+                f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected: the stated std "
+                f"is too large, {np.sqrt(cost / expectation.mean):.2g} times as much would do, and "
+                "deviations are too wide"
+            )
+            return
         yield (
             f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
             "chance: the scatter that was taken for noise holds more than noise (settling, drift, "
             "motion that carries over between periods), and deviations are too wide; skip more, "
             "record longer, or look at the record with rotorid inspect"
+        )
+
+
+def _scattered(estimate: Estimate, fit: Fit) -> Iterator[str]:
+    """Say where what is left of rejected tables has no order: then noise was understated."""
+    if estimate.status != "rejected" or not all(is_table(record) for record in fit.records):
+        return
+    order, count = 0.0, 0.0
+    for at in fit.solution.point.records:
+        left = at.problem.data - at.corrected()[0]
+        size = np.sqrt((np.abs(left) ** 2).mean(axis=0))
+        left = left[:, size > 0] / size[size > 0]
+        order += float((left[1:] * left[:-1].conj()).real.sum())
+        count += left[1:].size
+    # Independent rows give a correlation of zero within 1 / sqrt(2 numbers).
+    if abs(order) < ORDERLY * np.sqrt(count / 2):
+        times = np.sqrt(fit.solution.point.cost / fit.inference.expectation.mean)
+        yield (
+            "what the model leaves has no order from row to row: perhaps it is noise, and the "
+            f"stated std is too small ({times:.2g} times as much would do), or the speeds are "
+            "rounded"
         )
 
 
