@@ -48,6 +48,16 @@ def test_encoder_counts_leave_no_staircase(angle: np.ndarray, sign: int) -> None
     assert found.angle_std < 0.1 * np.pi / 1024
 
 
+def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated() -> None:
+    """Three turns in 200 samples: pulses fall at three places of a sample, a third of it apart."""
+    rate, hz = 1e4, 150.0
+    rises = np.floor((np.arange(1, 600) - 0.2837) / hz * rate) / rate
+    half = np.full(len(rises), 0.5 / rate)
+    found = keyphasor_angle(rises + half, 40000, rate, half=half)
+    width = 2 * np.pi * hz / rate / 3
+    assert found.angle_std == pytest.approx(width / np.sqrt(12), rel=0.06)
+
+
 def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
     """At 100 Hz and 5 kHz every edge falls at the same place between two samples."""
     time = np.arange(25_000) / 5000.0
