@@ -21,6 +21,7 @@ import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.estimators.by_samples import CLEAR, LOWER, MOVED
 from rotorid.estimators.sampled import NOISY, SLOW, SampledRegression
+from rotorid.filtered import SPILLED
 from rotorid.observation import bind
 
 
@@ -152,6 +153,43 @@ def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
     # An axis that merely turns round is not at rest.
     turning = rid.identify(AXIS, rid.filtered(axis(np.random.default_rng(0)), 40.0), "ls")
     assert "at rest" not in {c.check for c in turning.checks}
+
+
+def test_how_much_may_lie_on_what_is_left_out() -> None:
+    """A sample is used where less than a tenth of its weight lies where the condition is met."""
+    record = quiet_axis()
+    low = rid.filtered(record, 40.0, leave_out=["abs(q') < 20 mm/s"])
+    velocity = low.inner.apply(record.samples[:, 1:], 1)[:, 0]
+    met = np.abs(velocity) < 0.02
+    spilled = low.outer.apply(met.astype(float)[:, None])[:, 0]
+    assert not met[low.used].any()
+    assert 0.09 < spilled[low.used].max() <= 0.1 == SPILLED
+
+
+@pytest.mark.parametrize("varying", [False, True])
+def test_rotation_of_any_course(varying: bool) -> None:
+    """Unbalance by the measured angle, at a speed that changes by a tenth."""
+    model, rng, rate = rid.load_model("jeffcott"), np.random.default_rng(0), 5000.0
+    x, y = (motion(rng, 4.0, rate, (1.0, 60.0), 1e-4) for _ in range(2))
+    time = np.arange(len(x[0])) / rate
+    speed = 2 * np.pi * 40.0 * (1 + 0.1 * varying * np.sin(2 * np.pi * 0.3 * time))
+    phi = np.cumsum(speed) / rate
+    truth = {"m": 5.0, "c": 500.0, "k": 4e5, "m*xi": 1e-4, "m*zeta": -5e-5}
+    pull = (1e-4 + -5e-5j) * np.exp(1j * phi) * speed**2
+    forces = [
+        5.0 * q[2] + 500.0 * q[1] + 4e5 * q[0] - part
+        for q, part in ((x, pull.real), (y, pull.imag))
+    ]
+    samples = np.column_stack([*forces, x[0], y[0]])
+    samples[:, :2] += rng.standard_normal((len(time), 2))
+    channels = [rid.Channel(name, "N") for name in ("F_x", "F_y")]
+    channels += [rid.Channel(name, "m") for name in ("x", "y")]
+    record = rid.Record(channels, samples, rate, float(speed.mean()), angle=phi)
+    found = rid.identify(model, rid.filtered(record, 300.0), "ls")
+    assert found.status == "ok"
+    assert np.abs(pulls(found, truth)).max() < 4
+    assert found.std("m*xi") < 1e-6
+    assert "speed" not in {c.check for c in found.checks}
 
 
 @pytest.mark.parametrize(("creep", "rests"), [(0.8, True), (1.3, False)])

@@ -10,6 +10,7 @@ from sampled_bank import AXIS_TRUE, axis
 
 import rotorid as rid
 from rotorid.cli import run
+from rotorid.experiment.draft import ABOVE_MOTION
 from rotorid.io import Source
 
 FILE = """
@@ -101,6 +102,25 @@ def test_what_a_file_cannot_say(
     assert told.count("\n") == 1
     with pytest.raises(AssertionError, match=message):
         raise AssertionError(told)
+
+
+def test_a_draft_for_a_nonlinear_model_gives_a_cutoff(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the logger's file to the answer; the motion goes up to 2.5 Hz."""
+    record = axis(np.random.default_rng(0))
+    time = np.arange(len(record.samples)) / 1000.0
+    table = np.column_stack([time, record.samples])
+    header = "t [s],F [N],q [m]"
+    np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.10g")
+    out = folder / "draft.toml"
+    assert run(["new", str(folder / "log.csv"), "--model", "emps", "--out", str(out)]) == 0
+    (entry,) = rid.load_experiment(out).entry.records
+    assert 10.0 < (entry.cutoff or 0.0) <= 40.0
+    assert ABOVE_MOTION == 10.0
+    assert run(["identify", str(out), "--json", str(folder / "found.json")]) == 0
+    assert rid.load_estimate(folder / "found.json").value("M") == pytest.approx(95.0, rel=0.01)
+    capsys.readouterr()
 
 
 PENDULUM = '''

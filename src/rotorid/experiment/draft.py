@@ -30,6 +30,9 @@ _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist\w*|noise|chirp|sweep|inj\w*|add\w*)(_|\d|$)", re.I
 )
 _DRIVES = ("N", "N m", "A", "V")
+_MOTIONS = ("m", "rad")
+ABOVE_MOTION = 10.0
+"""Cut-off of a draft over the highest frequency of the motion: friction bends above that."""
 _EXCITED = 0.03  # of the largest line: what stands above it was excited
 _MOST_LINES = 30  # that are listed; more make a band
 
@@ -167,7 +170,7 @@ def _record(run: _Run, model: Model | None, folder: Path) -> tomlkit.items.Table
         entry["files"] = names
     _say_clock(entry, run.clock, len(run.columns[0].values))
     _say_rotation(entry, run, model)
-    _say_lines(entry, run)
+    _say_lines(entry, run, model)
     return entry
 
 
@@ -218,13 +221,16 @@ def turns(model: Model) -> bool:
     return any("Omega" in text or "phi" in text for text in model.texts)
 
 
-def _say_lines(entry: tomlkit.items.Table, run: _Run) -> None:
+def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
     """Write the period, and the lines that stand above the others."""
     sources = run.driving() or run.channels()
     found = [(c, p) for c in sources if (p := find_period(c.values))]
     rate = None if run.clock.rate is None else run.clock.rate.hertz
     if not found:
-        _say_whole_record(entry, run, rate)
+        if model is not None and model.linear is None:
+            _say_filter(entry, run, rate)
+        else:
+            _say_whole_record(entry, run, rate)
         return
     column, period = max(found, key=lambda pair: pair[1].correlation)
     told = f"found in {column.name}, correlation {period.correlation:.3g}"
@@ -263,6 +269,21 @@ def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None)
         entry.add(
             tomlkit.comment('quiet = "..": a record without it; else the inputs hold no noise')
         )
+
+
+def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
+    """Write the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
+    entry["cutoff"] = OPEN
+    told = (
+        "no period found, and the model is not linear: five to ten times the motion's frequencies"
+    )
+    moving = [c for c in run.channels() if c.unit and any(converts(c.unit, u) for u in _MOTIONS)]
+    if rate is not None and moving:
+        column = max(moving, key=lambda c: float(np.ptp(c.values)))
+        highest = _excited_band(column.values, rate)[1]
+        entry["cutoff"] = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"
+        told += f", {highest:.3g} Hz in {column.name}"
+    entry["cutoff"].comment(told)
 
 
 def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:

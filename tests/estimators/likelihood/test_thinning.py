@@ -1,12 +1,14 @@
 """Few lines lead to the minimum of many."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
 from rotorid.estimators.likelihood import thinning
-from rotorid.estimators.likelihood.response import _motion
+from rotorid.estimators.likelihood.response import SINGULAR, _motion
 from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
 from rotorid.observation import bind
 
@@ -79,5 +81,10 @@ def test_a_rotor_that_floats_at_dc() -> None:
         found = _motion(stiffness[first:], right[first:])
         for z, f, q in zip(stiffness[first:], right[first:], found, strict=True):
             np.testing.assert_allclose(q, np.linalg.lstsq(z, f)[0], rtol=1e-9)
+    for share, asked in ((0.5, 0), (2.0, 1)):  # of SINGULAR: |Z| |q| / |f| of a line
+        with patch.object(np.linalg, "lstsq", wraps=np.linalg.lstsq) as least:
+            _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.array([[0.0, 1.0 + 0j]]))
+        assert least.call_count == asked
+    assert SINGULAR == 1e10
     wide = _motion(stiffness[2:, :2], right[2:, :2])
     np.testing.assert_allclose(wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2])[0])
