@@ -2,7 +2,7 @@
 
     python docs/make_faults.py [--runs N] [--jobs N] [FAULT ...]
 
-With names of faults it prints their rows and leaves the page alone.
+With names of faults it runs these again and leaves the other rows of the page as they are.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def row(fault: Fault, answers: list[Answer]) -> str:
     """Return a row of the table: the worst of the answers stands for all."""
     order = ("wrong", "none", "not named", "named", "said", "right")
     worst = min(answers, key=lambda a: (order.index(a.kind), -np.nan_to_num(a.error)))
-    error = "" if np.isnan(worst.error) else f"{worst.error:.3g} ({worst.worst})"
+    error = "" if np.isnan(worst.error) else f"{worst.error:.3g}"
     said = "; ".join(text.replace("|", "/")[:70] for text in worst.said[:2])
     kind = f"**{worst.kind}**" if worst.kind == "wrong" else worst.kind
     cells = (fault.name, fault.what, fault.shown, fault.rig, fault.wanted, kind, worst.status)
@@ -152,18 +152,30 @@ def table(names: list[str], runs: int, jobs: int) -> dict[str, list[Answer]]:
     return found
 
 
-def moving(found: dict[str, list[Answer]]) -> str:
-    """Say how many faults matter: they move a parameter far, or make the record be refused."""
-    far = {
-        name: answers
-        for name, answers in found.items()
-        if all(a.status == "refused" or a.error > WRONG for a in answers)
-    }
-    named = [name for name, answers in far.items() if all(a.kind == "named" for a in answers)]
-    refused = [n for n, answers in far.items() if all(a.status == "refused" for a in answers)]
+def cells_of(line: str) -> list[str]:
+    """Return the cells of a row."""
+    return [cell.strip() for cell in line.split("|")[1:-1]]
+
+
+def page_rows() -> dict[str, str]:
+    """Return the rows of the page as it is, by fault."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    return {cells_of(x)[0]: x for x in lines if x.startswith("| ") and cells_of(x)[0] in FAULTS}
+
+
+def summary(rows: dict[str, str]) -> str:
+    """Say how many faults there are of each answer, and how many of them matter."""
+    kinds = {name: cells_of(line)[5].strip("*") for name, line in rows.items()}
+    counts = ", ".join(
+        f"{list(kinds.values()).count(kind)} {kind}" for kind in dict.fromkeys(kinds.values())
+    )
+    refused = [name for name, line in rows.items() if cells_of(line)[6] == "refused"]
+    far = [n for n, line in rows.items() if float(cells_of(line)[7] or 0) > WRONG]
+    named = sum(kinds[name] == "named" for name in (*refused, *far))
     return (
-        f"{len(far)} faults are refused ({len(refused)}) or move some parameter by more than "
-        f"{WRONG:g} deviations in every record; {len(named)} of these are named in every one."
+        f"Of {len(rows)} faults, the worst answer of each: {counts}. {len(refused)} are refused "
+        f"and {len(far)} move some parameter by more than {WRONG:g} deviations in that answer, "
+        f"were it believed; {named} of these {len(refused) + len(far)} are named."
     )
 
 
@@ -176,15 +188,11 @@ def main() -> None:
     options = parser.parse_args()
     names = options.faults or list(FAULTS)
     found = table(names, options.runs, options.jobs)
-    rows = [row(FAULTS[name], answers) for name, answers in found.items()]
-    if options.faults:
-        print("\n".join(rows))
-        return
-    kinds = [answer.kind for answers in found.values() for answer in answers]
-    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    summary = f"Of {len(kinds)} records with {len(names)} faults: {counts}. {moving(found)}"
-    head = HEAD.format(runs=options.runs, first=FIRST, wrong=WRONG, summary=summary)
-    PAGE.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
+    kept = page_rows() if options.faults else {}
+    rows = {**kept, **{name: row(FAULTS[name], answers) for name, answers in found.items()}}
+    rows = {name: rows[name] for name in FAULTS if name in rows}
+    head = HEAD.format(runs=options.runs, first=FIRST, wrong=WRONG, summary=summary(rows))
+    PAGE.write_text(head + "\n".join(rows.values()) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ does not predict its own record, and where blocks of the record contradict one a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -241,17 +241,27 @@ def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Verdict:
     return total
 
 
-def agreement(names: Sequence[str], halves: Floats, std: Floats) -> Verdict:
-    """Judge whether halves of the record agree; `halves` (half, parameter) are deviations."""
+def agreement(
+    names: Sequence[str], halves: Floats, std: Floats, turning: Collection[str] = ()
+) -> Verdict:
+    """Judge whether halves of the record agree; `halves` (half, parameter) are deviations.
+
+    `turning`: names of what turns with the rotor, and so with the angle that was stated.
+    """
     known = std > 0
     apart = np.abs(halves[0] - halves[1])[known] / (2 * std[known])
     if not apart.size or not np.isfinite(apart).all() or apart.max() <= APART:
         return Verdict()
-    worst = np.flatnonzero(known)[int(apart.argmax())]
+    worst = names[np.flatnonzero(known)[int(apart.argmax())]]
+    look = (
+        "the speed is not the one stated, or wanders; correct it, or measure the angle (encoder or "
+        "keyphasor)"
+        if worst in turning
+        else "something changed while it was taken; look for settling, drift or a knock (rotorid "
+        "inspect), or identify the halves apart"
+    )
     return Verdict(
         faults=(
-            f"the halves of the record differ by {apart.max():.3g} deviations in {names[worst]}: "
-            "something changed while it was taken; look for settling, drift or a knock "
-            "(rotorid inspect), or identify the halves apart",
+            f"the halves of the record differ by {apart.max():.3g} deviations in {worst}: {look}",
         )
     )

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import along_relations
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.tangent import RANK
+from rotorid.lines import PeriodicClock
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
 
@@ -20,13 +23,15 @@ LEAST_PERIODS = 4
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
     """Return how the free unknowns of each part of the periods differ, (part, free).
 
-    The change of the mean residual over the periods of a part, taken back through the Jacobian.
+    The change of the mean residual over the periods of a part, its loads by the rotor angle in that
+    part, taken back through the Jacobian.
     ``None`` where a record has too few periods.
     """
     if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
         return None
     columns = [
-        _changes(record, at, parts) for record, at in zip(records, point.records, strict=True)
+        _changes(record, at, parts) + _turned(point, number, record, parts)
+        for number, (record, at) in enumerate(zip(records, point.records, strict=True))
     ]
     relations = np.zeros((len(point.known), parts))
     changes = np.concatenate([*columns, relations])
@@ -43,3 +48,28 @@ def _changes(record: Observation, at: Evaluation, parts: int) -> Floats:
     mean = every.mean(axis=0)
     means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
     return at.stacked(np.stack(means, axis=2))
+
+
+def _turned(point: Point, number: int, record: Observation, parts: int) -> Floats:
+    """Return the change that the loads make in each part, (real equation, part).
+
+    Where the rotation is not synchronous with the periods they turn from part to part, as the data
+    do if the speed is the one stated.
+    """
+    at, clock = point.records[number], record.lines.clock
+    changes = np.zeros((len(at.residual), parts))
+    if not isinstance(clock, PeriodicClock) or len(clock.grid(timed=False)[0]) == 1:
+        return changes
+    whole = at.problem
+    for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
+        shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
+        lines = replace(record.lines, clock=shorter)
+        own = assemble(point.problem.layout, record.with_lines(lines), number)
+        if own.load.shape != whole.load.shape:
+            return np.zeros_like(changes)
+        moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.mu
+        read = own.calibration.at(at.unknowns).readings - at.state.readings
+        rows = -(at.plain @ read[:, :, None])[:, :, 0]
+        rows[:, : whole.rows] += moved
+        changes[:, k] = at.whiten(rows[:, :, None])[:, 0]
+    return changes

@@ -40,7 +40,8 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
     if estimate.status in ("ok", "rejected"):
         halves = answers_of_parts(fit.solution.point, fit.records, 2)
         if halves is not None:
-            total += gate.agreement(free, halves, std)
+            turning = {fit.prepared.layout.unknowns[i].name for i in fit.problem.affine}
+            total += gate.agreement(free, halves, std, turning)
     total += _time(fit)
     if fit.solution.converged and not fit.inference.null.shape[1]:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
