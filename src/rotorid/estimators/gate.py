@@ -254,8 +254,8 @@ def agreement(
         return Verdict()
     worst = names[np.flatnonzero(known)[int(apart.argmax())]]
     look = (
-        "the speed is not the one stated, or wanders; correct it, or measure the angle (encoder or "
-        "keyphasor)"
+        "the speed is not the one stated, or wanders; state it to the last digit, or measure the "
+        "angle (encoder or keyphasor)"
         if worst in turning
         else "something changed while it was taken; look for settling, drift or a knock (rotorid "
         "inspect), or identify the halves apart"
