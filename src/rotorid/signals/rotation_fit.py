@@ -263,7 +263,7 @@ def _slopes(readings: Readings, spline: BSpline, noise: float) -> tuple[Floats, 
     return score, np.where(plain, 1.0, np.clip(curvature, 0.0, 1.0))
 
 
-def _offset(readings: Readings, spline: interpolate.BSpline, noise: float) -> tuple[float, float]:
+def _offset(readings: Readings, spline: BSpline, noise: float) -> tuple[float, float]:
     """Return mean and deviation of the offset that the readings leave, whatever their noise.
 
     Noises that explain the readings as well as the likeliest one cannot be told apart. They differ
