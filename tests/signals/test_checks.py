@@ -460,6 +460,7 @@ def rotating(hertz: float, y_phase: float, y_size: float = 1.0) -> Record:
 def test_a_tone_that_goes_round_is_the_rotation(hertz: float) -> None:
     """Square to one another in x and y: an orbit. In phase: hum."""
     assert (np.radians(20.0), 2.0) == (checks_rotation.SQUARE, checks_rotation.ROUND)
+    assert checks_rotation.CLEAR == 1e4
     for phase, size, verdict in (
         (np.pi / 2, 1.0, "warning"),
         (-np.pi / 2, 1.9, "warning"),
@@ -471,3 +472,11 @@ def test_a_tone_that_goes_round_is_the_rotation(hertz: float) -> None:
     ):
         (found,) = [c for c in told(rotating(hertz, phase, size)) if c.check == "speed"]
         assert found.verdict == verdict, (phase, size)
+
+
+def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stands out less than clearly stays a note."""
+    record = rotating(110.3, np.pi / 2)
+    monkeypatch.setattr(checks_rotation, "CLEAR", 1e9)
+    (found,) = [c for c in told(record) if c.check == "speed"]
+    assert found.verdict == "note"

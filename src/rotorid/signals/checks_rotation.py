@@ -54,6 +54,10 @@ ROUND = 2.0
 """Ratio of the axes up to which an orbit is one of a rotor, on bearings that are alike in x and y
 to a factor of two or so."""
 
+CLEAR = 1e4
+"""Power of a tone over the median from which on an orbit is the rotation: a light mode that random
+forces drive goes round too, and stands 200 to 1000 times above."""
+
 ON_GRID = 1e-3
 """Turns in a period, off a whole number, up to which a tone stands on the grid: 2 Hz in 2 kHz."""
 
@@ -238,7 +242,8 @@ def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[C
     order = [t for t in found if not _is_order(t.frequency, given, width)]
     if not order:
         return []
-    hidden = _hidden(periods, given, width) and not _orbits(record, periods, order[0])
+    orbits = order[0].strength > CLEAR and _orbits(record, periods, order[0])
+    hidden = _hidden(periods, given, width) and not orbits
     return [_told(order, given, hidden)]
 
 

@@ -252,7 +252,11 @@ def check_drift(periods: PeriodicRecord) -> list[Check]:
     floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
     strength = (np.abs(slope) ** 2 / np.maximum(variance, floor)).mean(axis=0)
     lines = periods.spectra.shape[1]
-    limit = max(DRIFT**2 / lines, f_limit(FALSE_ALARM, 2 * min(lines, MOST_DIRECTIONS), 8))
+    freedom = 2 * min(lines, MOST_DIRECTIONS)
+    limit = max(DRIFT**2 / lines, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
+    rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
+    if rest is not None and (strength > limit).any() and (rest <= limit).all():
+        return [_creeping(periods, ratio)]
     found = []
     for c in np.flatnonzero(strength > limit):
         k = int(np.argmax(np.abs(slope[:, c])))
@@ -267,6 +271,32 @@ def check_drift(periods: PeriodicRecord) -> list[Check]:
     return found
 
 
+def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
+    """Return the mean over lines without that of the rotation, (channel,); None without one."""
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    others = np.abs(periods.harmonics - turns) >= 0.5
+    if not periods.speed or others.all() or not others.any():
+        return None
+    return np.asarray(ratio[others].mean(axis=0))
+
+
+def _creeping(periods: PeriodicRecord, ratio: Floats) -> Check:
+    """Say that the line of the rotation alone changes slowly."""
+    hertz = abs(periods.speed) / (2 * np.pi)
+    worst = int(np.argmax(ratio.max(axis=0)))
+    text = (
+        f"the line of the rotation, {hertz:g} Hz, changes slowly and no other does: the speed is "
+        "not quite the one stated; give it to more digits, or measure the angle (encoder or "
+        "keyphasor)"
+    )
+    return Check("speed", periods.names[worst], text, "warning")
+
+
+def _beside(count: int) -> list[int]:
+    """Return the lines of the whole record beside a kept one that tell its slow noise."""
+    return [j % count for m in range(2, min(7, count // 2)) for j in (m, -m)]
+
+
 def _slow_variance(left: Complexes) -> Floats:
     """Return the variance of a period's lines as far as it is slow, shape (line, channel).
 
@@ -274,7 +304,6 @@ def _slow_variance(left: Complexes) -> Floats:
     left out: noise that carries over from period to period is larger there than the scatter.
     """
     count = len(left)
-    offsets = [j % count for m in range(2, min(7, count // 2)) for j in (m, -m)]
-    beside = np.fft.fft(left, axis=0)[offsets]
+    beside = np.fft.fft(left, axis=0)[_beside(count)]
     near = (np.abs(beside) ** 2).mean(axis=0) / count
     return np.asarray(np.maximum(near, (np.abs(left) ** 2).mean(axis=0)))

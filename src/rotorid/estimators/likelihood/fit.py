@@ -20,6 +20,7 @@ from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.solver import Solution, solve
 from rotorid.estimators.likelihood.thinning import thinned
+from rotorid.estimators.likelihood.turning import Creep, creeps
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -42,6 +43,8 @@ class Fit:
         With the covariance that was chosen.
     doubt : Doubt
         Why the minimum may not be the answer.
+    creeps : sequence of Creep or None
+        How the rotation of each record moves against its angle.
     """
 
     prepared: Prepared
@@ -49,6 +52,7 @@ class Fit:
     inference: Inference
     records: tuple[Observation, ...]
     doubt: Doubt = field(default_factory=Doubt)
+    creeps: tuple[Creep | None, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -86,12 +90,33 @@ def fit(
         if any(new is not old for new, old in zip(chosen, records, strict=True)):
             records = chosen
             solution, inference = _solve(prepared, records, solution.point.unknowns, (0.0,))
+    crept = creeps(solution.point, records)
+    if any(c is not None and c.creeps for c in crept):
+        records = [_less_sure(record, c) for record, c in zip(records, crept, strict=True)]
+        prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
+        solution, inference = _solve(prepared, records, _carried(prepared, solution), (0.0,))
     doubt = Doubt()
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if solution.converged and explained(solution, inference):
         start, problem = prepared.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference)
-    return Fit(prepared, solution, inference, tuple(records), doubt)
+    return Fit(prepared, solution, inference, tuple(records), doubt, crept)
+
+
+def _carried(prepared: Prepared, solution: Solution) -> Floats:
+    """Return the start of further unknowns, and the minimum found of those that were there."""
+    start, layout = prepared.layout.start.copy(), solution.point.problem.layout
+    for unknown, value in zip(layout.unknowns, solution.point.unknowns, strict=True):
+        start[prepared.layout.index[unknown.name]] = value
+    return start
+
+
+def _less_sure(record: Observation, creep: Creep | None) -> Observation:
+    """Return a record whose angle is known no better than by its creep."""
+    if creep is None or not creep.creeps:
+        return record
+    std = float(np.hypot(record.lines.phase_std, creep.angle))
+    return record.with_lines(replace(record.lines, phase_std=std))
 
 
 def _refuse_silence(records: Sequence[Observation]) -> None:

@@ -226,14 +226,18 @@ class Trial:
     def left_open(self, record: Observation, number: int) -> int:
         """Return how many directions would stay open with one more record like this."""
         null, scale, free = self.inference.null, self.inference.scale, self.layout.free
-        likelihood = simulated(self.layout, record, self.point.unknowns, number)
-        jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
-        with np.errstate(over="ignore"):
-            size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
-        if size == 0 or not np.isfinite(size):  # an answer astray says nothing of others
-            return int(null.shape[1])
+        nothing = int(null.shape[1])
+        try:  # an answer astray says nothing of other records
+            with np.errstate(all="ignore"):
+                likelihood = simulated(self.layout, record, self.point.unknowns, number)
+                jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
+                size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
+        except np.linalg.LinAlgError:
+            return nothing
+        if size == 0 or not np.isfinite(size):
+            return nothing
         effect = np.linalg.svd(jacobian @ null / size, compute_uv=False)
-        return int(null.shape[1]) - int((effect > SHRINKS).sum())
+        return nothing - int((effect > SHRINKS).sum())
 
 
 def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:

@@ -36,6 +36,8 @@ TAKEN = 3.0
 """Stated deviations so many times smaller than the noise-free response gives are noise."""
 TAKEN_ABOUT = 10.0
 """The same about the start, where a machine that differs may be that much less informed."""
+SLIGHT = 0.01
+"""Predicted deviation, as a share of the value, up to which `TAKEN_ABOUT` is asked instead."""
 BY_NOISE = 0.3
 """Part of the information along a direction that the noise of the inputs accounts for on average,
 from which on it may as well be all of it: of a dozen lines chance makes it three times as much."""
@@ -206,7 +208,10 @@ class _Asked:
     def doubt(self, inference: Inference) -> Doubt:
         """Ask whether noise was taken for information, and whether the deviations hold."""
         problem, unknowns, stated = self.problem, self.point.unknowns, self.stated
-        taken = predicted_deviations(problem, unknowns) > TAKEN * stated
+        predicted, free = predicted_deviations(problem, unknowns), problem.layout.free
+        # A resonance beside a line may well be seen sharper than from the measured forces alone.
+        slight = self.rigid & (predicted < SLIGHT * np.abs(unknowns[free]))
+        taken = predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * stated
         taken |= informed_by_noise(problem, unknowns)
         if not self.loose.any():
             return Doubt(_names(problem, self.told & taken))
@@ -240,7 +245,9 @@ def _taken_about(
     """Tell which deviations no plausible machine would give with these forces, (free,)."""
     taken = np.ones(len(stated), dtype=bool)
     for x in _about(problem, start, unknowns, AROUND):
-        taken &= predicted_deviations(problem, x) > TAKEN_ABOUT * stated
+        # A resonance that happens to lie beside a line informs more than those of all others.
+        least = np.maximum(TAKEN_ABOUT * stated, LOOSE * np.abs(x[problem.layout.free]))
+        taken &= predicted_deviations(problem, x) > least
     return taken
 
 

@@ -14,6 +14,7 @@ from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
 from rotorid.estimators.likelihood.response_leads import growing_mode, lines_alike
 from rotorid.estimators.likelihood.table_leads import is_table, scale_of_time
+from rotorid.estimators.likelihood.turning import told
 from rotorid.models import Model
 from rotorid.observation import Observation
 
@@ -42,7 +43,7 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         if halves is not None:
             turning = {fit.prepared.layout.unknowns[i].name for i in fit.problem.affine}
             total += gate.agreement(free, halves, std, turning)
-    total += _time(fit)
+    total += _time(fit) + _against_its_angle(fit)
     if fit.solution.converged and not fit.inference.null.shape[1]:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
         grows = growing_mode(layout, at, fit.covariance, fit.records)
@@ -71,6 +72,17 @@ def _time(fit: Fit) -> Verdict:
         return Verdict()
     said, sure = found
     return Verdict(faults=(said,)) if sure else Verdict(doubts=(said,))
+
+
+def _against_its_angle(fit: Fit) -> Verdict:
+    """Judge how the rotation moves against the angle that was given."""
+    total = Verdict()
+    for record, creep in zip(fit.records, fit.creeps, strict=True):
+        if creep is not None and (creep.strays or creep.jumps):
+            total += Verdict(faults=(told(record, creep),))
+        elif creep is not None and creep.creeps:
+            total += Verdict(doubts=(f"{told(record, creep)}; until then its angle is unsure",))
+    return total
 
 
 def _of_one_record(model: Model, estimate: Estimate, fit: Fit) -> Estimate:

@@ -1,0 +1,361 @@
+"""Adverse records: random machines, what was done to their records, and what it must be called.
+
+A case spoils the plant, its samples, or what is said of them. Nothing here uses the project's own
+response: samples come from matrices written down once more, so that a sign that is wrong in both
+places shows. The edits are in `adverse_edits`, the table of cases in `adverse_cases`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from rotor_bank import PAPER
+
+import rotorid as rid
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators.likelihood import result
+from rotorid.estimators.likelihood.suspects import Suspicion
+from rotorid.models import Model, load_model
+from rotorid.record import Channel, Complexes, Floats, Record
+
+TURN = 2 * np.pi
+WRONG = 5.0
+"""Stated deviations beyond which a value is wrong: of a thousand right records with ten values
+each, chance takes one in a hundred records of few periods there."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Matrices of a rotor; `unbalance` is the load of exp(i phi) per speed squared."""
+
+    model: Model
+    truth: Mapping[str, float]
+    inertia: Floats
+    damping: Floats
+    gyroscopic: Floats
+    stiffness: Floats
+    inputs: Floats
+    unbalance: Complexes
+    sensors: Mapping[str, Mapping[str, float]]
+    fixed: tuple[str, ...] = ()
+
+    def response(self, omega: float, speed: float, load: Complexes) -> Complexes:
+        """Return the motion of all coordinates at one frequency."""
+        rate = self.damping + speed * self.gyroscopic
+        whole = -(omega**2) * self.inertia + 1j * omega * rate + self.stiffness
+        return np.asarray(np.linalg.solve(whole, load))
+
+    def reading(self, name: str) -> Floats:
+        """Return what a sensor reads, as a row."""
+        row = np.zeros(len(self.inertia))
+        for coordinate, share in self.sensors[name].items():
+            row[self.model.coordinates.index(coordinate)] = share
+        return row
+
+
+def _varied(values: Mapping[str, float], rng: np.random.Generator, signed: str) -> dict[str, float]:
+    found = {n: v * float(np.exp(0.2 * rng.standard_normal())) for n, v in values.items()}
+    return {n: v * (rng.choice([-1, 1]) if n in signed.split() else 1) for n, v in found.items()}
+
+
+def _turned(x: int, y: int, size: complex, count: int) -> Complexes:
+    load = np.zeros(count, dtype=complex)
+    load[[x, y]] = size, -1j * size
+    return load
+
+
+def jeffcott(rng: np.random.Generator) -> Machine:
+    """A disc on an elastic shaft."""
+    model = load_model("jeffcott")
+    p = _varied({n: model.nominal[n] for n in model.parameter_names}, rng, "xi zeta")
+    p["c"] *= 3
+    eye = np.eye(2)
+    load = _turned(0, 1, p["m"] * (p["xi"] + 1j * p["zeta"]), 2)
+    parts = (p["m"] * eye, p["c"] * eye, 0 * eye, p["k"] * eye, eye, load)
+    return Machine(model, p, *parts, {"x": {"x": 1.0}, "y": {"y": 1.0}})
+
+
+def rigid(rng: np.random.Generator) -> Machine:
+    """A rigid rotor with a sensor and a force at each bearing and axis."""
+    model = load_model("rigid")
+    p = _varied({n: model.nominal[n] for n in model.parameter_names}, rng, "xi zeta mu eta")
+    gyro = np.zeros((4, 4))
+    gyro[2, 3], gyro[3, 2] = p["I_p"], -p["I_p"]
+    a, b = p["L_a"], p["L_b"]
+    forces = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, a, 0, -b], [-a, 0, b, 0]], dtype=float)
+    load = _turned(0, 1, p["m"] * (p["xi"] + 1j * p["zeta"]), 4)
+    load += _turned(2, 3, (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"]), 4)
+    heavy = np.diag([p["m"], p["m"], p["I_t"], p["I_t"]])
+    sensors = {
+        "s_xa": {"x": 1.0, "theta_y": -0.17}, "s_ya": {"y": 1.0, "theta_x": 0.17},
+        "s_xb": {"x": 1.0, "theta_y": 0.21}, "s_yb": {"y": 1.0, "theta_x": -0.21},
+    }  # fmt: skip
+    zero = np.zeros((4, 4))
+    return Machine(model, p, heavy, zero, gyro, zero, forces, load, sensors, ("L_a",))
+
+
+def three(rng: np.random.Generator, sensors: str = "x1 y1 x3 y3") -> Machine:
+    """The paper's rotor, varied, with sensors at the bearings."""
+    model = load_model("three-mass")
+    p = _varied(PAPER, rng, "xi zeta mu eta")
+    p["I_p"] = min(p["I_p"], 1.9 * p["I_t"])
+    gyro, stiffness = np.zeros((8, 8)), np.zeros((8, 8))
+    gyro[4, 5], gyro[5, 4] = p["I_p"], -p["I_p"]
+    springs = (
+        ("k1", {0: 1.0, 2: -1.0, 5: p["L1"]}), ("k1", {1: 1.0, 3: -1.0, 4: -p["L1"]}),
+        ("k2", {2: 1.0, 6: -1.0, 5: p["L2"]}), ("k2", {3: 1.0, 7: -1.0, 4: -p["L2"]}),
+    )  # fmt: skip
+    for name, entries in springs:
+        row = np.zeros(8)
+        row[list(entries)] = list(entries.values())
+        stiffness += p[name] * np.outer(row, row)
+    heavy = np.diag([p[n] for n in ("m1", "m1", "m2", "m2", "I_t", "I_t", "m3", "m3")])
+    load = _turned(2, 3, p["m2"] * (p["xi"] + 1j * p["zeta"]), 8)
+    load += _turned(4, 5, (p["I_t"] - p["I_p"]) * (p["mu"] + 1j * p["eta"]), 8)
+    inputs = np.eye(8)[:, [0, 1, 6, 7]]
+    read = {name: {name: 1.0} for name in sensors.split()}
+    fixed = () if len(read) == 8 else ("L1",)
+    zero = np.zeros((8, 8))
+    return Machine(model, p, heavy, zero, gyro, stiffness, inputs, load, read, fixed)
+
+
+def three_eight(rng: np.random.Generator) -> Machine:
+    """The same with every coordinate measured."""
+    return three(rng, "x1 y1 x2 y2 theta_x theta_y x3 y3")
+
+
+UNBALANCE = ("xi", "zeta", "mu", "eta")
+MACHINES = {"jeffcott": jeffcott, "rigid": rigid, "three": three, "eight": three_eight}
+NOISE = {"jeffcott": 1e-6, "rigid": 1e-6, "three": 5e-6, "eight": 5e-6}  # m or rad, per sample
+FUNDAMENTAL, RATE, LINES, ROTATION = 20.0, 4000.0, (1, 3, 5, 7, 9, 11), 7.0
+
+
+@dataclass
+class Trial:
+    """One record on its way: the plant, its samples, and what is said of them."""
+
+    machine: Machine
+    rng: np.random.Generator
+    forces: Complexes
+    noise: float
+    periods: int = 40
+    rotation: float = ROTATION  # in units of the fundamental
+    columns: dict[str, Floats] = field(default_factory=dict)
+    rate: float = RATE
+    speed: float = ROTATION * FUNDAMENTAL  # Hz, as said
+    fundamental: float = FUNDAMENTAL
+    harmonics: tuple[int, ...] = LINES
+    skip: float = 0.0
+    method: str = "ml"
+    options: dict[str, Any] = field(default_factory=dict)
+    reads: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    cubic: tuple[int, float] | None = None
+
+    @property
+    def inputs(self) -> list[str]:
+        return list(self.machine.model.inputs)
+
+    @property
+    def sensors(self) -> list[str]:
+        return list(self.machine.sensors)
+
+    @property
+    def size(self) -> int:
+        return round(RATE / FUNDAMENTAL)
+
+    def change(self, **matrices: Any) -> None:
+        """Give the machine other matrices."""
+        self.machine = replace(self.machine, **matrices)
+
+
+def new_trial(kind: str, rng: np.random.Generator) -> Trial:
+    """Return a random machine, excited on four or two axes with random phases."""
+    machine = MACHINES[kind](rng)
+    count = len(machine.model.inputs)
+    size = 5 * np.exp(0.3 * rng.standard_normal(count))
+    forces = size * np.exp(1j * TURN * rng.random((len(LINES), count)))
+    return Trial(machine, rng, forces, NOISE[kind])
+
+
+def _period(trial: Trial, lines: Mapping[int, Complexes]) -> Floats:
+    """Return one period of lines, shape (sample, channel)."""
+    count = len(next(iter(lines.values())))
+    spectrum = np.zeros((trial.size // 2 + 1, count), dtype=complex)
+    for k, values in lines.items():
+        spectrum[k] = values
+    return np.asarray(np.fft.irfft(spectrum, n=trial.size, axis=0) * trial.size)
+
+
+def measure(trial: Trial) -> None:
+    """Fill the columns: steady motion under forces and unbalance, and white noise."""
+    m, speed = trial.machine, TURN * FUNDAMENTAL * trial.rotation
+    omega = {k: TURN * FUNDAMENTAL * k for k in range(1, trial.size // 2)}
+    force = dict(zip(LINES, trial.forces, strict=True))
+    motion = {k: m.response(omega[k], speed, m.inputs @ f) for k, f in force.items()}
+    once = np.zeros(len(m.inertia), dtype=complex)
+    if speed:
+        once = m.response(speed, speed, m.unbalance * speed**2)
+    if trial.cubic is not None:
+        row, k3 = trial.cubic
+        at = _bent(trial, motion, once, row, k3)
+        motion = {k: v + at.get(k, 0) for k, v in {**dict.fromkeys(at, 0), **motion}.items()}
+    count = trial.periods * trial.size
+    time = np.arange(count) / RATE
+    u = np.tile(_period(trial, force), (trial.periods, 1))
+    q = np.tile(_period(trial, motion), (trial.periods, 1))
+    q += (once * np.exp(1j * speed * time)[:, None]).real
+    read = np.stack([m.reading(name) for name in m.sensors], axis=1)
+    noise = trial.rng.standard_normal((count, u.shape[1] + read.shape[1]))
+    values = np.concatenate([u + 0.3 * noise[:, : u.shape[1]], q @ read], axis=1)
+    values[:, u.shape[1] :] += trial.noise * noise[:, u.shape[1] :]
+    trial.columns = dict(zip([*trial.inputs, *trial.sensors], values.T.copy(), strict=True))
+
+
+def _bent(
+    trial: Trial, linear: Mapping[int, Complexes], once: Complexes, row: int, k3: float
+) -> dict[int, Complexes]:
+    """Return what a cubic spring at a coordinate adds to the lines: fixed point iteration."""
+    m, speed, size = trial.machine, TURN * FUNDAMENTAL * trial.rotation, trial.size
+    count, turns = len(m.inertia), round(trial.rotation)
+    where, added = np.eye(count)[:, row] + 0j, np.zeros((size // 2, count), dtype=complex)
+    base = np.zeros_like(added)
+    for k, v in linear.items():
+        base[k] = v
+    base[turns] += once / 2
+    peak = np.abs(np.fft.irfft(np.pad(base[:, row], (0, 1)), n=size) * size).max()
+    flexible = {k: m.response(TURN * FUNDAMENTAL * k, speed, where) for k in range(1, size // 2)}
+    for _ in range(40):
+        whole = np.zeros((size // 2 + 1, count), dtype=complex)
+        whole[:-1] = base + added
+        x = np.fft.irfft(whole[:, row], n=size) * size
+        f = np.fft.rfft(-k3 * x * (x / peak) ** 2)[: size // 2] / size
+        bent = np.stack([flexible[k] * f[k] if k else 0 * where for k in range(size // 2)])
+        added = added + 0.5 * (bent - added)
+    return {k: added[k] for k in range(1, size // 2) if np.abs(added[k]).any()}
+
+
+def record_of(trial: Trial) -> Record:
+    """Return the record as it is said to be."""
+    units, model = trial.machine.model.units, trial.machine.model
+    channels = []
+    for name in trial.columns:
+        if name in model.inputs or name in model.coordinates:
+            channels.append(Channel(name, units[name]))
+        else:
+            reads = trial.reads.get(name, trial.machine.sensors[name])
+            channels.append(Channel(name, "m", reads=dict(reads)))
+    samples = np.stack(list(trial.columns.values()), axis=1)
+    return Record(channels, samples, trial.rate, speed=TURN * trial.speed)
+
+
+def estimate_of(trial: Trial) -> Estimate:
+    """Identify: what is held is held at its true value, what is not starts 20 % off."""
+    truth, machine = trial.machine.truth, trial.machine
+    periods = rid.average(
+        record_of(trial), trial.fundamental, harmonics=trial.harmonics, skip=trial.skip
+    )
+    if trial.method != "ml":
+        return rid.identify(machine.model, periods, trial.method)
+    fixed = {name: truth[name] for name in machine.fixed} | trial.options.get("fixed", {})
+    start = {
+        name: value * (1 + 0.2 * trial.rng.uniform(-1, 1))
+        for name, value in truth.items()
+        if name not in fixed and name not in UNBALANCE
+    }
+    options = {**trial.options, "fixed": fixed, "start": start | trial.options.get("start", {})}
+    return rid.identify(machine.model, periods, rid.MaximumLikelihood(**options))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was said of a record, and how far off the values are, in stated deviations."""
+
+    status: str
+    error: float
+    worst: str
+    said: tuple[str, ...]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a wrong answer is called right."""
+        return self.status == "ok" and not self.error <= WRONG
+
+
+def outcome(estimate: Estimate, truth: Mapping[str, float]) -> Outcome:
+    """Hold an estimate against the truth."""
+    off = {
+        v.name: abs(v.value - truth[v.name]) / v.std
+        for v in estimate.parameters
+        if v.name in truth and not v.fixed and v.std
+    }
+    worst = max(off, key=lambda n: off[n], default="")
+    checks = [str(c) for c in estimate.checks if c.verdict not in ("ok",)]
+    terms = [s.term for s in estimate.suspects[:3]]
+    said = (*terms, *checks, *estimate.warnings)
+    return Outcome(estimate.status, off.get(worst, 0.0), worst, said)
+
+
+Edit = Callable[[Trial], None]
+LEADS = ("[", "speed", "mass", "asymmetry", "stiffness", "prior", "load at")
+"""What the words of suspects hold."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to spoil a record.
+
+    `plant` acts before the samples are made, `data` on them or on what is said of them. `called`:
+    the statuses that are right; `ok` only ever with a right answer. `words`: one of them is said.
+    """
+
+    what: str
+    machines: str
+    called: str
+    words: tuple[str, ...] = ()
+    plant: Edit | None = None
+    data: Edit | None = None
+
+    def run(self, seed: int, *, leads: bool = True) -> Outcome:
+        """Return what is said of one record; without leads, which take their time, the rest."""
+        with ExitStack() as stack:
+            if not leads:
+                stack.enter_context(patch.object(result, "find_suspects", _no_suspects))
+            return self._outcome(seed)
+
+    def _outcome(self, seed: int) -> Outcome:
+        sequence = [seed, sum(map(ord, self.what)), len(self.what)]
+        rng = np.random.default_rng(sequence)
+        kinds = self.machines.split()
+        trial = new_trial(kinds[seed % len(kinds)], rng)
+        truth = dict(trial.machine.truth)
+        if self.plant is not None:
+            self.plant(trial)
+        measure(trial)
+        try:
+            if self.data is not None:
+                self.data(trial)
+            estimate = estimate_of(trial)
+        except InputError as error:
+            return Outcome("refused", 0.0, "", (str(error),))
+        return outcome(estimate, truth)
+
+    @property
+    def by_leads(self) -> bool:
+        """Whether its words are those of suspects, not of checks."""
+        return any(lead in word for lead in LEADS for word in self.words)
+
+    def holds(self, found: Outcome, *, leads: bool = True) -> bool:
+        """Tell whether it was called what it must be called, as far as that needs no leads."""
+        asked = self.words if leads or not self.by_leads else ()
+        named = not asked or any(w in text for w in asked for text in found.said)
+        return found.status in self.called.split() and named and not found.wrong
+
+
+def _no_suspects(*_: object) -> Suspicion:
+    return Suspicion()

@@ -1,0 +1,38 @@
+"""Adverse records are called what they are: no wrong answer is called ok."""
+
+import pytest
+from adverse import WRONG, Case
+from adverse_cases import CASES
+
+RECORDS = 20
+NAMED = 2
+
+
+def test_the_bank_is_large_and_says_each_thing_once() -> None:
+    assert len(CASES) >= 100
+    assert len({case.what for case in CASES}) == len(CASES)
+    assert WRONG == 5.0
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
+def test_what_one_record_is_called(case: Case) -> None:
+    found = case.run(0, leads=False)
+    assert case.holds(found, leads=False), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
+def test_no_wrong_answer_is_ever_called_ok(case: Case) -> None:
+    found = {seed: case.run(seed, leads=False) for seed in range(RECORDS)}
+    assert not {s: o for s, o in found.items() if not case.holds(o, leads=False)}
+
+
+NAMED_CASES = [case for case in CASES if case.by_leads]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", NAMED_CASES, ids=[case.what for case in NAMED_CASES])
+def test_a_lead_names_it(case: Case) -> None:
+    for seed in range(NAMED):
+        found = case.run(100 + seed)
+        assert case.holds(found), found
