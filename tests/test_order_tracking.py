@@ -244,3 +244,41 @@ def test_an_experiment_file_of_samples(folder: Path, mark: str) -> None:
 def test_keys_of_samples_that_are_cut(folder: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load(folder, CUT.replace(old, new, 1)).records()
+
+
+@pytest.mark.parametrize(("rate", "refused"), [(270.0, True), (330.0, False)])
+def test_samples_per_revolution(rate: float, refused: bool) -> None:
+    """Of 40 revolutions per second: 6.75 and 8.25 samples."""
+    angle = 2 * np.pi * 40.0 * np.arange(20000) / rate
+    samples = np.cos(angle) + 0.01 * np.random.default_rng(1).standard_normal(20000)
+    record = rid.Record([rid.Channel("x", "m")], samples[:, None], rate, 1.0, angle)
+    if refused:
+        with pytest.raises(InputError, match=r"6\.75 samples per revolution; expected 8"):
+            rid.phasors(record)
+    else:
+        assert len(rid.phasors(record).speed) > 20
+
+
+def test_a_table_has_twenty_speeds_at_least() -> None:
+    """597 turns: nine segments of 64, eighteen of 32, 37 of 16."""
+    table = rid.phasors(turning(2.0, noise=0.1))
+    assert len(table.speed) == 37
+    assert len(rid.phasors(turning(2.0, noise=0.1, seconds=23.0)).speed) == 21
+
+
+def test_multiples_of_the_rotation_are_no_noise() -> None:
+    """Twice and three times the speed are fitted beside it; four times are in the residual."""
+    record = turning(2.0, noise=1e-4)
+    size = {}
+    for order in (3, 4):
+        wave = 0.3 * np.cos(order * np.asarray(record.angle) + 0.2)
+        noisy = replace(record, samples=record.samples + wave[:, None])
+        size[order] = rid.phasors(noisy, 8).covariance.matrices.real.mean()
+    assert size[4] > 3 * size[3]
+
+
+@pytest.mark.parametrize(("noise", "told"), [(2e-4, False), (1e-6, True)])
+def test_from_when_on_a_lag_is_told(noise: float, told: bool) -> None:
+    """At 300 N s/m and 26 rad/s^2 phasors of .17 mm lag by 3 % of themselves, 5 um."""
+    table = rid.phasors(run_down(np.random.default_rng(8), noise), 16)
+    assert any("too fast to settle" in w for w in table.warnings) == told

@@ -4,7 +4,9 @@ The records are made by `coast_down`, three lines of numpy that know nothing of 
 speeds, two probes, noise of 2 um on each part of every phasor, unbalances of 0.1 and 0.2 g m.
 """
 
+import runpy
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -89,3 +91,12 @@ def test_error_bars_of_a_coast_down(table: Table) -> None:
     assert (covered >= 0.93).all()
     assert (covered <= 0.97).all()
     assert 0.03 <= (chances < 0.05).mean() <= 0.08
+
+
+def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    example = Path(__file__).parents[1] / "examples" / "coast_down.py"
+    estimate = runpy.run_path(str(example))["main"](1)
+    assert estimate.status == "ok"
+    for name, value in {"m": 5.0, "c": 150.0, "k": 1e6, "u_x": 1e-4, "u_y": -5e-5}.items():
+        assert abs(estimate.value(name) - value) < 4 * (estimate.std(name) or 0.0)
+    assert "degrees from the mark" in capsys.readouterr().out

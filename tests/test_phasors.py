@@ -327,3 +327,40 @@ def test_gyroscopic_moments_follow_the_speed_of_each_row(senses: tuple[int, ...]
     assert estimate.status == "ok"
     truth = {"c": c, "d": d, "k_a": k_a, "k_b": k_b, "I_t": i_t, "I_p": i_p, "u": u, "w": w}
     assert {n: estimate.value(n) for n in truth} == pytest.approx(truth, rel=1e-6)
+
+
+@pytest.mark.parametrize(("apart", "rows"), [(0.8e-9, 20), (1.3e-9, 32)])
+def test_speeds_that_are_the_same_but_for_rounding(apart: float, rows: int) -> None:
+    rng = np.random.default_rng(1)
+    speed = np.linspace(100.0, 300.0, 20)
+    speed = np.concatenate([speed, speed[:12] * (1 + apart)])
+    phasors = rng.standard_normal((32, 1)) + 0j
+    if rows == 20:
+        assert len(phasor_lines([rid.Channel("x")], speed, phasors).speed) == rows
+    else:
+        with pytest.raises(InputError, match="no std and no speed twice"):
+            phasor_lines([rid.Channel("x")], speed, phasors)
+
+
+@pytest.mark.parametrize(("size", "told"), [(1.555, False), (1.58, True)])
+def test_from_which_scatter_on_a_std_is_doubted(size: float, told: bool) -> None:
+    """Twelve pairs of one channel: chi-squared with 24 degrees of freedom."""
+    speed = np.repeat(np.linspace(100.0, 300.0, 12), 2)
+    sides = np.tile([1.0, -1.0], 12) * np.exp(1j * (np.arange(24) // 2))
+    # Each pair scatters by `size` deviations: sum |d|^2 / s^2 = 24 size^2, 24 expected.
+    lines = phasor_lines([rid.Channel("x")], speed, (size * sides)[:, None], 1.0)
+    assert bool(lines.warnings) == told
+
+
+def test_loads_of_high_multiples_of_the_angle() -> None:
+    """What reaches 1x of 64 angles: the 63rd and 65th multiple, of which no load is made."""
+    clock = phasor_lines([rid.Channel("x")], [200.0], [[1.0]], 1.0).clock
+    for order, expected in ((1, 0.5), (2, 0.0), (31, 0.0), (62, 0.0), (63, 0.5)):
+        lines = clock.lines(lambda t, phi, speed, n=order: np.cos(n * phi)[..., None])
+        assert abs(lines[0, 0]) == pytest.approx(expected, abs=1e-12)
+
+
+def test_loads_that_depend_on_time_are_refused() -> None:
+    clock = phasor_lines([rid.Channel("x")], [200.0], [[1.0]], 1.0).clock
+    with pytest.raises(InputError, match="a load that depends on t in a table"):
+        clock.lines(lambda t, phi, speed: np.cos(t)[..., None], timed=True)
