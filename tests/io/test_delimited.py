@@ -1,5 +1,6 @@
 """Text tables as data loggers and spreadsheets write them."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,17 @@ def test_written_then_read(
     opened = open_delimited(table(tmp_path_factory.mktemp("csv"), text))
     read = opened.read(["a", "b", "c"])
     np.testing.assert_array_equal(np.column_stack([read[n].values for n in "abc"]), rows)
+
+
+def test_memory_is_a_few_times_that_of_the_numbers(tmp_path: Path) -> None:
+    """Nothing of the text is kept, which is three times as long as its numbers."""
+    path = tmp_path / "long.csv"
+    values = np.random.default_rng(0).standard_normal((20_000, 6))
+    np.savetxt(path, values, delimiter=",", header="a,b,c,d,e,f", comments="", fmt="%.17e")
+    table = open_delimited(path)
+    tracemalloc.start()
+    columns = table.read(table.names)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_array_equal(columns["c"].values, values[:, 2])
+    assert peak < 3 * values.nbytes

@@ -66,14 +66,13 @@ class DelimitedTable:
         wanted = list(dict.fromkeys(names))
         position = {name: self.names.index(name) for name in wanted}
         numbers = [p for p in position.values() if not self.dialect.clocks[p]]
-        table = self._numbers(numbers) if numbers else np.zeros((0, 0))
+        read = dict(zip(numbers, self._numbers(numbers) if numbers else (), strict=True))
         columns = {}
         for name, place in position.items():
             if self.dialect.clocks[place]:
                 columns[name] = Column(self._clock(place), "s", None)
             else:
-                values = np.ascontiguousarray(table[:, numbers.index(place)])
-                columns[name] = Column(values, self.units[place], self.dialect.rate)
+                columns[name] = Column(read[place], self.units[place], self.dialect.rate)
         return columns
 
     def scalar(self, name: str) -> float:
@@ -93,7 +92,8 @@ class DelimitedTable:
             return (line.replace(",", ".") for line in lines)
         return lines
 
-    def _numbers(self, positions: list[int]) -> Floats:
+    def _numbers(self, positions: list[int]) -> list[Floats]:
+        """Return columns of numbers; nothing of the text is kept, and each number at most twice."""
         fast = self._fast_numbers(positions)
         if fast is not None:
             return fast
@@ -104,20 +104,21 @@ class DelimitedTable:
         ):
             warnings.simplefilter("ignore", UserWarning)  # numpy warns of a table without rows
             try:
-                return np.loadtxt(
+                table = np.loadtxt(
                     self._lines(stream),
                     delimiter=delimiter,
                     usecols=positions,
                     ndmin=2,
                     quotechar='"',
                 )
+                return [np.ascontiguousarray(column) for column in table.T]
             except ValueError as error:
                 problem = str(error)
             except MemoryError:
                 raise too_large(self.file) from None
         raise self._explain(problem)
 
-    def _fast_numbers(self, positions: list[int]) -> Floats | None:
+    def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
         """Read with pyarrow; None where it is not installed, or does not take the file."""
         large = Path(self.file).stat().st_size > _FAST
         if not large or self.dialect.delimiter == " " or not self.encoding.startswith("utf-8"):
@@ -146,7 +147,11 @@ class DelimitedTable:
                 )
         except (pa.ArrowException, OSError):
             return None  # numpy says what is wrong, or takes it
-        return np.column_stack([_numbers_of(table.column(key)) for key in chosen])
+        columns = []
+        for key in chosen:  # each leaves the table as it is copied
+            columns.append(_numbers_of(table.column(key)))
+            table = table.drop_columns([key])
+        return columns
 
     def _clock(self, position: int) -> Floats:
         """Return a column of times of day in s from its first."""
