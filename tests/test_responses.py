@@ -8,6 +8,8 @@ from io_writers import write_responses
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.estimators.likelihood.response_leads import ALIKE, GROWS, LEAST, NONE
+from rotorid.estimators.likelihood.verdict import MISFIT
 from rotorid.lines import SilentClock
 from rotorid.responses import FAINT, POOLED
 
@@ -37,9 +39,9 @@ F, X1, X3 = rid.Channel("F", "N"), rid.Channel("x1", "m"), rid.Channel("x3", "m"
 NOISE = 2e-7  # m of every average, white; the force is 1 N
 
 
-def response(force: int = 0) -> np.ndarray:
+def response(force: int = 0, **changed: float) -> np.ndarray:
     """Return H of all coordinates to one force, shape (line, coordinate)."""
-    p = TRUTH
+    p = {**TRUTH, **changed}
     k0, k1, k2, c = p["k0"], p["k1"], p["k2"], p["c"]
     mass = np.diag([p["m1"], p["m2"], p["m3"]])
     stiffness = np.array([[k0 + k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
@@ -213,6 +215,22 @@ class TestMistakes:
         assert result.status == "rejected"
         assert any("set lag = true in the channels" in w for w in result.warnings)
 
+    def test_damping_below_zero_by_chance_is_no_growth(self) -> None:
+        """A model without damping, and one whose damping is zero within its deviation."""
+        assert (GROWS, NONE) == (3.0, 1e-9)
+        clean = response(c=0.0)[::4, [0, 2]]
+        lines = rid.response_lines(F, [X1, X3], THIN, clean, std=1e-12)
+        held = rid.identify(MODEL, lines, rid.MaximumLikelihood(fixed={"c": 0.0}))
+        assert held.status == "ok"
+        rng, signs = np.random.default_rng(8), []
+        for _ in range(6):
+            noise = rng.standard_normal((2, *clean.shape)) * 1e-9
+            found = clean + noise[0] + 1j * noise[1]
+            free = estimate(found, frequency=THIN, std=1e-9)
+            assert free.status == "ok"
+            signs.append(free.value("c") < 0)
+        assert any(signs)
+
     def test_a_sensor_upside_down(self) -> None:
         found, coherence = thinned()
         result = estimate(found * [1, -1], frequency=THIN, coherence=coherence, averages=20)
@@ -237,6 +255,19 @@ class TestMistakes:
         result = estimate(found, frequency=2 * np.pi * THIN, coherence=coherence, averages=20)
         told = [w for w in result.warnings if "the frequencies of the responses" in w]
         assert "rad/s taken for Hz" in told[0]
+
+
+class TestBesideModes:
+    def test_one_that_contradicts_the_responses_is_named(self) -> None:
+        """The records lead the search: a frequency that is 100 deviations off does not."""
+        found, coherence = averaged(np.random.default_rng(1), 20)
+        lines = rid.response_lines(F, [X1, X3], HERTZ, found, coherence=coherence, averages=20)
+        free = {"k0": 0.0}
+        given = [rid.Mode(hz, 0.1, parameters=free) for hz in (129.95, 244.265)]
+        result = rid.identify(MODEL, lines, rid.MaximumLikelihood(modes=given))
+        assert result.status == "rejected"
+        assert result.suspects[0].term == "mode 2, 244.265 Hz, k0 = 0"
+        assert result.suspects[0].value == pytest.approx(234.265, abs=0.1)
 
 
 FILE = """
@@ -432,6 +463,14 @@ class TestWindow:
         thin = {"frequency": HERTZ[::2], "coherence": coherence[::2], "averages": 40}
         result = estimate(found[::2], [X1], **thin)
         assert not any("neighbouring lines" in w for w in result.warnings)
+
+    def test_fewer_than_fifty_lines_are_not_judged(self) -> None:
+        assert (ALIKE, LEAST, MISFIT) == (0.2, 50, 1e-3)
+        found, coherence = self.averaged(np.random.default_rng(3))
+        for lines, told in ((50, True), (49, False)):
+            cut = {"frequency": HERTZ[:lines], "coherence": coherence[:lines], "averages": 40}
+            result = estimate(found[:lines], [X1], **cut)
+            assert any("neighbouring lines" in w for w in result.warnings) == told
 
     def test_independent_lines_are_not_suspected(self) -> None:
         found, coherence = averaged(np.random.default_rng(3), 40)

@@ -102,6 +102,8 @@ def _response(
 ) -> StoredResponse:
     frequency = np.asarray(found["x"], dtype=np.float64)
     values = np.asarray(found["data"], dtype=np.complex128)
+    if values.shape != frequency.shape or frequency.ndim != 1 or not len(values):
+        raise ValueError(f"{values.shape} values at {frequency.shape} frequencies")
     other = None
     if coherence is not None and np.array_equal(coherence["x"], found["x"]):
         other = np.asarray(np.real(coherence["data"]), dtype=np.float64)

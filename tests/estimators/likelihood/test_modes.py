@@ -9,7 +9,9 @@ import pytest
 
 import rotorid as rid
 from rotorid.errors import InputError
-from rotorid.estimators.likelihood.preparation import Knowledge, prepare
+from rotorid.estimators.likelihood.modal import GRANTED
+from rotorid.estimators.likelihood.mode_leads import UNITS
+from rotorid.estimators.likelihood.preparation import GENERATOR, GENERIC, Knowledge, prepare
 from rotorid.estimators.modes import configurations
 from tests.differences import extrapolated
 
@@ -173,6 +175,33 @@ class TestAlone:
         bound = rid.predict_accuracy(MODEL, [], estimator, TRUTH)
         for value in alone(*modes()).parameters:
             assert bound.std(value.name) == pytest.approx(value.std, rel=1e-6)
+
+
+class TestDecisions:
+    """What was decided, each where it decides."""
+
+    def test_a_frequency_is_granted_an_error_while_records_lead(self) -> None:
+        known, x = rows(MODEL, {**TRUTH, "k1": 1.2e6}, [rid.Mode(100.0, 0.5)])
+        strict, loose = known.values(x)[0], known.values(x, 1.0)[0]
+        assert loose == pytest.approx(strict * 0.5 / np.hypot(0.5, GRANTED * 100.0))
+        assert GRANTED == 0.3
+
+    def test_a_mode_is_near_another_within_five_deviations(self) -> None:
+        at = eigenvalues()[1:].imag / (2 * np.pi)
+        for share, told in ((0.98, False), (1.02, True)):
+            given = modes()
+            given[1] = replace(given[1], std=share * (at[1] - at[0]) / 5)
+            del given[2]
+            assert any("of the model lies at" in w for w in alone(*given).warnings) == told
+
+    def test_frequencies_coincide_where_they_do_so_in_general(self) -> None:
+        assert (GENERIC, GENERATOR) == (0.2, 4711)
+        assert {"rad/s": 2 * np.pi, "cycles per minute": 60.0} == UNITS
+        model = rid.load_model("three-mass")
+        for speed, pattern in ((0.0, (2, 2)), (2 * np.pi * 140, (1, 1, 1, 1, 1))):
+            given = [rid.Mode(100.0, 1.0, speed=speed)]
+            known, _ = rows(model, model.nominal, given)
+            assert known.modes.configurations[0].pattern == pattern
 
 
 class TestMistakes:

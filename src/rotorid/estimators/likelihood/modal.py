@@ -21,9 +21,9 @@ from rotorid.models.linear import speed_factor
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 from rotorid.record import Complexes, Floats, Integers
 
-GRANTED = 0.03
-"""Relative error granted to a frequency per relaxation: a third at the first stage of the
-homotopy, which is how far off the first guess of a machine is."""
+GRANTED = 0.3
+"""Relative error granted to a frequency per relaxation, so that records lead until the last stage:
+with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
 
 
 @dataclass(frozen=True)
