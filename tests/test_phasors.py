@@ -364,3 +364,54 @@ def test_loads_that_depend_on_time_are_refused() -> None:
     clock = phasor_lines([rid.Channel("x")], [200.0], [[1.0]], 1.0).clock
     with pytest.raises(InputError, match="a load that depends on t in a table"):
         clock.lines(lambda t, phi, speed: np.cos(t)[..., None], timed=True)
+
+
+@pytest.mark.parametrize("method", ["ls", "batch", "sequential"])
+def test_a_table_is_for_ml(folder: Path, method: str) -> None:
+    experiment = load(folder, EXPERIMENT)
+    chosen = experiment.estimator(method)
+    with pytest.raises(InputError, match=r"found a table, which has no samples.*use ml"):
+        rid.identify(experiment.model, experiment.records(method), chosen)
+
+
+def test_a_table_beside_samples(folder: Path) -> None:
+    """Forces at standstill tell the mass; the table in the same file tells the unbalance."""
+    model = rid.load_model("jeffcott")
+    values = model.values({**model.nominal, "k": TRUTH["k"], "m": 5.0, "c": 60.0})
+    turn = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 3, 5])
+    forces = np.column_stack([np.cos(turn).sum(axis=1), np.sin(turn).sum(axis=1)])
+    record = rid.simulate(
+        model,
+        values,
+        forces,
+        sample_rate=2000.0,
+        periods=40,
+        noise={"x": 1e-9, "y": 1e-9},
+        rng=np.random.default_rng(1),
+    )
+    table = np.column_stack([record.column(n) for n in ("F_x", "F_y", "x", "y")])
+    np.savetxt(folder / "shaken.csv", table, delimiter=",", header="fx,fy,x,y", comments="")
+    text = """
+model = "jeffcott"
+[[records]]
+file = "shaken.csv"
+sample_rate = "2 kHz"
+fundamental = "10 Hz"
+harmonics = [1, 3, 5]
+[[records]]
+kind = "phasors"
+file = "run.csv"
+speed = { column = "n", unit = "rpm" }
+[records.channels]
+x = { amplitude = "ax", phase = "px", unit = "um", std = "1 um" }
+y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }
+[channels]
+F_x = { column = "fx", unit = "N" }
+F_y = { column = "fy", unit = "N" }
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "m" }
+"""
+    estimate = identify(folder, text)
+    assert estimate.status == "ok"
+    assert estimate.value("m") == pytest.approx(5.0, rel=1e-2)
+    assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / 5.0, rel=1e-3)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.lines import PeriodicClock
+from rotorid.lines import PeriodicClock, PhasorClock
 from rotorid.models import Model, Motion
 from rotorid.models.evaluation import is_usable
 from rotorid.models.expression import symbol
@@ -129,6 +129,14 @@ class Regression:
     @cached_property
     def record(self) -> PeriodicRecord:
         """The periods; an `InputError` where the record has none."""
+        lines = self.observation.lines
+        if self.observation.periodic is None and isinstance(lines.clock, PhasorClock):
+            raise InputError(
+                "a table, which has no samples",
+                "whole periods for this method",
+                "use ml, for a model that is linear in its coordinates",
+                file=lines.source,
+            )
         if self.observation.periodic is None:
             raise InputError(
                 "a record without periods",
