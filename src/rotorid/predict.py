@@ -12,9 +12,10 @@ from rotorid.estimators.by_samples import filtered_records
 from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.nuisances import Own, Turn, Unknown, every_nuisance
+from rotorid.estimators.likelihood.prediction import by_likelihood
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Point, Problem
-from rotorid.estimators.prediction import Predicted, by_likelihood, by_regression, relative_errors
+from rotorid.estimators.prediction import Predicted, by_regression, relative_errors
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.sampled import SampledRegression, predicted
 from rotorid.models import Model

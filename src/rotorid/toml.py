@@ -24,7 +24,8 @@ S = TypeVar("S", bound="Schema")
 class Schema(BaseModel):
     """A table of a TOML file: no key but the declared ones."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    # Tables within tables are built with the outermost, when it is used, not each by itself too.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 def read_toml(path: str | Path, schema: type[S]) -> S:

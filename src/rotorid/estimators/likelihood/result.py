@@ -17,9 +17,10 @@ from rotorid.estimators.likelihood.identifiability import (
 )
 from rotorid.estimators.likelihood.information import doubt_warnings
 from rotorid.estimators.likelihood.modal import close_modes, mode_fits
+from rotorid.estimators.likelihood.prediction import by_likelihood
 from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects
-from rotorid.estimators.prediction import by_likelihood, relative_errors
+from rotorid.estimators.prediction import relative_errors
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
