@@ -131,6 +131,7 @@ CHANNELS = [rid.Channel("x", "m"), rid.Channel("y", "m")]
         (1e6, -180 / np.pi, '"um"', "lag = true"),
         (2e6, 180 / np.pi, '"um"', "peak_to_peak = true"),
         (1e3 / 25.4e-3, 180 / np.pi, '"mil"', "lag = false"),
+        (2e6, 180 / np.pi, '"um"', "scale = 0.5"),
         (1e6, 1.0, '"um"', 'phase_unit = "rad"'),
         (2e3, -1.0, '"mm"', 'phase_unit = "rad", lag = true, peak_to_peak = true'),
     ],
@@ -147,7 +148,7 @@ def test_how_instruments_state_a_phasor(
     estimate = identify(folder, text)
     assert {n: estimate.value(n) for n in TRUTH} == pytest.approx(TRUTH, rel=1e-9)
     # Deviations are those of readings with 1 um each: half as much where it is peak to peak.
-    deviation = 0.5e-6 if "peak" in keys else 1e-6
+    deviation = 0.5e-6 if "peak" in keys or "scale" in keys else 1e-6
     exact = phasor_lines(CHANNELS, RPM * np.pi / 30, coast(RPM), deviation)
     fixed = {"m": 5.0, "t_x": 0.0, "t_y": 0.0}
     plain = rid.identify(rid.parse_model(MODEL), exact, rid.MaximumLikelihood(fixed=fixed))
@@ -247,6 +248,8 @@ def test_repeated_readings_that_belie_their_std_are_told() -> None:
         ("", 'std = "1 um"', 'std = "0 um"', r"channels\.x\.std: found 0 um; expected a deviation"),
         ("", 'std = "1 um"', 'std = "-1 um"', r"channels\.x\.std: found -1 um"),
         ("", 'std = "1 um"', 'std = "1 kg"', r"channels\.x\.std: found unit 'kg'"),
+        ("", 'std = "1 um"', "std = 1", r"channels\.x\.std: found 1 without a unit"),
+        ("", 'std = "1 um"', 'scale = 0, std = "1 um"', r"channels\.x\.scale: found 0"),
         ("", 'std = "1 um"', 'std = "sigma"', r"channels\.x\.std: found 'sigma'"),
         ("", 'unit = "um", std = "1 um" }\ny', 'unit = "um" }\ny', r"found no std of x"),
         ("", 'unit = "um"', 'unit = "kg"', r"channels\.x\.unit: found unit 'kg'"),
@@ -415,3 +418,9 @@ y = { column = "y", unit = "m" }
     assert estimate.status == "ok"
     assert estimate.value("m") == pytest.approx(5.0, rel=1e-2)
     assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / 5.0, rel=1e-3)
+
+
+def test_a_probe_that_is_turned_about(folder: Path) -> None:
+    write(folder / "run.csv", RPM, coast(RPM) * [1, -1])
+    text = EXPERIMENT.replace('phase = "py"', 'phase = "py", scale = -1')
+    assert identify(folder, text).value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-9)

@@ -169,7 +169,18 @@ def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str)
         check_lengths(real, imag, place)
         found = real + 1j * imag
     found = found.conj() if entry.lag else found
-    return np.asarray(found / 2 if entry.peak_to_peak else found)
+    return np.asarray(_factor(rows, entry, place) * found)
+
+
+def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
+    """Return what amplitudes as they stand are multiplied by."""
+    scale = 1.0 if entry.scale is None else entry.scale
+    if isinstance(scale, str):
+        try:
+            scale = rows.table.scalar(scale)
+        except InputError as error:
+            raise error.at(place=f"{place}.scale") from None
+    return float(scale) / 2 if entry.peak_to_peak else float(scale)
 
 
 def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Check]:
@@ -197,7 +208,7 @@ def std_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> 
             "state how far the amplitude scatters: the last digit of the instrument at least",
             place=place,
         )
-    return found / 2 if entry.peak_to_peak else found
+    return np.asarray(abs(_factor(rows, entry, f"channels.{name}")) * found)
 
 
 def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:

@@ -156,6 +156,16 @@ Kind = Literal["samples", "phasors", "responses"]
 """What a record is made of, and therefore what its channels say."""
 
 
+def _quantity_or_column(value: object) -> object:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        raise InputError(
+            f"{value} without a unit",
+            "a quantity, or the name of a column",
+            f'write std = "{value} um", with the unit of the amplitude',
+        )
+    return value
+
+
 class PhasorKeys(Schema):
     """The columns of a channel of a table of 1x phasors, and how the instrument states them."""
 
@@ -163,7 +173,7 @@ class PhasorKeys(Schema):
     phase: str | None = None
     real: str | None = None
     imag: str | None = None
-    std: str | None = None
+    std: Annotated[str | None, BeforeValidator(_quantity_or_column)] = None
     phase_unit: str = "deg"
     lag: StrictBool = False
     peak_to_peak: StrictBool = False
@@ -174,7 +184,7 @@ class PhasorKeys(Schema):
         return self.amplitude is not None or self.phase is not None
 
 
-_PHASORS = {"unit", "std", "lag", "peak_to_peak", "reads", "delay", "gain_std", "dynamics"}
+_PHASORS = {"unit", "scale", "std", "lag", "peak_to_peak", "reads", "delay", "gain_std", "dynamics"}
 
 
 _RESPONSES = {"input", "unit", "std", "coherence", "lag", "reads", "delay", "gain_std", "dynamics"}
