@@ -443,3 +443,11 @@ def test_natural_frequencies_need_ml_and_no_record(tmp_path: Path) -> None:
         experiment.require_records()
     with pytest.raises(InputError, match=r"neither \[\[records\]\] nor \[\[modes\]\]"):
         load(tmp_path, 'model = "jeffcott"')
+
+
+def test_a_record_is_read_once_whatever_method_takes_it(folder: Path) -> None:
+    """Where the default falls to batch, nothing is read or averaged again."""
+    experiment = load(folder)
+    (first,) = experiment.records("ml")
+    (second,) = experiment.records("batch")
+    assert second is first

@@ -167,3 +167,8 @@ def test_a_law_needs_its_channels() -> None:
         ForceReading(Flux(1e-4), ("b1",))
     with pytest.raises(InputError, match="one current"):
         ForceReading(LINEAR, ("i", "j"))
+
+
+def test_where_nothing_is_converted_nothing_is_copied() -> None:
+    plain = Record([Channel("F", "N"), Channel("x", "m")], np.zeros((8, 2)), 100.0)
+    assert forces(plain, {}) is plain
