@@ -120,7 +120,9 @@ def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert cli.run(["validate", "run.json", "run.toml"]) == 0
     one = capsys.readouterr().out
-    assert [line.split()[0] for line in one.splitlines()] == ["relative", "F_x", "F_y"]
+    first = [line.split()[0] for line in one.splitlines() if line]
+    assert first == ["relative", "F_x", "F_y", "the"]
+    assert "the result predicts the record within its deviations and the noise" in one
     assert cli.run(["validate", "run.json", "both.toml"]) == 0
     both = capsys.readouterr().out.splitlines()
     assert "record 1" in both[0]
@@ -340,12 +342,27 @@ def test_export(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -
     assert (folder / f"run{ending}").stat().st_size > 100
 
 
+def test_a_validation_that_fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    wrong = json.loads((folder / "run.json").read_text())
+    for value in wrong["parameters"]:
+        value["value"] *= 3.0
+    (folder / "wrong.json").write_text(json.dumps(wrong))
+    capsys.readouterr()
+    outputs = ["--json", "validation.json"]
+    assert cli.run(["validate", "wrong.json", "run.toml", *outputs]) == 1
+    assert "the result does not predict the record: F_" in capsys.readouterr().out
+    assert json.loads((folder / "validation.json").read_text())["verdict"] == "fails"
+
+
 def test_validate_writes_what_it_shows(folder: Path) -> None:
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
     outputs = ["--json", "validation.json", "--report", "validation.html"]
     assert cli.run(["validate", "run.json", "run.toml", *outputs]) == 0
     data = json.loads((folder / "validation.json").read_text())
+    assert data["verdict"] == "predicts"
     assert [row["name"] for row in data["channels"]] == ["F_x", "F_y"]
+    assert {*data["channels"][0]} == {"record", "name", "relative_error", "noise", "p_value"}
     stated = rid.load_estimate("run.json").prediction
     for row in data["channels"]:
         assert row["relative_error"] == pytest.approx(stated[row["name"]].relative_error)

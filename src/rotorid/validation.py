@@ -1,0 +1,199 @@
+"""Whether an estimate predicts another record within its deviations and the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorid.estimate import Estimate
+from rotorid.estimators.likelihood.inference import Expectation, line_moments
+from rotorid.estimators.prediction import Predicted
+from rotorid.models import Model
+from rotorid.observation import Data, Observation, bind
+from rotorid.predict import predict_lines
+from rotorid.record import Complexes, Floats
+from rotorid.signals.checks_scatter import NO_SCATTER
+from rotorid.signals.covariance import correlated_covariance, is_correlated
+
+FAILS = 1e-6
+"""Chance of an error this large below which a prediction fails: that of `rejected`."""
+UNEXPLAINED = 0.5
+"""Relative error from which on a prediction fails where nothing says what noise does."""
+STEP = 0.05
+"""Step of each value, in its deviations, for the derivative of the prediction."""
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """How far the prediction of one channel is off.
+
+    Parameters
+    ----------
+    name : str
+    relative_error : float or None
+        |predicted - measured| / |measured|; None for a channel that is zero.
+    noise : float or None
+        The relative error that the noise of the record alone makes; None where it is not known.
+    p_value : float or None
+        Chance that noise and the deviations of the estimate make an error at least as large.
+    """
+
+    name: str
+    relative_error: float | None
+    noise: float | None
+    p_value: float | None
+
+    @property
+    def fails(self) -> bool:
+        """Whether the error is more than noise and deviations explain."""
+        if self.p_value is not None:
+            return self.p_value < FAILS
+        return self.relative_error is not None and self.relative_error > UNEXPLAINED
+
+
+def channel_errors(
+    model: Model, estimate: Estimate, record: Data, number: int = 0
+) -> list[ChannelError]:
+    """Return how far the prediction of each channel of a record is off.
+
+    The error of a line is linear in the measured lines, whose covariance the record tells, and to
+    first order in the values, whose covariance the estimate states. The record is taken to be
+    another one: of its own record an estimate predicts more than its share.
+
+    Raises
+    ------
+    InputError
+        As `predict`.
+    """
+    at = predict_lines(model, estimate, [record], number)[0]
+    bound = bind(model, record)
+    if model.linear is None or not np.abs(bound.lines.covariance.matrices).any():
+        return [
+            ChannelError(name, size, None, None)
+            for name, size in zip(at.names, _relative(at.wrong, at.size), strict=True)
+        ]
+    by_data = _by_data(model, estimate, bound, number, at)
+    covariance, freedom = _covariance(bound, by_data)
+    variance = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real.clip(0)
+    by_values = _by_values(model, estimate, bound, number, at)
+    noise = _relative(at.multiplicity @ variance, at.size)
+    found = []
+    for j, (name, size) in enumerate(zip(at.names, _relative(at.wrong, at.size), strict=True)):
+        part = noise[j]
+        if part is None or part < NO_SCATTER:  # rounding
+            found.append(ChannelError(name, size, None, None))
+            continue
+        chance = _chance(
+            _error(at)[:, j], variance[:, j], by_values[:, j], at.multiplicity, freedom
+        )
+        found.append(ChannelError(name, size, part, chance))
+    return found
+
+
+def _error(at: Predicted) -> Complexes:
+    return np.asarray(at.predicted - at.measured)
+
+
+def _relative(power: Floats, size: Floats) -> list[float | None]:
+    return [
+        float(np.sqrt(p / whole)) if whole > 0 else None
+        for p, whole in zip(power, size, strict=True)
+    ]
+
+
+def _by_data(
+    model: Model, estimate: Estimate, record: Observation, number: int, at: Predicted
+) -> Complexes:
+    """Return the derivative of the error by the measured lines, (line, predicted, channel)."""
+    lines, columns = record.lines, []
+    for channel in range(lines.mean.shape[1]):
+        size = float(np.abs(lines.mean[:, channel]).max()) or 1.0
+        mean = lines.mean.copy()
+        mean[:, channel] += size
+        moved = record.with_lines(replace(lines, mean=mean))
+        there = predict_lines(model, estimate, [moved], number)[0]
+        columns.append((_error(there) - _error(at)) / size)
+    return np.stack(columns, axis=2)
+
+
+def _by_values(
+    model: Model, estimate: Estimate, record: Observation, number: int, at: Predicted
+) -> Complexes:
+    """Return a root of the covariance that the values give the error, (line, predicted, value)."""
+    shape = (*_error(at).shape, 0)
+    if not estimate.covariance.size or not np.isfinite(estimate.covariance).all():
+        return np.zeros(shape, dtype=np.complex128)
+    columns = []
+    for value in estimate.free:
+        step = STEP * float(value.std or 0.0)
+        if not step > 0:
+            columns.append(np.zeros(shape[:2], dtype=np.complex128))
+            continue
+        there = predict_lines(model, _moved(estimate, value.name, step), [record], number)[0]
+        columns.append((_error(there) - _error(at)) / step)
+    size, along = np.linalg.eigh(estimate.covariance)
+    root = along * np.sqrt(size.clip(0))
+    return np.asarray(np.stack(columns, axis=2) @ root)
+
+
+def _moved(estimate: Estimate, name: str, step: float) -> Estimate:
+    """Return an estimate with one value moved."""
+    moved = {
+        kind: tuple(
+            replace(v, value=v.value + step) if v.name == name and not v.fixed else v
+            for v in getattr(estimate, kind)
+        )
+        for kind in ("parameters", "nuisance")
+    }
+    return estimate.with_(**moved)
+
+
+def _covariance(record: Observation, by_data: Complexes) -> tuple[Complexes, Floats]:
+    """Return that of the mean lines, and its degrees of freedom on each line.
+
+    From the neighbouring lines where the errors of one period resemble the next.
+    """
+    covariance, scatter = record.lines.covariance, record.lines.scatter
+    if scatter is not None and covariance.kind == "white":
+        each = np.einsum("ljc,plc->plj", by_data, scatter - scatter.mean(axis=0))
+        size = np.sqrt((np.abs(each) ** 2).mean(axis=0))
+        each = each / np.where(size > 0, size, 1.0)
+        if is_correlated(each.reshape(len(each), -1, 1)):
+            covariance = correlated_covariance(scatter)
+    return covariance.matrices, np.full(len(by_data), float(covariance.dof))
+
+
+def _chance(
+    error: Complexes, variance: Floats, root: Complexes, multiplicity: Floats, freedom: Floats
+) -> float | None:
+    """Return the chance of an error at least as large, over all lines of a channel."""
+    seen = variance > 0
+    if not seen.any():
+        return None
+    # A complex line has half the variance in each part, a real line all of it in one.
+    scale = np.sqrt(multiplicity[seen] / variance[seen])
+    parts = [(error.real, root.real), (error.imag, root.imag)]
+    x = np.concatenate([e[seen] * scale for e, _ in parts])
+    g = np.concatenate([r[seen] * scale[:, None] for _, r in parts])
+    left, values, _ = np.linalg.svd(g, full_matrices=False)
+    taken = values**2 / (1 + values**2)
+    cost = float(x @ x - taken @ (left.T @ x) ** 2)
+    mean, spread = line_moments(np.ones(int(seen.sum())), freedom[seen], multiplicity[seen])
+    dof = round(float(multiplicity[seen].sum()))
+    return Expectation(float(mean.sum()), float(spread.sum()), dof).p_value(cost)
+
+
+def verdict_of(records: Sequence[Sequence[ChannelError]]) -> tuple[str, str]:
+    """Return "predicts" or "fails", and a sentence about the worst channel."""
+    every = [(k, channel) for k, record in enumerate(records) for channel in record]
+    failing = [pair for pair in every if pair[1].fails]
+    if not failing:
+        return "predicts", "the result predicts the record within its deviations and the noise"
+    number, worst = min(failing, key=lambda pair: (pair[1].p_value or 0.0, -(pair[1].noise or 0)))
+    where = f" of record {number + 1}" if len(records) > 1 else ""
+    told = f"{worst.name}{where} is off by {100 * (worst.relative_error or 0.0):.3g} %"
+    if worst.noise is not None:
+        told += f", where noise makes {100 * worst.noise:.2g} % (p = {worst.p_value:.1g})"
+    return "fails", f"the result does not predict the record: {told}"
