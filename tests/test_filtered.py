@@ -19,7 +19,7 @@ from sampled_bank import (
 
 import rotorid as rid
 from rotorid.errors import InputError
-from rotorid.estimators.by_samples import CLEAR, LOWER, MOVED
+from rotorid.estimators.by_samples import CLEAR, DOUBTFUL, LOWER, MOVED, SURE
 from rotorid.estimators.sampled import NOISY, SLOW, SampledRegression
 from rotorid.filtered import SPILLED
 from rotorid.observation import bind
@@ -233,6 +233,26 @@ def test_noise_in_the_motion_is_told() -> None:
     assert not [w for w in better.warnings if "cut-off" in w]
     assert abs(pulls(better, AXIS_TRUE)[0]) < 3
     assert (LOWER, MOVED, CLEAR) == (0.7, 1.0, 3.0)
+
+
+@pytest.mark.parametrize("late", [2, -2])
+def test_forces_that_come_late_are_turned_away(late: int) -> None:
+    """Two milliseconds make a damping wrong by many deviations, and the fit hardly worse."""
+    record = axis(np.random.default_rng(0))
+    samples = np.column_stack([np.roll(record.samples[:, 0], late), record.samples[:, 1]])
+    moved = replace(record, samples=samples)
+    found = rid.identify(AXIS, rid.filtered(moved, 40.0, decimate=10), "ls")
+    assert abs(pulls(found, AXIS_TRUE)[1]) > 6
+    assert found.status == "rejected"
+    (told_of_it,) = [w for w in found.warnings if "the forces come as if" in w]
+    lag, unit, way = told_of_it.partition("as if ")[2].split()[:3]
+    assert float(lag) == pytest.approx(2.0, abs=0.4)
+    assert (unit, way) == ("ms", "late" if late > 0 else "early")
+    assert (DOUBTFUL, SURE) == (4.0, 6.0)
+    channels = (replace(record.channels[0], delay=late * 1e-3), record.channels[1])
+    right = rid.identify(AXIS, rid.filtered(replace(moved, channels=channels), 40.0), "ls")
+    assert right.status == "ok"
+    assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 
 
 def test_a_cutoff_below_the_motion_is_told() -> None:

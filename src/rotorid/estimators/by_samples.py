@@ -29,6 +29,11 @@ of one leaves 83 % of intervals right where 95 % are promised."""
 CLEAR = 3.0
 """Deviations of the move itself by which it is more than chance."""
 
+DOUBTFUL, SURE = 4.0, 6.0
+"""Deviations of a lag between forces and motion from which on it is told, where it moves a
+parameter by more than `MOVED`, and from which on the answer is turned away, where it moves one by
+what the gate is sure of. Deviations from 32 blocks are an eighth off, from eight a quarter."""
+
 
 @dataclass(frozen=True)
 class SampleBlock:
@@ -98,7 +103,8 @@ def estimate_by_samples(
     fit = _fit(posed, regressions, free_weight)
     lower = [r.lowered(LOWER) for r in regressions]
     other = _fit(posed, lower, free_weight)
-    return _summary(method, posed, regressions, fit, _moved(posed, fit, other))
+    late = _late(posed, fit, _fit(posed, regressions, free_weight, late=True))
+    return _summary(method, posed, regressions, fit, _moved(posed, fit, other), late)
 
 
 @dataclass(frozen=True)
@@ -110,14 +116,23 @@ class _Fit:
     values: Floats
 
 
-def _fit(posed: Posed, regressions: Sequence[SampledRegression], weight: float | None) -> _Fit:
-    """Solve, weighting rows where a weight is given, and leave out blocks."""
+def _fit(
+    posed: Posed,
+    regressions: Sequence[SampledRegression],
+    weight: float | None,
+    *,
+    late: bool = False,
+) -> _Fit:
+    """Solve, weighting rows where a weight is given, and leave out blocks.
+
+    `late`: with one unknown more, the time by which all forces come early.
+    """
     deviations = [np.ones(len(posed.model.texts))] * len(regressions)
-    blocks = _equations(posed, regressions, deviations)
+    blocks = _equations(posed, regressions, deviations, late)
     solution = solve(blocks)
     if weight is not None:
         deviations = _deviations(posed, regressions, solution, weight)
-        blocks = _equations(posed, regressions, deviations)
+        blocks = _equations(posed, regressions, deviations, late)
         solution = solve(blocks)
     values = solution.values.copy()
     values[posed.unreached] = np.nan
@@ -132,20 +147,26 @@ def _fit(posed: Posed, regressions: Sequence[SampledRegression], weight: float |
 
 
 def _equations(
-    posed: Posed, regressions: Sequence[SampledRegression], deviations: Sequence[Floats]
+    posed: Posed,
+    regressions: Sequence[SampledRegression],
+    deviations: Sequence[Floats],
+    late: bool,
 ) -> list[SampleBlock]:
     basis, origin = posed.elimination.basis, posed.elimination.origin
-    return [
-        SampleBlock(r.design @ basis, r.target - r.design @ origin, deviation)
-        for r, deviation in zip(regressions, deviations, strict=True)
-    ]
+    found = []
+    for r, deviation in zip(regressions, deviations, strict=True):
+        design = r.design @ basis
+        if late:
+            design = np.concatenate([design, r.force_rates[:, :, None]], axis=2)
+        found.append(SampleBlock(design, r.target - r.design @ origin, deviation))
+    return found
 
 
 def _deviations(
     posed: Posed, regressions: Sequence[SampledRegression], solution: Solution, weight: float
 ) -> list[Floats]:
     """Return the deviation of each row's residual, record by record."""
-    base = np.nan_to_num(posed.base(solution.values))
+    base = np.nan_to_num(posed.base(solution.values[: len(posed.names)]))
     free = ~posed.model.input_matrix.any(axis=1)
     found = []
     for regression in regressions:
@@ -155,6 +176,32 @@ def _deviations(
         variance = np.maximum(variance, floor if floor > 0 else 1.0)
         found.append(np.sqrt(np.where(free, weight * variance[~free].max(initial=0.0), variance)))
     return found
+
+
+def _late(posed: Posed, fit: _Fit, freed: _Fit) -> gate.Verdict:
+    """Judge whether forces and motion come at one time: `freed` has the lag as an unknown.
+
+    ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
+    """
+    lag = -float(freed.values[-1])
+    std = float(np.sqrt(max(freed.scatter.covariance[-1, -1], 0.0)))
+    change = freed.values[:-1] - fit.values
+    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
+    known = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
+    shares = np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+    if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
+        return gate.Verdict()
+    worst = int(shares.argmax())
+    name, unit = posed.names[worst], posed.model.base.units[posed.elimination.kept[worst]]
+    text = (
+        f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
+        f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {name} is "
+        f"{freed.values[worst]:.5g} {unit} without that: give the delay of the channels, or look "
+        "for filters before the logger, or for something elastic that the equations leave out"
+    )
+    if abs(lag) > SURE * std and shares.max() > gate.SURE:
+        return gate.Verdict(faults=(text,))
+    return gate.Verdict(doubts=(text,))
 
 
 def _moved(posed: Posed, fit: _Fit, other: _Fit) -> list[str]:
@@ -192,6 +239,7 @@ def _summary(
     regressions: Sequence[SampledRegression],
     fit: _Fit,
     moved: Sequence[str],
+    late: gate.Verdict,
 ) -> Estimate:
     base, basis = posed.base(fit.values), posed.elimination.basis
     free = fit.scatter.covariance
@@ -214,7 +262,7 @@ def _summary(
     estimate = result(method, posed.full, posed.fixed, posed.model, findings)
     estimate = estimate.with_(checks=_said(regressions, fit.scatter))
     halves, spread = fit.scatter.halves()
-    verdict = gate.physical(posed.full, estimate)
+    verdict = gate.physical(posed.full, estimate) + late
     verdict += gate.prediction(estimate, {})
     verdict += gate.agreement(posed.names, halves, spread)
     return gate.passed(estimate, verdict)

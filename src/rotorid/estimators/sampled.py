@@ -114,6 +114,12 @@ class SampledRegression:
         return np.concatenate([stretch.inputs() for stretch in self.stretches])[self.kept]
 
     @cached_property
+    def force_rates(self) -> Floats:
+        """The derivative of filtered B u, shape (sample, row); zero where no equation counts."""
+        rates = np.concatenate([stretch.inputs(1) for stretch in self.stretches])[self.kept]
+        return np.asarray((rates @ self.model.input_matrix.T) * self.told[self.kept])
+
+    @cached_property
     def design(self) -> Floats:
         """Filtered Phi, shape (sample, row, base); zero where an equation does not count."""
         every = np.tensordot(self.signals, self.model.coefficients[0], axes=1)
@@ -228,13 +234,13 @@ class Stretch:
         spilled = outer.apply(rest.astype(float)[:, None])[:, 0] > SPILLED
         return np.asarray((spilled | rest)[self.picked])
 
-    def inputs(self) -> Floats:
-        """Return the filtered inputs, shape (used, input)."""
+    def inputs(self, order: int = 0) -> Floats:
+        """Return the filtered inputs or their derivative, shape (used, input)."""
         seen, record = self.regression.observation, self._record
         if not seen.inputs:
             return np.zeros((len(self.picked), 0))
         samples = record.record.samples[self.begin : self.end, list(seen.input_columns)]
-        return np.asarray(record.outer.apply(samples, 0, seen.inputs)[self.picked])
+        return np.asarray(record.outer.apply(samples, order, seen.inputs)[self.picked])
 
     @cached_property
     def motion(self) -> Motion:
