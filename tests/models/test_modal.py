@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorid.models import load_model
-from rotorid.models.modal import ALIKE, OVERDAMPED, RIGID, eigenmodes, parted
+from rotorid.models.modal import ALIKE, OVERDAMPED, RIGID, _scales, eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])
 CHAIN_K = np.array([[1.5e6, -1e6, 0], [-1e6, 3e6, -2e6], [0, -2e6, 2e6]])
@@ -101,3 +101,11 @@ def test_coinciding_frequencies_part_as_their_planes_do() -> None:
     slopes = found.left.conj()[:, None, :] * found.right[None, :, :]
     away = parted(gram, slopes.astype(complex), np.array([1.0, -0.3])).imag
     np.testing.assert_allclose(away, [[0, 1 / 8], [1 / 8, 0]], atol=1e-12)
+
+
+def test_scaling_goes_as_far_as_it_needs_to() -> None:
+    """A matrix that no scaling levels: a sweep halves what is left; after 8 it is 10 %."""
+    size = np.array([[1.0, 1e12], [0.0, 1.0]])
+    row, column = _scales(size)
+    least = float((row[:, None] * size * column).max(axis=0).min())
+    assert 0.8 < least < 0.95
