@@ -1,7 +1,10 @@
 """Controllers: PID, and what python-control and scipy bring."""
 
+import importlib.util
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 
 import control
 import numpy as np
@@ -9,7 +12,9 @@ import pytest
 from scipy import signal
 
 from rotorid.errors import InputError
+from rotorid.rig import assembly
 from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
+from rotorid.rig.file import load_rig
 
 T = 1e-4
 
@@ -103,3 +108,19 @@ def test_python_control_is_not_imported_by_the_package() -> None:
 def test_bad_controllers_are_refused(build, message: str) -> None:
     with pytest.raises(InputError, match=message):
         build()
+
+
+def test_the_example_of_a_centralised_controller_holds_the_rotor_by_all_axes() -> None:
+    path = Path(__file__).parents[2] / "examples" / "centralised_control.py"
+    spec = importlib.util.spec_from_file_location("centralised_control", path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    rig = load_rig("three-mass").rig
+    controller = example.centralised(rig)
+    assert (controller.positions, controller.commands) == (4, 4)
+    held = replace(rig, controller=controller)
+    assert assembly.growth(held, held.plant(1.0), rig.rotation.speed)[0] < 0
+    # From one axis and end to the others: no four controllers side by side.
+    across = np.abs(controller.response([2 * np.pi * 140.0])[0])
+    assert across[0, 1:].min() > 1e-3 * across[0, 0]
+    assert across[0, 3] > 0.05 * across[0, 0]
