@@ -40,6 +40,19 @@ def test_every_fault_is_on_the_page() -> None:
         assert page[name][0] == fault.wanted
 
 
+def test_no_fault_is_believed_and_most_are_named() -> None:
+    """Of the faults on the page that matter: none `ok` and wrong, two dozen called by name."""
+    kinds = [kind for _, kind in rows().values()]
+    assert not {"wrong", "none"} & {*kinds}
+    assert kinds.count("named") >= 24
+    text = (DOCS / "faults.md").read_text(encoding="utf-8").replace("\n", " ")
+    told = re.search(r"(\d+) are refused and (\d+) move .*; (\d+) of these (\d+) are named", text)
+    assert told is not None
+    refused, far, named, all_ = (int(number) for number in told.groups())
+    assert refused + far == all_ >= 30
+    assert named >= 24
+
+
 # Of each kind one, and those whose answer hangs on most: some minutes.
 SAMPLED = (
     "iron-path", "bias-mismatch", "hysteresis", "gap-drift", "sensor-plane", "runout-1",
