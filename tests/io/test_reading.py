@@ -11,7 +11,7 @@ import scipy.io
 import rotorid as rid
 from rotorid.errors import InputError, ReadError
 from rotorid.io import Source
-from rotorid.io.clock import rate_of
+from rotorid.io.clock import read_clock
 
 T = np.arange(8) / 1000.0
 X = np.array([1.0, -2.0, 3.0, -4.0, 5.0, -6.0, 7.0, -8.0])
@@ -137,8 +137,8 @@ def test_jitter_of_the_time_stamps_does_not_matter() -> None:
     rng = np.random.default_rng(1)
     time = np.arange(1001) / 1000.0
     time[1:-1] += rng.uniform(-2e-4, 2e-4, 999)
-    assert rate_of(time) == pytest.approx(1000.0, rel=1e-12)
-    assert rate_of(np.round(np.arange(1001) / 400.0, 3)) == pytest.approx(400.0)  # in whole ms
+    assert read_clock(time).rate.hertz == pytest.approx(1000.0, rel=1e-12)
+    assert read_clock(np.round(np.arange(1001) / 400.0, 3)).rate.hertz == pytest.approx(400.0)  # ms
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_jitter_of_the_time_stamps_does_not_matter() -> None:
 )
 def test_dropped_samples(time: list[float], message: str) -> None:
     with pytest.raises(ReadError, match=message):
-        rate_of(np.array(time, dtype=float))
+        read_clock(np.array(time, dtype=float))
 
 
 def test_samples_that_are_not_finite(tmp_path: Path) -> None:

@@ -79,21 +79,6 @@ def test_dynamic_stiffness_by_hand(name, speed):
 
 
 @pytest.mark.parametrize("name", BY_HAND)
-def test_terms_sum_to_the_dynamic_stiffness(name):
-    model = load_model(name)
-    values, _ = namespace(model, 5)
-    linear, mu = model.require_linear(), model.monomial_values(values)
-    for speed in SPEEDS:
-        terms = linear.stiffness_terms(speed)
-        omega = 321.0
-        z = np.zeros((linear.rows, linear.coordinates), dtype=complex)
-        entries = terms.coefficient * mu[terms.monomial] * (1j * omega) ** terms.order
-        np.add.at(z, (terms.row, terms.column), entries)
-        expected = linear.dynamic_stiffness([omega], values, speed)[0]
-        np.testing.assert_allclose(z, expected, rtol=1e-13, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", BY_HAND)
 def test_loads_by_hand(name):
     model, load = load_model(name), BY_HAND[name][1]
     values, p = namespace(model, 6)
@@ -247,7 +232,6 @@ def test_a_division_by_the_speed_needs_a_speed():
     np.testing.assert_allclose(linear.matrices([1.0, 2.0, 3.0], 4.0).D, [[0.5]])
     for call in (
         lambda: linear.matrices([1.0, 2.0, 3.0], 0.0),
-        lambda: linear.stiffness_terms(0.0),
         lambda: linear.load_columns(np.zeros(3), np.zeros(3), 0.0),
     ):
         with pytest.raises(

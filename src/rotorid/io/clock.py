@@ -105,11 +105,6 @@ def even_rate(time: Floats) -> Rate | None:
     return clock.rate if clock.even else None
 
 
-def rate_of(time: Floats) -> float:
-    """Return the mean sample rate of times without gaps."""
-    return read_clock(time).rate.hertz
-
-
 def _gap(time: Floats, step: float, wrong: np.ndarray) -> ReadError:
     """Return the error for missing samples, with the longest stretch that has none."""
     first = int(wrong[0]) if wrong.size else 0

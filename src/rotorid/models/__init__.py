@@ -1,14 +1,13 @@
 """Equations of motion as text, and what follows from them."""
 
 from rotorid.models.base import BaseParameters
-from rotorid.models.linear import LinearForm, LinearTerms, Matrices
+from rotorid.models.linear import LinearForm, Matrices
 from rotorid.models.loader import load_model, parse_model, shipped_models
 from rotorid.models.model import Model, Motion, Parameter
 
 __all__ = [
     "BaseParameters",
     "LinearForm",
-    "LinearTerms",
     "Matrices",
     "Model",
     "Motion",

@@ -13,7 +13,7 @@ from rotorid.errors import InputError, ModelError
 from rotorid.models.evaluation import evaluate, is_usable
 from rotorid.models.expression import RESERVED, Expression, product, symbol
 from rotorid.models.terms import DERIVATIVES
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.record import Complexes, Floats
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,6 @@ class InputTerm:
     input: int
     monomial: int
     coefficient: float
-
-
-@dataclass(frozen=True)
-class LinearTerms:
-    """Entries of the dynamic stiffness at one speed, as parallel arrays.
-
-    ``Z[row, column] = sum coefficient * mu[monomial] * (i omega)^order``.
-    """
-
-    row: Integers
-    column: Integers
-    order: Integers
-    monomial: Integers
-    coefficient: Floats
 
 
 @dataclass(frozen=True)
@@ -106,17 +92,6 @@ class LinearForm:
     load_terms: tuple[Term, ...]
     monomial_values: Callable[[Floats], Floats]
     monomials: int
-
-    def stiffness_terms(self, speed: float) -> LinearTerms:
-        """Return the entries of Z at a speed in rad/s."""
-        factor = [speed_factor(t.factor, speed) for t in self.stiffness]
-        return LinearTerms(
-            np.array([t.row for t in self.stiffness], dtype=np.int64),
-            np.array([t.column for t in self.stiffness], dtype=np.int64),
-            np.array([t.order for t in self.stiffness], dtype=np.int64),
-            np.array([t.monomial for t in self.stiffness], dtype=np.int64),
-            np.array([t.coefficient for t in self.stiffness]) * np.array(factor),
-        )
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
         """Return M, D, G, K and B."""

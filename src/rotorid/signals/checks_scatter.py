@@ -48,12 +48,6 @@ SILENT = 3.0
 in 8000 lines."""
 
 
-def scatter_of(spectra: Complexes) -> Floats:
-    """Return s^2 of each line and channel, shape (line, channel)."""
-    steps = np.abs(np.diff(spectra, axis=0)) ** 2
-    return np.asarray(steps.mean(axis=0) / 2)
-
-
 def check_identical(periods: PeriodicRecord) -> list[Check]:
     """Find channels without scatter: nothing tells how well their mean is known."""
     level = np.sqrt((periods.mean**2).mean(axis=0))

@@ -57,11 +57,6 @@ class PeriodSums:
             self._merge_moments(len(part), mean, self._squares(part, mean))
             self.spectra[first + begin] = self._lines_of(part)
 
-    def merge(self, other: PeriodSums) -> None:
-        """Add the sums of another part of the record."""
-        self._merge_moments(other.count, other.mean, other.squares)
-        self.spectra |= other.spectra
-
     def _merge_moments(self, count: int, mean: Floats, squares: Floats) -> None:
         if count == 0:
             return
