@@ -197,9 +197,10 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Check]:
     # What is true of many periods is no knock.
     if not knocked.size or knocked.size > max(1, count // 10):
         return []
-    worst = int(knocked[np.argmax((size / np.maximum(typical, 1e-300))[knocked].max(axis=1))])
+    ratio = size / np.maximum(typical, 1e-12 * size.max())  # periods of few levels may be equal
+    worst = int(knocked[np.argmax(ratio[knocked].max(axis=1))])
     channels = np.flatnonzero(out[knocked].any(axis=0))
-    factor = float(np.sqrt((size[worst] / np.maximum(typical, 1e-300)).max()))
+    factor = float(np.sqrt(ratio[worst].max()))
     starts = periods.time[first + knocked, 0]
     which = ", ".join(
         f"{first + p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts[:5], strict=False)
