@@ -96,7 +96,7 @@ CASES = {
     ),
     # unknown keys
     "key": Case(
-        "the unknown key 'colour'.*one of model, records, channels.*remove it",
+        "the unknown key 'colour'.*one of model, records, modes, channels.*remove it",
         place="colour",
         experiment=("model =", 'colour = "red"\nmodel ='),
     ),
