@@ -11,7 +11,9 @@ from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood, Plan, predict_accuracy
 from rotorid.estimators.likelihood import information
 from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.search import search
@@ -161,3 +163,19 @@ def test_a_lower_minimum_becomes_the_answer():
     assert again.point.cost < higher.point.cost - 1e-3
     assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
     assert all(other.cost >= again.point.cost for other in doubt.alternatives)
+
+
+def test_two_periods_take_the_misfit_for_noise(demo):
+    """Where two periods scatter too little by chance, the misfit widens the deviations."""
+    record = demo.noisy(demo.record(), np.random.default_rng(3))
+    spectra = record.spectra[:2].mean(axis=0) + 0.1 * (
+        record.spectra[:2] - record.spectra[:2].mean(axis=0)
+    )
+    few = replace(record, spectra=spectra, time=record.time[:2], angle=record.angle[:2])
+    estimate = identify(demo.model, few, MaximumLikelihood(covariance="white"))
+    misfit = estimate.misfit
+    assert misfit.cost > 10 * misfit.expected
+    fit_ = fit(demo.model, bind_all(demo.model, [few]), Knowledge(), Nuisances())
+    plain = infer(fit_.solution.point, fit_.problem.exact).covariance
+    share = fit_.inference.covariance[0, 0] / plain[0, 0]
+    assert share == pytest.approx(fit_.solution.point.cost / fit_.inference.expectation.mean)

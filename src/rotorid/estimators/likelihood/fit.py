@@ -100,7 +100,20 @@ def fit(
     if solution.converged and explained(solution, inference):
         start, problem = prepared.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference)
+    inference = _by_misfit(solution, inference)
     return Fit(prepared, solution, inference, tuple(records), doubt, crept)
+
+
+def _by_misfit(solution: Solution, inference: Inference) -> Inference:
+    """Widen deviations by a misfit where few periods leave the noise itself unsure.
+
+    The misfit then tells its size as well as the scatter between two or three periods does.
+    """
+    unsure = any(at.problem.noise.shrunk > 0 for at in solution.point.records)
+    mean = inference.expectation.mean
+    if not unsure or not 0 < mean < solution.point.cost:
+        return inference
+    return replace(inference, covariance=inference.covariance * (solution.point.cost / mean))
 
 
 def _carried(prepared: Prepared, solution: Solution) -> Floats:
