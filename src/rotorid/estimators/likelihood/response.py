@@ -55,7 +55,8 @@ def _motion(stiffness: Complexes, right: Complexes) -> Complexes:
             found = np.asarray(
                 np.linalg.solve(stiffness, right[:, :, None])[:, :, 0], dtype=complex
             )
-    size = np.linalg.norm(stiffness, axis=(1, 2)) * np.linalg.norm(found, axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion beyond all numbers is none
+        size = np.linalg.norm(stiffness, axis=(1, 2)) * np.linalg.norm(found, axis=1)
     for line in np.flatnonzero(~(size <= SINGULAR * np.linalg.norm(right, axis=1))):
         found[line] = np.linalg.lstsq(stiffness[line], right[line], rcond=None)[0]
     return found
