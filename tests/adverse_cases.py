@@ -197,8 +197,8 @@ CASES = (
     Case("all sensors of 6 bits", SMALL, ANY, data=column(coarse(64), -1)),
     Case("a knock", ALL, NOT_OK, ("knock",), data=column(added(knock), -1)),
     Case("spikes in a sensor", ALL, ANY, data=column(spikes(5))),
-    Case("a transient at the start", ALL, ANY, data=column(added(settling), -1)),
-    Case("a gain that drifts by 3 %", ALL, NOT_OK, ("drift", "speed"), data=column(warming(0.03))),
+    Case("a transient at the start", ALL, NOT_OK, ("settled",), data=column(added(settling), -1)),
+    Case("a gain that drifts by 3 %", ALL, NOT_OK, ("drift",), data=column(warming(0.03))),
     Case("an offset that drifts", SMALL, ANY, data=column(ramp(5.0), -1)),
     Case("a sensor that walks at random", ALL, ANY, data=column(added(wandering))),
     Case("one sample lost", ALL, NOT_OK, ("lost samples",), data=column(lost(1), -1, "a")),
@@ -249,8 +249,7 @@ CASES = (
     ),
     Case("a seal", ALL, NOT_OK, plant=sealed),
     Case("k_s left out", "rigid three", NOT_OK, ("stiffness",), plant=grounded),
-    # Where the vibration is small, the spring is linear, and the answer right.
-    Case("a spring that stiffens", ALL, ANY, plant=hardening),
+    Case("a spring that stiffens", ALL, NOT_OK, plant=hardening),
     Case("a sensor 30 mm off", R, NOT_OK, ("plane[", "gain["), data=elsewhere),
     # what is known
     Case("a mass fixed 10 % off", ALL, NOT_OK, data=told("fixed", "m m2", lambda m: 1.1 * m)),
