@@ -167,6 +167,16 @@ class Likelihood:
         """Number of lines."""
         return int(self.data.shape[0])
 
+    def coefficients(self, unknowns: Floats) -> Complexes:
+        """Return the terms of the equations that multiply the motion, shape (line, term)."""
+        every, moved = self.entries, self.entries.column < self.coordinates
+        values = self.monomials.values(unknowns)[every.monomial[moved]]
+        return _complex(every.weight[:, moved] * values)
+
+    def loads_at(self, unknowns: Floats) -> Complexes:
+        """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
+        return _complex(self.load @ self.monomials.values(unknowns))
+
     def evaluate(
         self, unknowns: Floats, relaxation: float = 0.0, affine: Integers | None = None
     ) -> Evaluation:

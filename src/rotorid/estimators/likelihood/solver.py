@@ -312,10 +312,13 @@ def bounds_held(problem: Problem, unknowns: Floats) -> tuple[int, ...]:
 
 ANCHOR = 0.3
 """Relative deviation with which the gains are held while errors are granted."""
+HELD_SCALE = 0.01
+"""Deviation of a common scale that nothing tells: any value is right, but for zero. With the
+deviation of the gains zero would still cost less than the errors of a bad start."""
 
 
 def anchored(problem: Problem, start: Floats) -> Problem:
-    """Hold the gains of the channels loosely to their start.
+    """Hold the gains of the channels loosely to their start, and a scale that nothing tells.
 
     While errors are granted to the equations in units of force, the cost would fall with the
     forces themselves: without an anchor, all gains, masses and stiffnesses go to zero together.
@@ -328,6 +331,27 @@ def anchored(problem: Problem, start: Floats) -> Problem:
             alone = tuple(int(i == index) for i in range(count))
             polynomial = {alone: 1.0, (0,) * count: -float(start[index])}
             rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))
+    if scale_is_open(problem, start):
+        moved = [i for i in layout.free if start[i]]
+        common = {tuple(int(i == m) for i in range(count)): 1 / float(start[m]) for m in moved}
+        rows.append((common | {(0,) * count: -float(len(moved))}, HELD_SCALE, "scale"))
     if not rows:
         return problem
     return replace(problem, known=problem.known.joined(Relations.build(rows, count)))
+
+
+def scale_is_open(problem: Problem, start: Floats) -> bool:
+    """Tell whether twice every unknown is the same rotor: no force and no value is known."""
+    twice = start.copy()
+    twice[problem.layout.free] *= 2
+    if any(record.data[:, : record.inputs].any() for record in problem.likelihoods):
+        return False
+    known = problem.known.values(start), problem.known.values(twice)
+    exact = problem.exact.values(start), problem.exact.values(twice)
+    if not (np.array_equal(*known) and np.allclose(2 * exact[0], exact[1], rtol=1e-12)):
+        return False
+    return all(
+        np.allclose(2 * record.coefficients(start), record.coefficients(twice), rtol=1e-12)
+        and not record.loads_at(start).any()
+        for record in problem.likelihoods
+    )

@@ -509,10 +509,11 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
     """Order findings by the cost that is left, one for each term.
 
     Those that were tried come first, and of those that the data cannot tell apart the ones that
-    need no further unknown, then known values, which are no new terms.
+    need no further unknown, then known values, which are no new terms. Where two leave the same
+    cost, to rounding, a channel that reads too little, as dead ones do, comes before too much.
     """
     best: dict[str, Finding] = {}
-    for finding in sorted(findings, key=lambda f: (not f.tried, f.left)):
+    for finding in sorted(findings, key=lambda f: (not f.tried, round(f.left, 2), _too_much(f))):
         if finding.suspect.drop > 0:
             best.setdefault(finding.suspect.term, finding)
     ordered = list(best.values())
@@ -522,6 +523,12 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
     rest = [f for f in group if not f.exact and _channel(f) not in channels]
     told += sorted(rest, key=lambda f: not f.suspect.term.startswith("prior "))
     return [*told, *(f for f in ordered if f not in group)]
+
+
+def _too_much(finding: Finding) -> bool:
+    """Tell whether a suspect is a channel that reads more than there is."""
+    value = finding.suspect.value
+    return finding.suspect.term.startswith("gain[") and value is not None and abs(value) > 1
 
 
 def _channel(finding: Finding) -> str:
