@@ -183,7 +183,6 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
         time=timing(entry),
         **_said(entry),
     )
-    record = replace(record, phase_known=entry.phase is not None)
     record = _with_drives(_with_angle(record, entry), plan)
     return forces(
         record, _readings(record, plan), drives=not currents, period=_period(record, entry)
@@ -236,7 +235,7 @@ def _said(entry: RecordEntry) -> dict[str, Any]:
     return {
         "sample_rate": entry.sample_rate,
         "speed": entry.speed.value,
-        "phase": entry.phase or 0.0,
+        "phase": entry.phase,
         "until": entry.until,
         "fundamental": entry.fundamental,
         "header_row": entry.header_row,

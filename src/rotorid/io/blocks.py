@@ -72,7 +72,7 @@ def open_blocks(
     sample_rate: float | None = None,
     time: Source | None = None,
     speed: float = 0.0,
-    phase: float = 0.0,
+    phase: float | None = 0.0,
     until: float | None = None,
     fundamental: float | None = None,
     header_row: int | None = None,
@@ -112,7 +112,7 @@ def open_blocks(
     def read() -> Iterator[Floats]:
         return _blocks(table, order, factors, clock)
 
-    return RecordBlocks(channels, clock.rate, speed, phase, table.file, read)
+    return RecordBlocks(channels, clock.rate, speed, phase or 0.0, table.file, read)
 
 
 def _blocks(

@@ -79,7 +79,7 @@ def read_record(
     sample_rate: float | str | None = None,
     time: str | Source | None = None,
     speed: float | str = 0.0,
-    phase: float | str = 0.0,
+    phase: float | str | None = 0.0,
     skip: float | str = 0.0,
     until: float | str | None = None,
     mask: str | None = None,
@@ -105,8 +105,9 @@ def read_record(
         two are held against each other; with neither, the file must state its rate.
     speed : float or str
         Speed of rotation in rad/s, or with a unit; in Hz it counts revolutions.
-    phase : float or str
-        Rotor angle at the file's first sample in rad, or with a unit.
+    phase : float or str, optional
+        Rotor angle at the file's first sample in rad, or with a unit; ``None`` where it is not
+        known, so that the record tells no direction of the unbalance.
     skip : float or str
         Time in s from the file's first sample, before which gaps and samples that are no numbers
         do no harm: where there are some, the record starts there.
@@ -168,7 +169,7 @@ def read_record(
             limits,
         )
         channels, samples = _channels({name: sources[name] for name in read}, read, table)
-        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase, "rad", "phase")
+        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase or 0.0, "rad", "phase")
         valid = _valid(kept, len(samples))
         clock, samples, valid = clock.cut(samples, valid, limits[0])
         if clock.stamps is not None:
@@ -185,6 +186,7 @@ def read_record(
         sample_rate=clock.rate,
         speed=omega,
         angle=None if angle == 0.0 else turned,
+        phase_known=phase is not None,
         source=table.file,
         valid=valid,
         warnings=clock.warnings,

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import scipy
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_samples import is_input
@@ -133,7 +132,7 @@ def _window(count: int) -> Floats:
 
 def _spectra(rests: Floats) -> tuple[Floats, Floats]:
     """Return the power of windowed signals (signal, sample), and its floor around each line."""
-    spectrum = scipy.fft.rfft(rests * _window(rests.shape[1]), axis=1)
+    spectrum = np.fft.rfft(rests * _window(rests.shape[1]), axis=1)
     power = spectrum.real**2 + spectrum.imag**2
     count, lines = power.shape
     blocks = -(-lines // _WIDTH)

@@ -1,12 +1,14 @@
 """Calibration constants as unknowns; several records of one machine."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from rotorid.errors import InputError
 from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.estimators.likelihood import nuisances
+from rotorid.estimators.likelihood.nuisances import Factor, Unknown
 from rotorid.identify import identify
 from rotorid.record import Channel, Drive
 
@@ -261,3 +263,41 @@ def test_a_phase_that_its_prior_alone_determines_is_determined(demo, bearings):
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
     assert "phase[0]" not in " ".join(estimate.warnings)
     assert estimate.std("phase[0]") == pytest.approx(0.01, rel=1e-3)
+
+
+@dataclass(frozen=True)
+class Stretch(Factor):
+    """A kind that the package does not have: a gain that grows with the square of frequency."""
+
+    @classmethod
+    def asked(cls, records, wanted):
+        return cls.every(records)
+
+    @classmethod
+    def every(cls, records):
+        sensors = frozenset(s.channel.name for r in records for s in r.sensors)
+        unknown = Unknown("stretch[position]", "s^2", 0.0, nuisance=True, additive=True)
+        return [cls((unknown,), sensors)]
+
+    def factor(self, values, omega):
+        return 1 / (1 + values[0] * omega**2 + 0j)
+
+    def slopes(self, values, omega):
+        return (-(omega**2) / (1 + values[0] * omega**2) + 0j)[:, None]
+
+
+def test_a_further_kind_is_one_class(demo, bearings, monkeypatch):
+    """Start, fit, deviation, report and the record's covariance: nothing else knows of it."""
+    size = 2e-7
+    record = demo.record(bearings)
+    spectra = record.spectra.copy()
+    spectra[:, :, 4:] *= (1 + size * record.omega**2)[:, None]
+    noisy = demo.noisy(replace(record, spectra=spectra), np.random.default_rng(5))
+    estimator = MaximumLikelihood(fixed={"L1": 0.3})
+    assert identify(demo.model, noisy, estimator).status == "rejected"
+    monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, Stretch))
+    estimate = identify(demo.model, noisy, estimator)
+    assert estimate.status == "ok"
+    assert_agrees(estimate, {**demo.truth, "stretch[position]": size})
+    assert estimate["stretch[position]"].std < size / 10
+    assert "stretch[position]" in str(estimate)
