@@ -254,3 +254,45 @@ def test_what_every_law_may_have_wrong() -> None:
     every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every
+
+
+UNBALANCE, RUNOUT = 5e-6 - 2e-6j, {"x": 3e-6 + 1e-6j, "y": -2e-6 + 2e-6j}
+
+
+def turning(line: int) -> PeriodicRecord:
+    """Return a record of the turning mass, read by sensors of a track that is not round."""
+    rng = np.random.default_rng(line)
+    omega = 2 * np.pi * F0 * LINES
+    force = 1.0 * np.exp(2j * np.pi * rng.uniform(size=(len(LINES), 2)))
+    at, speed = list(LINES).index(line), 2 * np.pi * F0 * line
+    load = np.zeros_like(force)
+    load[at] = 0.5 * TRUTH["m"] * speed**2 * UNBALANCE * np.array([1.0, -1j])
+    stiff = TRUTH["k"] - TRUTH["m"] * omega**2 + 1j * omega * TRUTH["c"]
+    moved = synthesize((force + load) / stiff[:, None], LINES, SIZE)
+    current = ForceSource(MAGNET).flowing(synthesize(force, LINES, SIZE), moved)
+    track = np.zeros_like(force)
+    track[at] = 0.5 * np.array(list(RUNOUT.values()))
+    read = moved + synthesize(track, LINES, SIZE)
+    values = np.tile(np.concatenate([current, read], axis=1), (PERIODS, 1))
+    noise = np.random.default_rng(9).standard_normal(values.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
+    channels = [Channel(n, u) for n, u in (("i", "A"), ("j", "A"), ("x", "m"), ("y", "m"))]
+    record = Record(channels, values + noise, RATE, speed=speed)
+    laws = {
+        f"F_{axis}": ForceReading(MAGNET, (flow,), {axis: 1.0})
+        for axis, flow in (("x", "i"), ("y", "j"))
+    }
+    return average(forces(record, laws, period=SIZE), F0, harmonics=LINES)
+
+
+def test_runout_goes_through_the_law_of_the_magnet() -> None:
+    """The force is read k_s of the runout too large; two speeds tell it from the unbalance."""
+    found = identify(MODEL, [turning(11), turning(23)], MaximumLikelihood(runout=True))
+    assert found.status == "ok"
+    assert found["xi"].std < 1e-7
+    for name, value in {**TRUTH, "xi": UNBALANCE.real, "zeta": UNBALANCE.imag}.items():
+        assert abs(found.value(name) - value) < 4 * found.std(name), name
+    for name, value in RUNOUT.items():
+        for part, true in (("cos", value.real), ("sin", -value.imag)):
+            runout = found[f"runout[{name}].{part}"]
+            assert abs(runout.value - true) < 4 * runout.std
+            assert runout.std < 1e-7

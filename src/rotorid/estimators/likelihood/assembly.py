@@ -18,7 +18,7 @@ from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sen
 from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
 from rotorid.estimators.likelihood.polynomial import Monomials
-from rotorid.estimators.likelihood.reread import reread
+from rotorid.estimators.likelihood.reread import position_slopes, reread
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
@@ -349,36 +349,40 @@ def _calibration(
         observation.lines.omega,
         len(names),
         tuple(factors),
-        _readings(layout, observation.lines, names),
+        _readings(layout, observation),
         phase,
         orders,
         reread(observation, layout.places()),
     )
 
 
-def _readings(layout: Layout, lines: Lines, names: Sequence[str]) -> Readings | None:
-    found = [
-        (names.index(nuisance.channel), where, nuisance.order)
-        for nuisance, where in layout.places()
-        if isinstance(nuisance, Reading) and nuisance.channel in names
-    ]
-    if not found:
+def _readings(layout: Layout, observation: Observation) -> Readings | None:
+    """Return what adds to sensors, and with them to the forces whose laws they enter."""
+    names = [channel.name for channel in observation.channels]
+    places: list[tuple[int, int, int]] = []
+    orders, lines = [], []
+    for nuisance, where in layout.places():
+        if not isinstance(nuisance, Reading):
+            continue
+        cos, sin = where.tolist()
+        weights = position_slopes(observation, nuisance.channel)
+        if nuisance.channel in names:
+            weights[names.index(nuisance.channel)] = np.ones(1)
+        for channel, weight in weights.items():
+            places.append((channel, cos, sin))
+            orders.append(float(nuisance.order))
+            lines.append(rotation_lines(observation.lines, nuisance.order, weight))
+    if not places:
         return None
-    channel, where, order = zip(*found, strict=True)
-    unknowns = np.array(where, dtype=np.int64)
-    turning = {n: rotation_lines(lines, n) for n in set(order)}
-    return Readings(
-        np.array(channel, dtype=np.int64),
-        unknowns[:, 0],
-        unknowns[:, 1],
-        np.array(order, dtype=float),
-        np.stack([turning[n] for n in order], axis=1),
-    )
+    channels, cosines, sines = np.array(places, dtype=np.int64).T
+    return Readings(channels, cosines, sines, np.array(orders), np.stack(lines, axis=1))
 
 
-def rotation_lines(lines: Lines, order: int = 1) -> Complexes:
-    """Return the lines of exp(i n phi) and exp(-i n phi), shape (line, 2)."""
+def rotation_lines(lines: Lines, order: int, weight: Floats) -> Complexes:
+    """Return the lines of w exp(i n phi) and w exp(-i n phi), shape (line, 2)."""
     parts = lines.clock.lines(
-        lambda t, phi, speed: np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
+        lambda t, phi, speed: (
+            weight[:, None] * np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
+        )
     )
     return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)

@@ -60,7 +60,10 @@ class BoundFactor:
 
 @dataclass(frozen=True)
 class Readings:
-    """What adds to readings, ``cos * cos(n phi) + sin * sin(n phi)`` each.
+    """What adds to readings, ``w (cos * cos(n phi) + sin * sin(n phi))`` each.
+
+    The weight w is 1 for the sensor itself, and a function of time for a force that is read with
+    the displacement of that sensor.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ class Readings:
     order : array, shape (reading,)
         n.
     rotation : complex array, shape (line, reading, 2)
-        Lines of exp(i n phi) and exp(-i n phi).
+        Lines of w exp(i n phi) and w exp(-i n phi).
     """
 
     channel: Integers
@@ -79,7 +82,7 @@ class Readings:
     rotation: Complexes
 
     def cosine_sine(self, phase: float) -> tuple[Complexes, Complexes]:
-        """Return the lines of cos(n phi) and sin(n phi), each of shape (line, reading)."""
+        """Return the lines of w cos(n phi) and w sin(n phi), each of shape (line, reading)."""
         turn = np.exp(1j * self.order * phase)
         forward, backward = self.rotation[:, :, 0] * turn, self.rotation[:, :, 1] / turn
         return (forward + backward) / 2, (forward - backward) / 2j
@@ -116,7 +119,7 @@ class Calibration:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
         if self.readings is None:
             return _none()
-        return np.concatenate([self.readings.cos, self.readings.sin])
+        return np.unique([self.readings.cos, self.readings.sin])
 
     def at(self, unknowns: Floats) -> CalibrationState:
         """Evaluate at the unknowns."""
@@ -170,8 +173,8 @@ class Calibration:
         cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
         acted = at.plain[:, :, self.readings.channel]
         for unknown, line in ((self.readings.cos, cos), (self.readings.sin, sin)):
-            there, where = np.nonzero(unknown[:, None] == among)
-            jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
+            for there, where in np.argwhere(unknown[:, None] == among):  # several share one
+                jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
 
     def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
         turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)

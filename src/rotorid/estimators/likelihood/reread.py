@@ -21,6 +21,8 @@ from rotorid.signals.spectrum import transfer_of_recording
 
 STEP = 1e-30
 """A complex step: the derivative of what is computed with it is exact to rounding."""
+NEAR = 1e-8
+"""Displacement in m over which the slope of a law is taken: a hundred thousandth of any gap."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,9 @@ class BoundLaw:
         constants: tuple[tuple[LawConstant, int], ...],
     ) -> BoundLaw:
         """Find what went through the law of an input."""
-        lines, samples = observation.lines, observation.lines.samples
+        samples = observation.lines.samples
         assert samples is not None
-        where = {name: k for k, name in enumerate(lines.names)}
-        position = np.zeros(len(samples.values))
-        for name, share in law.position.items():
-            position += share * samples.column(where[name], lines.channels[where[name]])
-        read = samples.values[:, observation.input_columns[number]]
-        flowing = law.flowing(read, position)
+        flowing, position = _passed(observation, number, law, samples)
         force = law.force(flowing, position, {}).real
         return cls(number, law, constants, samples, flowing, position, force)
 
@@ -106,6 +103,40 @@ class BoundLaw:
         """Yield the derivative of `at` by each unknown."""
         for _, at in self.constants:
             yield at, self._split(self._moved(unknowns, at).imag / STEP)
+
+
+def _passed(
+    observation: Observation, number: int, law: ForceLaw, samples: Samples
+) -> tuple[Floats, Floats]:
+    """Return the current and the displacement that went through the law of an input."""
+    lines = observation.lines
+    where = {name: k for k, name in enumerate(lines.names)}
+    position = np.zeros(len(samples.values))
+    for name, share in law.position.items():
+        position += share * samples.column(where[name], lines.channels[where[name]])
+    read = samples.values[:, observation.input_columns[number]]
+    return law.flowing(read, position), position
+
+
+def position_slopes(observation: Observation, sensor: str) -> dict[int, Floats]:
+    """Return by how much each input's force is read too large per metre that a sensor is.
+
+    In N/m at each sample, for the inputs whose law takes the displacement from that sensor: what a
+    runout adds to the reading goes through the law as well. Exact to first order: it is small
+    against the gap.
+    """
+    samples, found = observation.lines.samples, {}
+    for number, channel in enumerate(observation.inputs):
+        law = channel.law
+        share = 0.0 if law is None else law.position.get(sensor, 0.0)
+        if law is None or not share:
+            continue
+        flowing, position = np.zeros(1), np.zeros(1)
+        if samples is not None:
+            flowing, position = _passed(observation, number, law, samples)
+        ahead, behind = (law.force(flowing, position + move, {}).real for move in (NEAR, -NEAR))
+        found[number] = share * (ahead - behind) / (2 * NEAR)
+    return found
 
 
 @dataclass(frozen=True)
