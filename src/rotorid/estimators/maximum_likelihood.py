@@ -11,11 +11,11 @@ from rotorid.estimate import Estimate
 from rotorid.estimators import gate
 from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.knowledge import Constraint, in_si
+from rotorid.estimators.likelihood.exact import exactness
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
-from rotorid.estimators.likelihood.scale import scale_note
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.likelihood.verdict import block_scatter, verdict
 from rotorid.estimators.modes import Mode, in_units_of
@@ -159,7 +159,7 @@ class MaximumLikelihood:
             return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
         if estimate.status == "ok":
-            estimate = estimate.with_(checks=tuple(scale_note(found)))
+            estimate = estimate.with_(checks=tuple(exactness(found)))
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))

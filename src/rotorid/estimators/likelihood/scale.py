@@ -10,8 +10,7 @@ import numpy as np
 
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.nuisances import Scale
-from rotorid.estimators.likelihood.refits import Case
-from rotorid.record import Check
+from rotorid.record import Check, Floats
 
 TAKEN_OVER = 1e-6
 """What is left of the scale's column when the parameters have taken their share, over its square,
@@ -20,16 +19,17 @@ FOLLOWS = 0.5
 """Relative change of a parameter, over that of the scale, from which it is said to follow."""
 
 
-def scale_note(fit: Fit) -> list[Check]:
-    """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit."""
+def scale_note(fit: Fit, column: Floats) -> list[Check]:
+    """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
+
+    column, shape (row,), is the derivative of the residual by the scale.
+    """
     channels = [c for record in fit.records for c in record.inputs]
     read = [c.name for c in channels if c.law is not None or c.drive is not None]
     layout = fit.prepared.layout
     if not read or any(isinstance(n, Scale) for n in layout.nuisances):
         return []
-    wide = Case(fit.prepared, fit.records, fit.solution.point).with_unknowns([Scale.of(None)])
-    jacobian = wide.point.jacobian
-    rest, column = jacobian[:, :-1], jacobian[:, -1]
+    rest = fit.solution.point.jacobian
     size = np.sqrt((rest**2).sum(axis=0))
     unit = np.where(size > 0, size, 1.0)
     found = np.linalg.lstsq(rest / unit, column, rcond=1e-10)[0]
