@@ -1,6 +1,7 @@
 """Lagging amplifiers: the rig's own files are right for its own reader, images and all."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,6 +42,24 @@ def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
         if not parameter["fixed"]:
             off = abs(parameter["value"] - truth[parameter["name"]])
             assert off < 5 * parameter["std"], parameter["name"]
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if "linear" not in name])
+def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_path: Path) -> None:
+    """No image, and no kink of the currents, is left: a lag of .1 us would be rejected."""
+
+    def less(match: re.Match[str]) -> str:
+        return f'{match[1]}"{float(match[2]) / 100:g} {match[3]}"'
+
+    text = re.sub(r'((?:noise|jitter) = )"([\d.]+) (\w+)"', less, FILES[name])
+    text = re.sub(r'(\nF_\w+ = )"([\d.]+) (N)"', less, text).replace('"5 s"', '"2 s"')
+    (tmp_path / "rig.toml").write_text(text)
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    assert found["misfit"]["cost"] < 2 * found["misfit"]["expected"]
 
 
 def test_an_amplifier_in_a_law_that_bends() -> None:

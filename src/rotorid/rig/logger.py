@@ -118,17 +118,25 @@ def how_recorded(rig: Machine, part: Actuator) -> tuple[bool, float]:
     as often as it is computed or a whole number of times more, and so the current of an amplifier
     without lag.
     """
-    schedule, period, lag = rig.schedule, rig.controller.period, part.time_constant
     command = rig.logger.current == "command"
+    oversampled = rig.logger.oversampling > 1
+    held = rig.schedule.controls == 1 and (command or (part.time_constant == 0 and not oversampled))
+    half = 0.5 / rig.logger.sample_rate if held else 0.0
+    late = _lateness(rig, part.time_constant, command=command)
+    return held, round((late + half) * 1e12) / 1e12 + 0.0
+
+
+def _lateness(rig: Machine, lag: float, *, command: bool) -> float:
+    """Return by how much the samples of a command, or of the current, are later than it, in s.
+
+    Its images fold onto its lines where it is sampled: those of its steps, or of its kinks.
+    """
+    schedule, period = rig.schedule, rig.controller.period
     every = rig.logger.oversampling if command else 1
     read = (schedule.log >= 0) & (schedule.log % every == 0)
     theta = schedule.offset[read] % period  # since the last tick of the controller
     age = theta.mean() if command else np.mean([_age(t, period, rig.delay, lag) for t in theta])
-    oversampled = rig.logger.oversampling > 1
-    held = schedule.controls == 1 and (command or (lag == 0 and not oversampled))
-    half = 0.5 / rig.logger.sample_rate if held else 0.0
-    delay = age - (rig.delay + period / 2 + (0.0 if command else lag)) + half
-    return held, round(float(delay) * 1e12) / 1e12 + 0.0
+    return float(age - (rig.delay + period / 2 + (0.0 if command else lag)))
 
 
 def _age(theta: float, period: float, delay: float, lag: float) -> float:
@@ -213,12 +221,27 @@ def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generato
         behind = known and FirstOrder(bandwidth=Constant("bandwidth", "Hz", known), actuator=True)
         found.append(Column(label(name, part), part.unit, samples, hold, delay, behind or None))
         if part.flux is not None and isinstance(part.law, Differential):
-            densities = part.flux.law.densities(part.law, log.effective[:, j], position[:, j])
+            current = _unfolded(rig, part, log.effective[:, j])
+            densities = part.flux.law.densities(part.law, current, position[:, j])
             for kind, density in zip(("b1", "b2"), densities, strict=True):
                 flux = decimated(density, log.every)
                 samples = flux + part.flux.noise * rng.normal(size=len(flux))
                 found.append(Column(label(name, part, kind), "T", samples))
     return found
+
+
+def _unfolded(rig: Machine, part: Actuator, current: Floats) -> Floats:
+    """Return fine samples of a current as a filter before the converter leaves them.
+
+    A delay of the column could not stand for what the kinks of the current add: the position, which
+    is in a flux too, has none. Eddy currents round the kinks off; without oversampling there is no
+    filter.
+    """
+    if part.eddy or rig.logger.oversampling == 1:
+        return current
+    lag = part.time_constant if part.coil is None else 1 / (2 * np.pi * part.coil.bandwidth)
+    rate = rig.logger.sample_rate * rig.logger.oversampling
+    return shifted(current, _lateness(rig, lag, command=False) * rate)
 
 
 def decimated(samples: Floats, every: int) -> Floats:
