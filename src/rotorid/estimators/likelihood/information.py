@@ -8,11 +8,13 @@ puts on a line, fills the Jacobian (theory, section 7). Three questions are aske
   and about the start? If they are much smaller, noise was taken for information.
 - Do other starts end at another answer with as low a cost?
 - Does the cost rise over the stated deviations as they say? Along the bent valley of a weakly
-  excited rotor other parameters leave their intervals long before the cost does.
+  excited rotor other parameters leave their intervals long before the cost does: their deviations
+  are widened to what the cost says.
 
 Further starts cost little where the record informs all unknowns: they join the way of the first
 after one or two stages of the homotopy. Three are always tried, eight where the deviations
-predicted at the start are a tenth of the values or more, and the last question is asked there too.
+predicted at the start are a tenth of the values or more, and the last question is asked there too;
+eight as well where chance seldom leaves such a cost.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from rotorid.estimators.likelihood.inference import Inference, along_relations, 
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.response import respond
 from rotorid.estimators.likelihood.search import AGREE, further_starts
-from rotorid.estimators.likelihood.solver import Solution, beside, elsewhere
+from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, solve
+from rotorid.estimators.likelihood.valley import ENDLESS, Valley, explore
 from rotorid.linalg import whole_svd
 from rotorid.record import Floats
 
@@ -49,10 +52,13 @@ CLOSE = 15.0
 """Minima whose cost is higher by no more than this fit as well: 15 has a chance of 1e-4."""
 APART = 5.0
 """Minima further apart than this many deviations are different answers."""
-WEAKEST = 2
-"""Directions along which the cost is followed."""
+UNLIKELY = 0.01
+"""Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
 ALWAYS = 3
 """Further starts that are always tried: those of an informed record join the first way soon."""
+LATE = STAGES[-3:]
+"""Stages of the starts beyond those: with large errors granted every way may lead to one minimum
+(of a record with a hundred times the noise 27 of 28 did), and the lowest be found without them."""
 FAR = 3.0
 """A start off by more than this factor says nothing of the machine: the answer stands for it."""
 AROUND = 8
@@ -156,16 +162,38 @@ def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
 def questioned(
     problem: Problem, start: Floats, solution: Solution, inference: Inference
 ) -> tuple[Solution, Inference, Doubt]:
-    """Return the lowest minimum that further starts lead to, and whether it is the answer."""
+    """Return the lowest minimum that is found, how far it may be off, and whether it is the answer.
+
+    Further starts and the valley of the minimum itself may lead to a lower one.
+    """
     asked = _Asked.of(problem, start, solution, inference)
-    others = _minima(problem, start, solution, bool(asked.loose.any()))
+    unlikely = inference.expectation.p_value(solution.point.cost) < UNLIKELY
+    others = _minima(problem, start, solution, unlikely or bool(asked.loose.any()))
     lower = _lower(others, solution)
     if lower is not None:
         others = [*(o for o in others if o is not lower), solution]
         solution, inference = lower, infer(lower.point, problem.exact)
         asked = _Asked.of(problem, start, solution, inference)
+    valley = asked.valley(inference)
+    lower = _lower(_bottom(valley), solution)
+    if lower is not None:
+        others.append(solution)
+        solution, inference = lower, infer(lower.point, problem.exact)
+        asked = _Asked.of(problem, start, solution, inference)
+        valley = asked.valley(inference)
     apart = tuple(_apart(others, solution, asked.stated, asked.told))
-    return solution, inference, replace(asked.doubt(inference), alternatives=apart)
+    doubt = replace(asked.doubt(valley.wider), alternatives=apart)
+    covariance = inference.covariance * np.outer(valley.wider, valley.wider)
+    return solution, replace(inference, covariance=covariance), doubt
+
+
+def _bottom(valley: Valley) -> list[Solution]:
+    """Return the minimum near the lowest point of a valley."""
+    lowest = valley.lowest
+    try:
+        return [solve(lowest.problem, lowest.unknowns, (0.0,))] if valley.falls else []
+    except np.linalg.LinAlgError:
+        return []
 
 
 def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
@@ -205,8 +233,14 @@ class _Asked:
         loose = rigid & ((expected > LOOSE * np.abs(about[free])) | (stated > LOOSE * value))
         return cls(problem, start, point, stated, told, rigid, loose)
 
-    def doubt(self, inference: Inference) -> Doubt:
-        """Ask whether noise was taken for information, and whether the deviations hold."""
+    def valley(self, inference: Inference) -> Valley:
+        """Look how far the answer may be off, where the record informs it loosely."""
+        if not self.loose.any():
+            return Valley(np.ones(len(self.stated)), self.point)
+        return explore(self.point, inference, self.told)
+
+    def doubt(self, wider: Floats) -> Doubt:
+        """Ask whether noise was taken for information, and whether the deviations have an end."""
         problem, unknowns, stated = self.problem, self.point.unknowns, self.stated
         predicted, free = predicted_deviations(problem, unknowns), problem.layout.free
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
@@ -216,7 +250,7 @@ class _Asked:
         if not self.loose.any():
             return Doubt(_names(problem, self.told & taken))
         taken |= _taken_about(problem, self.start, unknowns, stated)
-        bent = self.rigid & _bent(self.point, inference, stated)
+        bent = self.rigid & (wider > ENDLESS)
         return Doubt(_names(problem, self.rigid & taken), _names(problem, bent))
 
 
@@ -261,7 +295,8 @@ def _minima(problem: Problem, start: Floats, solution: Solution, every: bool) ->
         if number >= ALWAYS and not strayed:
             break
         try:
-            end = elsewhere(problem, other, solution)
+            stages = STAGES if number < ALWAYS else LATE
+            end = elsewhere(problem, other, solution, stages)
         except np.linalg.LinAlgError:
             continue
         if end is None:
@@ -289,27 +324,6 @@ def _apart(
         if all(distance.max(initial=0.0) > APART for distance in away):
             answers.append(other.point)
     return answers[1:]
-
-
-def _bent(point: Point, inference: Inference, stated: Floats) -> NDArray[np.bool_]:
-    """Tell which unknowns leave their interval before the cost rises as it should.
-
-    The way leads two deviations both ways along the weakest directions of the covariance, and
-    from there to the floor of the valley. Over a parabola no unknown moves by more of its
-    deviations than the root of the rise.
-    """
-    free, seen = point.problem.layout.free, stated > 0
-    unit = np.where(seen, stated, 1.0)
-    size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit))
-    left = np.zeros(len(stated), dtype=bool)
-    for k in range(max(0, len(size) - WEAKEST), len(size)):
-        for sign in (-2.0, 2.0):
-            change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
-            at = beside(point, change)
-            if at is not None:
-                moved = np.abs(at.unknowns - point.unknowns)[free]
-                left |= moved > TAKEN * np.sqrt(max(at.cost - point.cost, 0.0)) * unit
-    return left & seen
 
 
 def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:

@@ -232,7 +232,9 @@ def _lowest(candidates: Sequence[Solution]) -> Solution | None:
     return min(candidates, key=lambda c: c.point.cost, default=None)
 
 
-def elsewhere(problem: Problem, start: Floats, solution: Solution) -> Solution | None:
+def elsewhere(
+    problem: Problem, start: Floats, solution: Solution, stages: Sequence[float] = STAGES
+) -> Solution | None:
     """Solve from another start; None where that leads to no other answer.
 
     That is where its way joins the one that led to a solution.
@@ -240,9 +242,10 @@ def elsewhere(problem: Problem, start: Floats, solution: Solution) -> Solution |
     every start ends there at the same point, and the rest of the way is known already.
     """
     with np.errstate(all="ignore"):
-        found = _descended(problem, start, STAGES, False, solution.trail, brief=True)
+        known = solution.trail if stages == STAGES else ()
+        found = _descended(problem, start, stages, False, known, brief=True)
         if found is not None and len(outside(problem.bounds, found.point.unknowns)):
-            found = _descended(problem, start, STAGES, True, brief=True)
+            found = _descended(problem, start, stages, True, brief=True)
     return found
 
 
