@@ -21,6 +21,7 @@ from rotorid.models.combination import SensorTerm, sensor_terms
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Channel, Floats, Known, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance
+from rotorid.through_laws import Passed
 
 HIDDEN = 1e-6
 """A coordinate with more than this share in a combination that no sensor reads is hidden."""
@@ -126,6 +127,16 @@ class Observation:
         open_ways = np.abs(null_space(self.reads, self.rank))
         names = zip(self.model.coordinates, open_ways, strict=True)
         return tuple(name for name, ways in names if (ways > HIDDEN).any())
+
+    @cached_property
+    def passed(self) -> dict[int, Passed]:
+        """What went through the laws that take a displacement, by the number of the input."""
+        named = zip(self.inputs, self.input_columns, strict=True)
+        return {
+            number: Passed.of(self.lines, column, channel.law)
+            for number, (channel, column) in enumerate(named)
+            if channel.law is not None and channel.law.position
+        }
 
     def rebound(self, model: Model) -> Observation:
         """Return the observation of a model with the same coordinates and inputs."""

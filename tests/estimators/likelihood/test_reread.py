@@ -1,5 +1,6 @@
 """What is no factor of a line, as unknowns: a mass on a spring between two magnets."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -24,6 +25,7 @@ from rotorid.models import load_model
 from rotorid.observation import Observation, bind
 from rotorid.record import Channel, PeriodicRecord, Record
 from rotorid.signals import average
+from rotorid.signals.shift import shifted
 from rotorid.signals.spectrum import synthesize
 from rotorid.spectra import spectra
 
@@ -254,6 +256,84 @@ def test_what_every_law_may_have_wrong() -> None:
     every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every
+
+
+def misread(change: Callable[[np.ndarray], None], sensor: Channel) -> PeriodicRecord:
+    """Return a record whose columns, i, j, x and y, are not what they are said to be."""
+    values = samples(1.0)
+    values += np.random.default_rng(2).standard_normal(values.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
+    change(values)
+    channels = [Channel("i", "A"), Channel("j", "A"), sensor, Channel("y", "m")]
+    laws = {
+        f"F_{axis}": ForceReading(MAGNET, (flow,), {axis: 1.0})
+        for axis, flow in (("x", "i"), ("y", "j"))
+    }
+    return average(forces(Record(channels, values, RATE), laws, period=SIZE), F0, harmonics=LINES)
+
+
+def larger(values: np.ndarray) -> None:
+    values[:, 2] *= 1.03
+
+
+def later(values: np.ndarray) -> None:
+    values[:, 2] = shifted(values[:, 2], -2e-5 * RATE, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("change", "stated", "name", "true"),
+    [
+        (larger, {"gain_std": 0.05}, "gain[x]", 1.03),
+        (later, {"delay_std": 1e-4}, "delay[x]", 2e-5),
+    ],
+)
+def test_what_a_sensor_reads_wrong_goes_through_the_law(
+    change: Callable[[np.ndarray], None], stated: dict[str, float], name: str, true: float
+) -> None:
+    """Its gain and its lag are in the force too, which was read with it."""
+    record = misread(change, Channel("x", "m", **stated))
+    found = identify(MODEL, record, MaximumLikelihood(fixed=STILL))
+    assert found.status == "ok"
+    assert abs(found[name].value - true) < 4 * found[name].std
+    assert found[name].std < 0.05 * abs(true)
+    for each in ("m", "c", "k"):
+        assert abs(found.value(each) - TRUTH[each]) < 4 * found.std(each)
+
+
+def upside_down(values: np.ndarray) -> None:
+    values[:, 2] *= -1
+
+
+def in_mils(values: np.ndarray) -> None:
+    values[:, 2] /= 25.4
+
+
+def currents_exchanged(values: np.ndarray) -> None:
+    values[:, :2] = values[:, 1::-1]
+
+
+def current_upside_down(values: np.ndarray) -> None:
+    values[:, 0] *= -1
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (larger, r"first suspect: gain\[x\] = 1.03"),
+        (upside_down, r"first suspect: (F_)?x upside down, with .* to \d\d\."),
+        (in_mils, r"first suspect: x reading 0.03937 times the quantity"),
+        (currents_exchanged, r"first suspect: F_x with F_y exchanged"),
+        (current_upside_down, r"first suspect: F_x upside down, with .* to \d\d\."),
+    ],
+)
+def test_a_mistaken_column_is_undone_before_the_law(
+    change: Callable[[np.ndarray], None], told: str
+) -> None:
+    """The law reads the force again, with the column as it should have been."""
+    found = identify(
+        MODEL, misread(change, Channel("x", "m")), MaximumLikelihood(fixed=STILL, start=TRUTH)
+    )
+    assert found.status in ("rejected", "not_identifiable")
+    assert any(re.search(told, warning) for warning in found.warnings), found.warnings
 
 
 UNBALANCE, RUNOUT = 5e-6 - 2e-6j, {"x": 3e-6 + 1e-6j, "y": -2e-6 + 2e-6j}

@@ -17,8 +17,9 @@ from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, 
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
 from rotorid.estimators.likelihood.noise import noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
+from rotorid.estimators.likelihood.passage import position_slopes
 from rotorid.estimators.likelihood.polynomial import Monomials
-from rotorid.estimators.likelihood.reread import position_slopes, reread
+from rotorid.estimators.likelihood.reread import reread
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from rotorid.estimators.likelihood.nuisances import Factor
-from rotorid.estimators.likelihood.reread import BoundBend, BoundLaw
+from rotorid.estimators.likelihood.reread import Bound
 from rotorid.record import Complexes, Floats, Integers
 
 
@@ -103,7 +103,7 @@ class Calibration:
         The unknown that adds to phi.
     phase_orders : array, shape (order,)
         Orders n of exp(i n phi) into which the loads are split; (0,) where the phase is known.
-    reread : sequence of BoundLaw or BoundBend
+    reread : sequence of BoundLaw, BoundBend or BoundPassage
     """
 
     omega: Floats
@@ -112,7 +112,7 @@ class Calibration:
     readings: Readings | None = None
     phase_unknown: int | None = None
     phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
-    reread: tuple[BoundLaw | BoundBend, ...] = ()
+    reread: tuple[Bound, ...] = ()
 
     @property
     def affine(self) -> Integers:

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from rotorid.estimators.likelihood.candidates import Structure
-from rotorid.lines import Lines
+from rotorid.estimators.likelihood.passage import with_columns
 from rotorid.observation import Observation, Sensor
 from rotorid.record import Floats
 
@@ -81,17 +81,6 @@ class Lead:
     unit: str = ""
 
 
-def with_columns(lines: Lines, matrix: Floats) -> Lines:
-    """Return lines whose channels are ``matrix @ channels``, covariance and scatter with them."""
-    covariance = matrix @ lines.covariance.matrices @ matrix.T
-    return replace(
-        lines,
-        mean=lines.mean @ matrix.T,
-        covariance=replace(lines.covariance, matrices=covariance),
-        scatter=None if lines.scatter is None else lines.scatter @ matrix.T,
-    )
-
-
 def exchanged(observation: Observation, pairs: Iterable[tuple[str, str]]) -> Observation:
     """Exchange the columns of pairs of channels."""
     names = observation.lines.names
@@ -100,13 +89,13 @@ def exchanged(observation: Observation, pairs: Iterable[tuple[str, str]]) -> Obs
         if a in names and b in names:
             i, j = names.index(a), names.index(b)
             matrix[[i, j]] = matrix[[j, i]]
-    return observation.with_lines(with_columns(observation.lines, matrix))
+    return with_columns(observation, matrix)
 
 
 def multiplied(observation: Observation, factors: Mapping[str, float]) -> Observation:
     """Multiply the columns of some channels."""
     size = [factors.get(name, 1.0) for name in observation.lines.names]
-    return observation.with_lines(with_columns(observation.lines, np.diag(size)))
+    return with_columns(observation, np.diag(size))
 
 
 def turning(observation: Observation, factor: float) -> Observation:

@@ -11,33 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from rotorid.estimators.likelihood.nuisances import Bend, LawConstant, Nuisance
+from rotorid.estimators.likelihood.nuisances import Bend, Factor, LawConstant, Nuisance
+from rotorid.estimators.likelihood.passage import BoundPassage, Reread, passages
 from rotorid.lines import Samples
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats, ForceLaw, Integers
 from rotorid.signals.spectrum import transfer_of_recording
+from rotorid.through_laws import Passed
 
 STEP = 1e-30
 """A complex step: the derivative of what is computed with it is exact to rounding."""
-NEAR = 1e-8
-"""Displacement in m over which the slope of a law is taken: a hundred thousandth of any gap."""
-
-
-@dataclass(frozen=True)
-class Reread:
-    """A channel read otherwise: ``gain * line + rest`` in place of the line.
-
-    Parameters
-    ----------
-    gain : float
-        Of the whole force, so that its noise follows too.
-    rest : complex array, shape (line,)
-    """
-
-    gain: float
-    rest: Complexes
 
 
 @dataclass(frozen=True)
@@ -74,9 +57,9 @@ class BoundLaw:
         """Find what went through the law of an input."""
         samples = observation.lines.samples
         assert samples is not None
-        flowing, position = _passed(observation, number, law, samples)
-        force = law.force(flowing, position, {}).real
-        return cls(number, law, constants, samples, flowing, position, force)
+        column = observation.input_columns[number]
+        passed = observation.passed.get(number) or Passed.of(observation.lines, column, law)
+        return cls(number, law, constants, samples, passed.flowing, passed.position, passed.force)
 
     def _moved(self, unknowns: Floats, step: int | None = None) -> Floats | Complexes:
         """Return the force at the unknowns, one of them moved by a complex step."""
@@ -105,40 +88,6 @@ class BoundLaw:
             yield at, self._split(self._moved(unknowns, at).imag / STEP)
 
 
-def _passed(
-    observation: Observation, number: int, law: ForceLaw, samples: Samples
-) -> tuple[Floats, Floats]:
-    """Return the current and the displacement that went through the law of an input."""
-    lines = observation.lines
-    where = {name: k for k, name in enumerate(lines.names)}
-    position = np.zeros(len(samples.values))
-    for name, share in law.position.items():
-        position += share * samples.column(where[name], lines.channels[where[name]])
-    read = samples.values[:, observation.input_columns[number]]
-    return law.flowing(read, position), position
-
-
-def position_slopes(observation: Observation, sensor: str) -> dict[int, Floats]:
-    """Return by how much each input's force is read too large per metre that a sensor is.
-
-    In N/m at each sample, for the inputs whose law takes the displacement from that sensor: what a
-    runout adds to the reading goes through the law as well. Exact to first order: it is small
-    against the gap.
-    """
-    samples, found = observation.lines.samples, {}
-    for number, channel in enumerate(observation.inputs):
-        law = channel.law
-        share = 0.0 if law is None else law.position.get(sensor, 0.0)
-        if law is None or not share:
-            continue
-        flowing, position = np.zeros(1), np.zeros(1)
-        if samples is not None:
-            flowing, position = _passed(observation, number, law, samples)
-        ahead, behind = (law.force(flowing, position + move, {}).real for move in (NEAR, -NEAR))
-        found[number] = share * (ahead - behind) / (2 * NEAR)
-    return found
-
-
 @dataclass(frozen=True)
 class BoundBend:
     """A channel that reads too much by an unknown times what its samples are bent into.
@@ -163,12 +112,18 @@ class BoundBend:
         yield self.unknown, Reread(0.0, -self.lines)
 
 
+Bound = BoundLaw | BoundBend | BoundPassage
+"""A channel that is read otherwise, as some unknowns say."""
+
+
 def reread(
     observation: Observation, places: Iterable[tuple[Nuisance, Integers]]
-) -> tuple[BoundLaw | BoundBend, ...]:
+) -> tuple[Bound, ...]:
     """Return what is to be read otherwise, as the nuisances say."""
     places = list(places)
-    return (*_laws(observation, places), *_bends(observation, places))
+    factors = [(n, at) for n, at in places if isinstance(n, Factor)]
+    passed = (each for n, at in factors for each in passages(observation, n, at))
+    return (*_laws(observation, places), *_bends(observation, places), *passed)
 
 
 def _bends(
