@@ -10,6 +10,8 @@ from rotorid.errors import InputError
 
 MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 
+SINGLE = Differential(constant=1.2e-5, bias=0.0, gap=4e-4, angle=np.radians(22.5), iron=2e-5)
+
 
 def test_linear_is_what_it_says() -> None:
     law = Linear(ki=120.0, ks=2e5)
@@ -40,6 +42,20 @@ def test_opposed_magnets_are_odd(current: float, position: float) -> None:
     assert ahead == pytest.approx(-behind, rel=1e-12)
 
 
+@given(st.floats(-20.0, 20.0), st.floats(-3e-4, 3e-4))
+def test_without_bias_one_magnet_works_at_a_time(current: float, position: float) -> None:
+    """It pulls with the square of its current, to its own side, over its own gap."""
+    c, side = np.cos(SINGLE.angle), np.sign(current)
+    gap = 4.2e-4 - side * position * c
+    force = SINGLE.force(current, position)
+    assert force == pytest.approx(side * 1.2e-5 * c * current**2 / gap**2, rel=1e-12)
+    assert SINGLE.guess(force, np.float64(position)) == pytest.approx(current, rel=1e-9)
+    if abs(current) > 0.01:
+        slope = SINGLE.linearize(current, position)
+        assert slope.ki == pytest.approx(2 * force / current, rel=1e-12)
+        assert slope.ks == pytest.approx(2 * force * side * c / gap, rel=1e-12)
+
+
 def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
     law = Differential.from_geometry(area=2e-4, turns=100, bias=2.0, gap=5e-4)
     flux = MU0 * 100 * 2.0 / (2 * 5e-4)
@@ -63,6 +79,7 @@ def test_flux_and_current_laws_agree() -> None:
     [
         (Linear(120.0, 2e5, ki_std=2.4, ks_std=1e4), (0.7, 1e-4)),
         (with_std(MAGNET, constant=1e-7, bias=0.01, gap=4e-6, angle=0.01), (0.7, 1e-4)),
+        (with_std(SINGLE, constant=1e-7, gap=4e-6, iron=1e-6), (-0.7, 1e-4)),
         (Flux(2e-4, 2, 0.3, area_std=2e-6, angle_std=0.01), (0.9, 0.4)),
     ],
 )
@@ -92,8 +109,11 @@ def test_laws_of_currents_share_one_interface() -> None:
     ("build", "message"),
     [
         (lambda: Differential(1e-5, 2.0, 0.0), r"gap: found gap = 0.0; expected more than 0 m"),
-        (lambda: Differential(1e-5, -2.0, 4e-4), r"bias = -2.0; expected more than 0 A"),
+        (lambda: Differential(1e-5, -2.0, 4e-4), r"bias = -2.0; expected 0 or more"),
         (lambda: Differential(1e-5, 2.0, np.nan), r"gap = nan"),
+        (lambda: with_std(SINGLE, bias=0.1), r"bias = 0 A, with a deviation of 0.1 A; expected ex"),
+        (lambda: Differential(1e-5, 0.0, 4e-4, bias_difference=0.1), r"bias_difference = 0.1"),
+        (lambda: SINGLE.linearize(), r"the force has no slope; expected a current other than 0"),
         (lambda: Differential(1e-5, 2.0, 4e-4, angle=2.0), r"less than 90 degrees"),
         (lambda: Differential.from_geometry(0.0, 100, 2.0, 4e-4), r"area = 0.0"),
         (lambda: Linear(0.0), r"ki = 0.0; expected not zero"),

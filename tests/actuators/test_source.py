@@ -28,6 +28,16 @@ def test_the_current_is_found_again() -> None:
     np.testing.assert_allclose(found, CURRENT, atol=1e-12)
 
 
+@pytest.mark.parametrize("saturation", [7000.0, np.inf])
+def test_the_current_of_magnets_without_bias(saturation: float) -> None:
+    """Their bias is no constant that could be another: it is known to be none."""
+    law = replace(MAGNET, bias=0.0, bias_difference=0.0, saturation=saturation)
+    source = ForceSource(law)
+    found = source.flowing(law.force(CURRENT, POSITION), POSITION)
+    np.testing.assert_allclose(found, CURRENT, atol=1e-9)
+    assert set(source.constants) == {"K", "gap", "angle", "iron", "saturation"}
+
+
 def test_what_no_current_gives_is_given_by_the_most() -> None:
     most = MAGNET.force(MAGNET.most, 0.0)
     found = ForceSource(MAGNET).flowing(np.array([2.0, -2.0]) * most, np.zeros(2))

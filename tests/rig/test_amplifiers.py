@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -60,6 +61,28 @@ def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_
     found = json.loads(result.read_text())
     assert found["status"] == "ok"
     assert found["misfit"]["cost"] < 2 * found["misfit"]["expected"]
+
+
+def test_a_rig_without_bias(tmp_path: Path) -> None:
+    """One magnet at a time; currents logged as fast as they bend give the rotor."""
+    text = RIGID.replace('"5 s"', '"2 s"').replace('bias = "2.5 A"', 'bias = "0 A"')
+    text = text.replace('limit = "2.4 A"', 'limit = "4 A"')
+    text = text.replace('sample_rate = "10 kHz"', 'sample_rate = "40 kHz"')
+    (tmp_path / "rig.toml").write_text(text.replace("oversampling = 8", "oversampling = 2"))
+    out, result = tmp_path / "run.h5", tmp_path / "run.json"
+    assert run(["simulate", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert 'bias = "0 A"' in out.with_suffix(".toml").read_text()
+    with h5py.File(out) as data:
+        force, current = data["truth/force"][:, 0], data["truth/current"][:, 0]
+    assert np.all(force * current >= 0)
+    assert np.min(np.abs(current)) < 0.01 < 1 < np.max(np.abs(current))
+    assert run(["identify", str(tmp_path / "run.toml"), "--json", str(result)]) == 0
+    found = json.loads(result.read_text())
+    assert found["status"] == "ok"
+    for parameter in found["parameters"]:
+        if not parameter["fixed"]:
+            off = parameter["value"] - load_rig("rigid").rig.values[parameter["name"]]
+            assert abs(off) < 4 * parameter["std"], parameter["name"]
 
 
 def test_an_amplifier_in_a_law_that_bends() -> None:

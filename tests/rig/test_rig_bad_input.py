@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
+from rotorid.actuators import Differential
 from rotorid.cli import run
 from rotorid.errors import InputError
 from rotorid.rig.errors import RigError
 from rotorid.rig.file import load_rig, parse_rig
-from rotorid.rig.parts import Actuator
+from rotorid.rig.parts import Actuator, Coil
 
 TEXT = load_rig("three-mass").text
 MAGNETS = """law = "differential"
@@ -120,6 +121,12 @@ def test_parts_that_do_not_fit(change: Callable, message: str) -> None:
     rig = load_rig("three-mass").rig
     with pytest.raises(InputError, match=message):
         replace(rig, **change(rig))
+
+
+def test_a_coil_needs_a_bias() -> None:
+    law = Differential(constant=5e-6, bias=0.0, gap=5e-4)
+    with pytest.raises(InputError, match=r"coil: found a coil of magnets without bias; expected a"):
+        Actuator(law, coil=Coil(resistance=2.0, inductance=0.03, bandwidth=800.0))
 
 
 def test_out_must_be_hdf5_and_not_the_rig(tmp_path: Path, capsys) -> None:

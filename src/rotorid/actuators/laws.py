@@ -107,8 +107,10 @@ def magnet_fluxes(
     saturation: Any,
 ) -> Any:
     """Return what the flux densities of two opposed magnets are in proportion to, in A/m."""
-    ahead = (bias + bias_difference + current) / (gap + iron - position * cosine)
-    behind = (bias - bias_difference - current) / (gap + iron + position * cosine)
+    ahead = bias + bias_difference + current
+    behind = bias - bias_difference - current
+    ahead = ahead * (ahead.real > 0) / (gap + iron - position * cosine)
+    behind = behind * (behind.real > 0) / (gap + iron + position * cosine)
     if saturation != np.inf:
         ahead = ahead * (1 + (ahead / saturation) ** KNEE) ** (-1 / KNEE)
         behind = behind * (1 + (behind / saturation) ** KNEE) ** (-1 / KNEE)
@@ -128,6 +130,8 @@ class Differential:
     """Two opposed magnets driven by bias plus and minus current.
 
     F = K cos(alpha) [ (i0 + i)^2 / (s0 - x cos(alpha))^2 - (i0 - i)^2 / (s0 + x cos(alpha))^2 ].
+    No magnet carries less than no current. With a bias of 0 one works at a time, that ahead for
+    i > 0: F = K cos(alpha) i |i| / (s0 - sign(i) x cos(alpha))^2, whose slope at i = 0 is 0.
     The iron's path adds to both gaps; saturation bends b, the current over the gap, which the flux
     density follows, into b / (1 + (b / b_s)^4)^(1/4). Stray flux and eddy currents are left out.
 
@@ -136,7 +140,7 @@ class Differential:
     constant : float
         K in N m^2/A^2, of one magnet; `from_geometry` computes it.
     bias : float
-        i0 in A.
+        i0 in A; 0 where one magnet works at a time.
     gap : float
         s0 in m.
     angle : float
@@ -163,6 +167,8 @@ class Differential:
     >>> slope = law.linearize()
     >>> bool(np.isclose(slope.ki, 4 * 1e-5 * 2.0 / 4e-4**2)), round(slope.ks)
     (True, 2500000)
+    >>> Differential(constant=1e-5, bias=0.0, gap=4e-4).force([-0.8, 0.8], 0.0).round(6)
+    array([-40.,  40.])
     """
 
     constant: float
@@ -181,15 +187,25 @@ class Differential:
     saturation_std: float = 0.0
 
     def __post_init__(self) -> None:
-        positive = {"constant": "N m^2/A^2", "bias": "A", "gap": "m"}
-        require_constants(self, positive, free=("angle", "bias_difference", "iron"))
+        positive = {"constant": "N m^2/A^2", "gap": "m"}
+        require_constants(self, positive, free=("bias", "angle", "bias_difference", "iron"))
         require_angle(self.angle)
+        apart = abs(self.bias_difference)
         for name, value, ok in (
-            ("bias_difference", self.bias_difference, abs(self.bias_difference) < self.bias),
+            ("bias", self.bias, self.bias >= 0),
+            ("bias_difference", self.bias_difference, apart < self.bias or apart == 0),
             ("iron", self.iron, self.iron >= 0),
             ("saturation", self.saturation, self.saturation > 0),
         ):
             require(value, ok, name, "0 or more, a difference below the bias", "check its unit")
+        unsure = max(self.bias_std, self.bias_difference_std)
+        require(
+            f"0 A, with a deviation of {unsure:g} A",
+            bool(self.bias or not unsure),
+            "bias",
+            "exactly 0, where one magnet works at a time, or a bias",
+            "give the bias that there is, or leave the deviation out",
+        )
 
     @classmethod
     def from_geometry(
@@ -248,7 +264,7 @@ class Differential:
     @property
     def most(self) -> float:
         """Current in A at which one of the magnets has none left."""
-        return self.bias - abs(self.bias_difference)
+        return self.bias - abs(self.bias_difference) if self.bias else np.inf
 
     def _within(self, current: ArrayLike, position: ArrayLike) -> tuple[Floats, Floats]:
         i, x = np.broadcast_arrays(np.asarray(current, float), np.asarray(position, float))
@@ -283,6 +299,17 @@ class Differential:
         names = _CONSTANTS
         return deviation_of(self, names, lambda law: law._force(*at))
 
+    def guess(self, force: Floats, position: Floats) -> Floats:
+        """Return the current in A that gives a force in N, iron that saturates left aside.
+
+        It is exact without bias; with it, a first guess by the slope at the centre.
+        """
+        if self.bias:
+            return np.clip(force / self.linearize().ki, -self.most, self.most)
+        c, side = np.cos(self.angle), np.sign(force)
+        gap = self.gap + self.iron - side * position * c
+        return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.constant * c)))
+
     def _slopes(self, current: float, position: float) -> Any:
         c = np.cos(self.angle)
         gaps = self.gap + self.iron - position * c, self.gap + self.iron + position * c
@@ -290,6 +317,7 @@ class Differential:
         ki, ks = 0.0, 0.0
         for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
             b = (bias + side * current) / gap
+            b = b * (b.real > 0)
             bend = 1.0
             if self.saturation != np.inf:
                 # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
@@ -304,9 +332,15 @@ class Differential:
         Raises
         ------
         InputError
-            Where the point lies beyond bias or gap.
+            Where the point lies beyond bias or gap, or has no slope: no current without bias.
         """
         self._within(current, position)
+        if not self.bias and not current:
+            raise InputError(
+                "no current in magnets without bias, where the force has no slope",
+                "a current other than 0, or a bias",
+                "linearize about the current that flows",
+            )
         names = _CONSTANTS
         ki, ks = self._slopes(current, position)
         ki_std, ks_std = np.broadcast_to(

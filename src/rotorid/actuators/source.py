@@ -32,6 +32,7 @@ _MAGNET = {
     "iron": ("iron", "m", False),
     "saturation": ("saturation", "A/m", True),
 }
+_BIASED = ("bias", "bias_difference")
 _FLUX = {"area": ("area", "m^2", True), "angle": ("angle", "rad", False)}
 _STEPS = 50
 """Newton's steps at most; four or five are taken, a dozen where the iron is near saturation."""
@@ -67,6 +68,7 @@ class ForceSource:
                 self.shared.get(key, ""),
             )
             for key, (name, unit, positive) in table.items()
+            if not (key in _BIASED and isinstance(self.law, Differential) and not self.law.bias)
         }
 
     def flowing(self, force: Floats, position: Floats) -> Floats:
@@ -76,15 +78,16 @@ class ForceSource:
         """
         if isinstance(self.law, Flux):
             return force
-        slope = self.law.linearize().ki
-        current = np.clip(force / slope, -self.law.most, self.law.most)
+        current = self.law.guess(force, position)
+        size = self.law.bias or float(np.abs(current).max(initial=0.0)) or 1.0
+        slope = self.law.linearize(0.0 if self.law.bias else size).ki
         for _ in range(_STEPS):
             found = self.law._force(current + 1e-30j, position)
             step = (force - found.real) / np.maximum(found.imag / 1e-30, 1e-3 * slope)
             nearer = np.clip(current + step, -self.law.most, self.law.most)
             moved = np.abs(nearer - current).max(initial=0.0)
             current = nearer
-            if moved < 1e-12 * self.law.bias:
+            if moved < 1e-12 * size:
                 break
         return np.asarray(current)
 

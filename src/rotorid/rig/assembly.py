@@ -173,7 +173,7 @@ def bearing_table(rig: Machine, plant: Plant) -> Bearings:
     lag = np.array([part.time_constant for part in parts])
     pairs_of = [part.law if isinstance(part.law, Differential) else None for part in parts]
     return Bearings(
-        kind=np.array([0 if m is None else 1 for m in pairs_of]),
+        kind=np.array([0 if m is None else 2 if not m.bias else 1 for m in pairs_of]),
         law=law,
         heating=heating,
         limit=np.array([part.limit for part in parts]),

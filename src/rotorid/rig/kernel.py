@@ -41,8 +41,9 @@ class Steps(NamedTuple):
 class Bearings(NamedTuple):
     """Actuators, one entry per input.
 
-    kind is 0 for F = ki i + ks x, 1 for two opposed magnets; law holds the constants, which
-    change by heating in a second. Commands are limited to +-limit; current beyond bias is a fault.
+    kind is 0 for F = ki i + ks x, 1 for two opposed magnets, 2 for such without bias; law holds
+    the constants, which change by heating in a second. Commands are limited to +-limit; current
+    beyond bias is a fault.
     lagging holds the inputs whose amplifier lags; hysteresis is half the width of the iron's loop.
     pair is the other axis of the same auxiliary bearing, or -1; contact and friction are what the
     bearing answers a touch with, in N/m and N per N, and what ends the run where contact is 0.
@@ -447,8 +448,15 @@ def _control(loop: Any, step: int, reading: Any, memory: Any, scratch: Any, comm
 
 @njit(cache=True, error_model="numpy")
 def _limit(bearings: Any, command: Any) -> int:
-    """Limit the commands; return the first axis whose command is beyond the bias, or -1."""
+    """Limit the commands; return the first axis whose command is beyond the bias, or -1.
+
+    Without bias a command is a force, which is turned into the current that gives it at the centre.
+    """
     for j in range(len(command)):
+        if bearings.kind[j] == 2:
+            law = bearings.law[j]
+            size = (law[2] + law[5]) * math.sqrt(abs(command[j]) / (law[0] * law[3]))
+            command[j] = size if command[j] > 0 else -size
         command[j] = min(max(command[j], -bearings.limit[j]), bearings.limit[j])
         if not abs(command[j]) <= bearings.bias[j]:
             return j

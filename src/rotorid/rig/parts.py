@@ -90,8 +90,8 @@ class Actuator:
     Raises
     ------
     InputError
-        For a limit beyond the bias, a slew limit without bandwidth, flux sensors without a
-        differential law, or negative values.
+        For a limit beyond the bias, a coil without bias, a slew limit without bandwidth, flux
+        sensors without a differential law, or negative values.
 
     Examples
     --------
@@ -123,6 +123,13 @@ class Actuator:
                 "give the coil its own bandwidth, and leave the others out",
                 place="coil",
             )
+        if self.coil is not None and self.unbiased:
+            raise InputError(
+                "a coil of magnets without bias",
+                "a bias, or a bandwidth in place of the coil",
+                "their inductance changes with the current: give the bandwidth",
+                place="coil",
+            )
         if isinstance(self.law, Differential) and self.law.most < self.limit < np.inf:
             raise InputError(
                 f"a current limit of {self.limit:g} A beyond the bias of {self.law.most:g} A",
@@ -151,9 +158,14 @@ class Actuator:
         return "N" if self.law is None else "A"
 
     @property
+    def unbiased(self) -> bool:
+        """Whether one magnet works at a time; commands are forces then, turned into currents."""
+        return isinstance(self.law, Differential) and not self.law.bias
+
+    @property
     def slopes(self) -> tuple[float, float]:
         """Return k_i and k_s at the centre; 1 and 0 where the command is the force."""
-        if self.law is None:
+        if self.law is None or self.unbiased:
             return 1.0, 0.0
         slope = self.law.linearize()
         return slope.ki, slope.ks

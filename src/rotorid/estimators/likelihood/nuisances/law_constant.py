@@ -111,8 +111,9 @@ class Knee(LawConstant):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of all inputs whose law knows no saturation."""
-        names = [c.name for c in _bent(records) if np.isinf(_saturation(c))]
+        """Return that of all inputs whose law knows a bias, and no saturation."""
+        biased = [c for c in _bent(records) if "bias" in _law(c).constants]
+        names = [c.name for c in biased if np.isinf(_saturation(c))]
         unknown = Unknown("saturation", "1", 0.0, nuisance=True, additive=True)
         return [cls((unknown,), KNEE_CONSTANT, frozenset(names), 0.0)] if names else []
 
