@@ -1,0 +1,47 @@
+"""What counts as a good record is said before it is estimated: one that informs."""
+
+import good_records
+import pytest
+from good_records import ROTORS, informs, listed, rotor_bound
+from rotor_bank import SETTINGS, rotor_case
+
+from rotorid.estimators import MaximumLikelihood
+from rotorid.identify import identify
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "loose", "share"),
+    [
+        ("4 sensors, weak excitation", 1004, "I_t", 2.20),
+        ("4 sensors, standstill, +-40 %", 9, "k1", 0.96),
+        ("4 sensors, +-40 %", 900, "I_t", None),
+    ],
+)
+def test_a_record_that_does_not_inform_is_not_good(name, seed, loose, share):
+    case = rotor_case(SETTINGS[name], seed)
+    bound = {n: b for n, b in rotor_bound(case).items() if n not in good_records.UNBALANCE}
+    assert max(bound, key=lambda n: bound[n]) == loose
+    assert informs(case) == (share is None)
+    if share is not None:
+        assert bound[loose] == pytest.approx(share, abs=0.01)
+    assert good_records.INFORMS == 0.25
+
+
+def test_the_bound_is_what_maximum_likelihood_states():
+    """From the bank's own matrices, by differences; the estimator's own are another way."""
+    case = rotor_case(SETTINGS["5 sensors, +-40 %"], 900)
+    estimator = MaximumLikelihood(fixed=case.fixed, start=case.start)
+    estimate = identify(case.model, case.records, estimator)
+    for name, share in rotor_bound(case).items():
+        if name not in good_records.UNBALANCE:
+            assert estimate[name].std == pytest.approx(share * case.truth[name], rel=0.15)
+
+
+def test_every_rotor_of_the_bank_informs():
+    """Where the first that is drawn does not, another is."""
+    name = ROTORS[104 % len(ROTORS)]
+    first = rotor_case(SETTINGS[name], 1004)
+    good = listed("rotor", 104)
+    assert good.what == name
+    assert good.truth["I_p"] < 1.9 * good.truth["I_t"]
+    assert good.truth["I_t"] != first.truth["I_t"]
