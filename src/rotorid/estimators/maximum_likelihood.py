@@ -13,6 +13,7 @@ from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.knowledge import Constraint, in_si
 from rotorid.estimators.likelihood.exact import exactness
 from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.left_out import parts_left_out
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.result import nothing_found, summarize
@@ -159,7 +160,8 @@ class MaximumLikelihood:
             return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
         if estimate.status == "ok":
-            estimate = estimate.with_(checks=tuple(exactness(found)))
+            notes = (*exactness(found), *parts_left_out(model, found))
+            estimate = estimate.with_(checks=notes)
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))

@@ -103,6 +103,11 @@ class Structure:
         written[self.rows] = self.signs[:, None] * matrix
         return written
 
+    def mass(self, units: Sequence[str]) -> float:
+        """Return the mass that moves in x; `units`: of the coordinates."""
+        moved = [pair[0] for pair in self.pairs if units[pair[0]] == "m"]
+        return float(sum(matrix[moved, moved].sum() for _, matrix in self.masses))
+
     def turn(self) -> Floats:
         """Return J, the turn by a right angle in the sense of the rotation."""
         turn = np.zeros((len(self.coordinates), len(self.coordinates)))
@@ -241,7 +246,7 @@ def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidat
                     if kind == "k"
                     else _constant(structure, text, "1", m=block)
                 )
-    return [*found, *_to_ground(structure, units), *_between(structure, units)]
+    return [*found, *_to_ground(structure, units), *parts_between(structure, units)]
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
@@ -278,7 +283,7 @@ def _units_at(unit: str) -> tuple[str, str, str, str]:
     return "N/m", "kg", "N s/m", "kg m"
 
 
-def _between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
     """Return a mass halfway between two places of the shaft, each pair of displacements."""
     n, found = len(structure.coordinates), []
     places = [pair for pair in structure.pairs if units[pair[0]] == "m"]

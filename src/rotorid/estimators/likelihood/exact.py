@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from rotorid.estimators.likelihood.result import DOUBTFUL
 from rotorid.estimators.likelihood.scale import scale_note
 from rotorid.record import Check, Floats
 
+T = TypeVar("T")
 MATTERS = 1.0
 """Deviations by which an unseen error moves a parameter, above which it is told."""
 
@@ -97,7 +99,7 @@ def exactness(fit: Fit) -> list[Check]:
         effect, first = columns[:, meant] * kind.size, first + len(unknowns)
         apart = told and kind.nuisance is Gain
         effects.append((kind, _differences(fit, effect, nuisances) if apart else effect))
-    notes = [_note(fit, kind, moved) for kind, moved in _moves(fit, effects)]
+    notes = [_note(fit, kind, moved) for kind, moved in moves_unseen(fit, effects)]
     return [*told, *(note for note in notes if note is not None)]
 
 
@@ -138,7 +140,7 @@ def _note(fit: Fit, kind: Kind, moved: Floats) -> Check | None:
     return Check(kind.check, "", text, "note")
 
 
-def _moves(fit: Fit, effects: Sequence[tuple[Kind, Floats]]) -> Iterator[tuple[Kind, Floats]]:
+def moves_unseen(fit: Fit, effects: Sequence[tuple[T, Floats]]) -> Iterator[tuple[T, Floats]]:
     """Yield each kind with the deviations by which it may move each free unknown, unseen.
 
     effects hold what errors of the size of a kind do to the residual, shape (row, error).

@@ -137,7 +137,7 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
     if p_value >= REJECTED:
         return Suspicion()
     case = Case(fit.prepared, fit.records, fit.solution.point)
-    return find_suspects(model, _physical(model, fit), case, fit.inference.expectation.mean)
+    return find_suspects(model, physical_at(model, fit), case, fit.inference.expectation.mean)
 
 
 def _deviations(fit: Fit) -> Floats:
@@ -158,7 +158,7 @@ def _status(fit: Fit, p_value: float) -> Status:
     return "rejected" if p_value < REJECTED else "ok"
 
 
-def _physical(model: Model, fit: Fit) -> Floats:
+def physical_at(model: Model, fit: Fit) -> Floats:
     """Return the physical parameters at the minimum, NaN where base parameters leave them open."""
     layout, point = fit.prepared.layout, fit.solution.point
     if not layout.base:

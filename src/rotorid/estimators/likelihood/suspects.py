@@ -183,7 +183,7 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
         Cost that noise alone would leave.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
-        search = _Search(model, case, _structure(model, values, case.records), expected)
+        search = _Search(model, case, structure_of(model, values, case.records), expected)
         findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
     return Suspicion(suspects, sentence(findings, case.point.cost, expected))
@@ -193,7 +193,8 @@ def _fastest(records: Sequence[Observation]) -> float:
     return max((float(v) for r in records for v in r.lines.speed), key=abs, default=0.0)
 
 
-def _structure(model: Model, values: Floats, records: Sequence[Observation]) -> Structure | None:
+def structure_of(model: Model, values: Floats, records: Sequence[Observation]) -> Structure | None:
+    """Return the structure of a model at the fastest speed, where all its values are known."""
     if not np.isfinite(values).all():
         return None
     return find_structure(model, values, _fastest(records))
