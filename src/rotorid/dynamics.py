@@ -77,6 +77,11 @@ class Dynamics(ABC):
         """Values of the constants, shape (constant,)."""
         return np.array([constant.value for constant in self.constants])
 
+    @property
+    def band(self) -> tuple[float, float]:
+        """Least and greatest frequency in Hz at which the response is known."""
+        return 0.0, np.inf
+
     def correction(self, omega: Array) -> Array:
         """Return quantity over column on each line, at the values that are given."""
         response = self.response(omega, self.values)
@@ -204,6 +209,11 @@ class Measured(ByContent, Dynamics):
     def constants(self) -> tuple[Constant, ...]:
         """None: the table is taken as exact."""
         return ()
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """That of the table."""
+        return float(self.frequency[0]), float(self.frequency[-1])
 
     def response(self, omega: Array, values: Array) -> Array:
         """Interpolate; an `InputError` beyond the table."""

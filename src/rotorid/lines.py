@@ -15,7 +15,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Known, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
-from rotorid.signals.shift import shifted
+from rotorid.signals.recorded import quantity
 from rotorid.signals.spectrum import line_spectra
 from rotorid.values import Arrays
 
@@ -166,9 +166,8 @@ class Samples(Arrays):
     period: int | None = None
 
     def column(self, index: int, channel: Channel) -> Floats:
-        """Return the samples of a channel without its delay, shape (sample,)."""
-        steps = channel.delay * self.sample_rate
-        return shifted(self.values[:, index], steps, self.period)
+        """Return the samples of what a channel recorded, without delay and dynamics, (sample,)."""
+        return quantity(self.values[:, index], channel, self.sample_rate, self.period)
 
     def lines(self, signals: Floats) -> Complexes:
         """Return the lines of signals over the same time, (sample, signal) -> (line, signal)."""

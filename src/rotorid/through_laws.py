@@ -40,7 +40,7 @@ class Passed:
         shares = np.array([law.position.get(name, 0.0) for name in lines.names])
         if lines.samples is None:
             return cls(column, law, shares, np.zeros(1), np.zeros(1))
-        position = undelayed(lines, lines.samples, shares)
+        position = displacement(lines, lines.samples, shares)
         flowing = law.flowing(lines.samples.values[:, column], position)
         return cls(column, law, shares, flowing, position)
 
@@ -58,8 +58,8 @@ class Passed:
         return np.asarray((ahead - behind) / (2 * NEAR))
 
 
-def undelayed(lines: Lines, samples: Samples, shares: Floats) -> Floats:
-    """Return the samples of a combination of channels, without their delays."""
+def displacement(lines: Lines, samples: Samples, shares: Floats) -> Floats:
+    """Return the samples of a combination of channels, without what recorded them."""
     found = np.zeros(len(samples.values))
     for column in np.flatnonzero(shares):
         found += shares[column] * samples.column(int(column), lines.channels[column])

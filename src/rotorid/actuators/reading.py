@@ -16,9 +16,10 @@ carried back to the sample. Delays add to the shifts. The result is a channel wi
 delay, right up to 0.45 of the sample rate to 1e-9 (the shifts, `rotorid.signals.shift`). For the
 linear law it is k_i times the held current plus k_s times the displacement.
 
-A column with dynamics, as of a lagging amplifier, is first made the current that flows, line by
-line over the record: hold, delay and dynamics. What of the command's steps is left behind the
-amplifier enters a law that bends only by its square.
+A column with dynamics, as of a lagging amplifier or of a sensor of some bandwidth, is first made
+the current that flows, or the displacement that there is, line by line over the record: hold, delay
+and dynamics. What of the command's steps is left behind the amplifier enters a law that bends only
+by its square.
 """
 
 from __future__ import annotations
@@ -33,14 +34,11 @@ from rotorid.actuators.laws import CurrentLaw, Differential, Linear
 from rotorid.actuators.source import ForceSource
 from rotorid.errors import InputError
 from rotorid.record import Channel, Floats, Record
-from rotorid.signals.shift import extended, shifted
-from rotorid.signals.spectrum import transfer_of_recording
+from rotorid.signals.recorded import quantity
+from rotorid.signals.shift import shifted
 
 _NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
 _NODES = _NODES + 0.5
-
-# Samples beyond the ends of a record: the slowest amplifier has forgotten them.
-_REACH = 512
 
 
 @dataclass(frozen=True)
@@ -197,18 +195,12 @@ class _Reader:
         return shifted(samples, seconds * self.record.sample_rate, self.period)
 
     def column(self, name: str, lead: float = 0.0) -> Floats:
-        """Return a column as it would be without its delay, `lead` (s) later."""
-        return self.shifted(self.record.column(name), self.channel(name).delay + lead)
-
-    def flowing(self, source: Channel) -> Floats:
-        """Return the current behind an amplifier of known dynamics, from its column."""
-        reach = min(_REACH, len(self.record.samples) - 1, self.period or _REACH)
-        column = extended(self.record.column(source.name), reach, reach, self.period)
-        turns = np.asarray(np.fft.rfftfreq(len(column)), dtype=np.float64)
-        frequency = turns * self.record.sample_rate
-        flowing = transfer_of_recording([source], frequency, self.record.sample_rate)[:, 0]
-        lines = np.fft.rfft(column) * flowing
-        return np.asarray(np.fft.irfft(lines, len(column))[reach:-reach])
+        """Return the quantity of a column, `lead` (s) later."""
+        channel, samples = self.channel(name), self.record.column(name)
+        if channel.dynamics is None:  # one shift is nearer than two
+            return self.shifted(samples, channel.delay + lead)
+        rate = self.record.sample_rate
+        return self.shifted(quantity(samples, channel, rate, self.period), lead)
 
     def displacement(self, position: Mapping[str, float], lead: float) -> Floats:
         total = np.zeros(len(self.record.samples))
@@ -247,8 +239,7 @@ class _Reader:
     ) -> Floats:
         step = 1 / self.record.sample_rate
         if source.dynamics is not None:
-            current = self.flowing(source)
-            return law.force(current, self.displacement(position, 0.0))
+            return law.force(self.column(source.name), self.displacement(position, 0.0))
         current = self.record.column(source.name)
         points = zip(_NODES * step, _WEIGHTS, strict=True) if source.hold else ((0.0, 1.0),)
         total = np.zeros_like(current)

@@ -1,7 +1,7 @@
 """What is no factor of a line, as unknowns: a mass on a spring between two magnets."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 
 from rotorid.actuators import Differential, Flux, ForceReading, forces
 from rotorid.actuators.source import ForceSource
+from rotorid.dynamics import Constant, Dynamics, FirstOrder
 from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood.assembly import assemble
@@ -258,12 +259,19 @@ def test_what_every_law_may_have_wrong() -> None:
     assert not {"gap", "saturation"} & every
 
 
-def misread(change: Callable[[np.ndarray], None], sensor: Channel) -> PeriodicRecord:
+def misread(
+    change: Callable[[np.ndarray], None],
+    sensor: Channel,
+    dynamics: Mapping[str, Dynamics] | None = None,
+) -> PeriodicRecord:
     """Return a record whose columns, i, j, x and y, are not what they are said to be."""
     values = samples(1.0)
     values += np.random.default_rng(2).standard_normal(values.shape) * [5e-3, 5e-3, 1e-7, 1e-7]
     change(values)
-    channels = [Channel("i", "A"), Channel("j", "A"), sensor, Channel("y", "m")]
+    channels = [
+        replace(channel, dynamics=(dynamics or {}).get(channel.name))
+        for channel in (Channel("i", "A"), Channel("j", "A"), sensor, Channel("y", "m"))
+    ]
     laws = {
         f"F_{axis}": ForceReading(MAGNET, (flow,), {axis: 1.0})
         for axis, flow in (("x", "i"), ("y", "j"))
@@ -295,6 +303,27 @@ def test_what_a_sensor_reads_wrong_goes_through_the_law(
     assert found.status == "ok"
     assert abs(found[name].value - true) < 4 * found[name].std
     assert found[name].std < 0.05 * abs(true)
+    for each in ("m", "c", "k"):
+        assert abs(found.value(each) - TRUTH[each]) < 4 * found.std(each)
+
+
+@pytest.mark.parametrize("columns", [[0, 1], [2, 3], [0, 1, 2, 3]])
+def test_the_law_takes_what_there_was_and_not_what_the_sensor_let_through(
+    columns: list[int],
+) -> None:
+    """A known bandwidth of 1 kHz: k_s times its lag would be half of the damping."""
+    known = FirstOrder(bandwidth=Constant("bandwidth", "Hz", 1000.0))
+
+    def lagging(values: np.ndarray) -> None:
+        frequency = np.fft.rfftfreq(len(values), 1 / RATE)
+        gain = known.response(2 * np.pi * frequency, known.values)[:, None]
+        values[:, columns] = np.fft.irfft(np.fft.rfft(values[:, columns], axis=0) * gain, axis=0)
+
+    record = misread(
+        lagging, Channel("x", "m"), {name: known for k, name in enumerate("ijxy") if k in columns}
+    )
+    found = identify(MODEL, record, MaximumLikelihood(fixed=STILL))
+    assert found.status == "ok"
     for each in ("m", "c", "k"):
         assert abs(found.value(each) - TRUTH[each]) < 4 * found.std(each)
 

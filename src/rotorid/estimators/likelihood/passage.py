@@ -16,7 +16,7 @@ from rotorid.estimators.likelihood.nuisances import Factor
 from rotorid.lines import Lines
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, Integers
-from rotorid.through_laws import Passed, undelayed
+from rotorid.through_laws import Passed, displacement
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def passages(
     for number, passed in observation.passed.items():
         shares = np.where(acting, passed.shares, 0.0)
         if shares.any():
-            moved = passed.slope * undelayed(lines, lines.samples, shares)
+            moved = passed.slope * displacement(lines, lines.samples, shares)
             found = lines.samples.lines(moved[:, None])[:, 0]
             yield BoundPassage(number, nuisance, unknowns, lines.omega, found)
 
@@ -140,7 +140,7 @@ def _again(
     flowing = np.sum([factor * source.flowing for factor, source in sources], axis=0)
     position = passed.position
     if lines.samples is not None:
-        position = undelayed(lines, lines.samples, passed.shares @ matrix)
+        position = displacement(lines, lines.samples, passed.shares @ matrix)
     found = replace(passed, flowing=flowing, position=position)
     with np.errstate(all="ignore"):
         sound = np.isfinite(found.force).all() and np.isfinite(found.slope).all()
