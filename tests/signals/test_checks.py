@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from adverse_cases import CASES
 from scipy.signal import lfilter
 
 from rotorid.record import Channel, Check, PeriodicRecord, Record
@@ -283,6 +284,26 @@ def test_a_slow_change_is_a_drift_with_its_size() -> None:
         ("drift", "y", "warning"),
     }
     assert " changes by 1.9" in found[0].found or " changes by 2" in found[0].found
+
+
+@pytest.mark.parametrize(("grows", "name"), [(True, "drift"), (False, "speed")])
+def test_what_changes_the_line_of_the_rotation_alone(grows: bool, name: str) -> None:
+    """A gain changes its size, a speed that is a little off its phase."""
+    plain, time = machine(noise=0.02), np.arange(60 * SIZE) / RATE
+    change = np.linspace(-0.01, 0.01, len(time))
+    phase = 2 * np.pi * 7 * F0 * time
+    bent = 3 * np.cos(phase) * (1 + change) if grows else 3 * np.cos(phase + change)
+    found = told(
+        replace(damaged(plain, lambda s: s + SCALE * bent[:, None]), speed=2 * np.pi * 7 * F0)
+    )
+    assert {c.check for c in found if c.verdict == "warning"} == {name}
+
+
+def test_a_transient_of_sensors_takes_no_samples_from_a_force() -> None:
+    """What the sensors show together looks like a shift by eleven samples, and is none."""
+    (case,) = (c for c in CASES if c.what == "a transient at the start")
+    found = case.run(7, leads=False)
+    assert case.holds(found, leads=False), found
 
 
 @pytest.mark.parametrize("periods", [3, 4, 6, 7, 20])

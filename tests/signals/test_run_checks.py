@@ -5,7 +5,7 @@ import pytest
 
 from rotorid.errors import InputError
 from rotorid.record import Channel, PeriodicRecord, Record
-from rotorid.signals import average
+from rotorid.signals import average, settling
 from rotorid.signals.detection import detect_distortion
 from rotorid.signals.settling import detect_settling
 from rotorid.signals.synchronism import rotation_warnings, synchronism
@@ -90,6 +90,27 @@ def test_a_drift_is_no_transient() -> None:
     samples = WAVE * (1 + 0.1 * np.exp(-0.1 * TIME))
     record = Record([Channel("x", "m")], samples[:, None], RATE)
     assert detect_settling(average(record, F0, harmonics=[1, 3, 5])).periods == 0
+
+
+def test_a_transient_longer_than_half_the_record_is_told() -> None:
+    """It dies away by a factor of 40 in the first half, and stands a hundred times above noise."""
+    start = np.exp(-1.25 * TIME) * np.cos(2 * np.pi * 11.0 * TIME)
+    rng = np.random.default_rng(3)
+    samples = WAVE + start + 1e-4 * rng.normal(size=len(TIME))
+    record = Record([Channel("x", "m")], samples[:, None], RATE)
+    found = detect_settling(average(record, F0, harmonics=[1, 3, 5]))
+    assert found.periods == PERIODS // 2
+    assert found.drop == pytest.approx(PERIODS // 2 / F0)
+
+
+def test_another_level_in_the_first_half_is_no_transient() -> None:
+    rng = np.random.default_rng(3)
+    samples = WAVE * np.where(np.arange(len(TIME)) < 3120, 1.1, 1.0) + 0.01 * rng.normal(
+        size=len(TIME)
+    )
+    record = Record([Channel("x", "m")], samples[:, None], RATE)
+    assert detect_settling(average(record, F0, harmonics=[1, 3, 5])).periods == 0
+    assert settling._DECAYS == 10.0
 
 
 def test_few_periods_tell_nothing() -> None:

@@ -250,7 +250,8 @@ def check_drift(periods: PeriodicRecord) -> list[Check]:
     freedom = 2 * min(lines, MOST_DIRECTIONS)
     limit = max(DRIFT**2 / lines, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
     rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
-    if rest is not None and (strength > limit).any() and (rest <= limit).all():
+    alone = rest is not None and (strength > limit).any() and (rest <= limit).all()
+    if alone and _turns(periods, slope, ratio):
         return [_creeping(periods, ratio)]
     found = []
     for c in np.flatnonzero(strength > limit):
@@ -273,6 +274,13 @@ def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
     if not periods.speed or others.all() or not others.any():
         return None
     return np.asarray(ratio[others].mean(axis=0))
+
+
+def _turns(periods: PeriodicRecord, slope: Complexes, ratio: Floats) -> bool:
+    """Tell whether the line that changes most turns, as with a speed, or grows, as with a gain."""
+    k, c = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+    relative = slope[k, c] * np.conj(periods.mean_spectrum[k, c])
+    return bool(abs(relative.imag) > abs(relative.real))
 
 
 def _creeping(periods: PeriodicRecord, ratio: Floats) -> Check:

@@ -328,7 +328,9 @@ def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
     whole = shifts_of(periods, range(len(periods.channels)))
     if whole is None:
         return {}
-    each = {c: shifts_of(periods, [c], whole.tau) for c in range(len(periods.channels))}
+    # A transient may look like a shift of all; one that makes things worse is none.
+    start = whole.tau if whole.explained > 0 else None
+    each = {c: shifts_of(periods, [c], start) for c in range(len(periods.channels))}
     return {c: shifts for c, shifts in each.items() if shifts is not None}
 
 

@@ -13,6 +13,9 @@ LEAST_PERIODS = 8
 
 _ROUNDING = 1e-9
 _DRIFT, _LARGE = 4.0, 3.0
+_DECAYS = 10.0
+"""Ratio of the power at the begin and at the end of the first half from which on it dies away: what
+is left of a transient as long as half the record; samples lost in its middle leave one level."""
 _SLOPE = 15.0
 """Square of the slope over its own from which on the second half drifts: of one line chance makes
 it so once in three million."""
@@ -113,4 +116,8 @@ def _last_unsettled(d: Floats, terms: int) -> int:
         return 0
     late = d > median + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
     ends = np.flatnonzero(~late[:half] & ~late[1 : half + 1])
-    return int(ends[0]) if ends.size else 0
+    if ends.size:
+        return int(ends[0])
+    # Longer than half the record: what dies away, not what was another level and stepped.
+    begin, end = np.median(d[: half // 4]), np.median(d[half - half // 4 : half])
+    return half if begin > _DECAYS * end else 0
