@@ -103,6 +103,8 @@ def test_sizes_with_and_without_unit() -> None:
         find_fault("hum=3 kg")
     with pytest.raises(InputError, match=r"--fault gap: found an actuator without magnets"):
         with_faults(RIGS["three-mass"], [find_fault("gap")])
+    with pytest.raises(InputError, match=r"--fault low-bias: found a bias lower by 1 of it; expec"):
+        with_faults(RIGS["rigid"], [find_fault("low-bias=1")])
 
 
 def test_faults_through_the_command(tmp_path: Path) -> None:

@@ -301,6 +301,12 @@ def _bias_mismatch(rig: Rig, size: float) -> Rig:
 @_fault("0.05", "rejected", "bias", "force law", "ki", "ks", "common gain", rig="rigid")
 def _bias_low(rig: Rig, size: float) -> Rig:
     """Bias lower than stated by this part."""
+    if not size < 1:
+        raise InputError(
+            f"a bias lower by {size:g} of it",
+            "a part below 1",
+            'write bias = "0 A" in the rig file: commands are other ones then',
+        )
     return _laws(rig, lambda law: replace(law, bias=law.bias * (1 - size)))
 
 
