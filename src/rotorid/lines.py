@@ -13,7 +13,16 @@ from typing import Protocol
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.record import Channel, Check, Complexes, Floats, Integers, Known, PeriodicRecord
+from rotorid.record import (
+    Booleans,
+    Channel,
+    Check,
+    Complexes,
+    Floats,
+    Integers,
+    Known,
+    PeriodicRecord,
+)
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.recorded import quantity
 from rotorid.signals.spectrum import line_spectra
@@ -175,6 +184,32 @@ class Samples(Arrays):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Beside(Arrays):
+    """Lines on which noise shows, one beside the other, and what motion follows there.
+
+    Parameters
+    ----------
+    columns : complex array, shape (line, column)
+        References, a one for the transient, exp(+-i phi): what is left of it is noise.
+    ordinary : bool array, shape (line,)
+        False where a line stands out of the noise.
+    centre : int array, shape (line of the record,)
+        The line here that lies nearest to each line of the record.
+    where : int array, shape (line,)
+        The line of the record that lies nearest to each line here.
+    noise : complex array, shape (line, channel), optional
+        The lines of a quiet record, as large as noise of the record; without them those of the
+        record itself are meant.
+    """
+
+    columns: Complexes
+    ordinary: Booleans
+    centre: Integers
+    where: Integers
+    noise: Complexes | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class SilentClock(Arrays):
     """The clock of frequency responses: what does not come from the input averages out of them.
 
@@ -243,6 +278,8 @@ class Lines(Arrays):
         deviation: a trial mass.
     samples : Samples, optional
         The samples behind the lines, where there are some.
+    beside : Beside, optional
+        What tells noise from motion, where neighbouring lines do.
     """
 
     channels: tuple[Channel, ...]
@@ -262,6 +299,7 @@ class Lines(Arrays):
     passive: bool = False
     parameters: Mapping[str, Known] = field(default_factory=dict)
     samples: Samples | None = None
+    beside: Beside | None = None
 
     def with_parameters(self, **parameters: Known) -> Lines:
         """Return the lines with parameters of the machine that this record has to itself.
@@ -338,4 +376,5 @@ class Lines(Arrays):
             mean=np.column_stack([self.mean, np.zeros(lines)]),
             covariance=replace(self.covariance, matrices=matrices),
             scatter=None,
+            beside=None,
         )

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from rotorid.errors import InputError
-from rotorid.lines import Lines, Samples, WholeClock
+from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Complexes, Floats, Integers, Record
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
@@ -127,11 +127,11 @@ def spectra(
     _check_references(record, references)
     every = window.channels(names)
     if quiet is not None:
-        covariance, told = _quiet_covariance(quiet, names, frequency, window)
+        noise = _quiet_noise(quiet, names, frequency, window)
     elif references:
-        covariance, told = _reference_covariance(window, every, window.channels(references), kept)
+        noise = _noise_beside(window, every, window.channels(references), kept, "references")
     else:
-        covariance, told = _input_covariance(window, every, names, inputs, kept)
+        noise = _input_noise(window, every, names, inputs, kept)
     used = slice(window.first, window.first + window.count)
     angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
     speed = (
@@ -141,22 +141,23 @@ def spectra(
     )
     channels = tuple(record.channels[record.names.index(name)] for name in names)
     transfer = transfer_of_recording(channels, frequency, record.sample_rate)
-    matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
+    matrices = noise.covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     single = (kept == 0) | (2 * kept == window.count)
     return Lines(
         channels=channels,
         frequency=frequency,
         speed=np.full(len(kept), record.speed),
         mean=every[kept] * transfer,
-        covariance=replace(covariance, matrices=matrices),
+        covariance=replace(noise.covariance, matrices=matrices),
         multiplicity=np.where(single, 1.0, 2.0),
         clock=WholeClock(time[used], angle, speed, kept),
         transient=TRANSIENT,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
         source=record.source,
-        warnings=told,
+        warnings=noise.told,
         samples=_samples_behind(window, names, kept),
+        beside=noise.beside,
     )
 
 
@@ -241,20 +242,40 @@ def _local(
     return local_covariance(every, references, rotation, lines)
 
 
-def _reference_covariance(
-    window: _Window, every: Complexes, references: Complexes, kept: Integers
-) -> tuple[LineCovariance, tuple[str, ...]]:
-    found = _local(window.record, every, references, window.rotation(), kept)
-    return _covariance(found, "references"), _told(found, window)
+@dataclass(frozen=True)
+class _Noise:
+    """The noise of a record, what is to be said of it, and where else it shows."""
+
+    covariance: LineCovariance
+    told: tuple[str, ...]
+    beside: Beside
 
 
-def _input_covariance(
+def _noise_beside(
+    window: _Window, every: Complexes, references: Complexes, kept: Integers, kind: Kind
+) -> _Noise:
+    """Return the noise that references leave on the lines of the record itself."""
+    rotation = window.rotation()
+    found = _local(window.record, every, references, rotation, kept)
+    numbers = np.arange(len(kept))
+    ordinary = ~np.isin(kept, found.standing_out)
+    beside = Beside(_constant(references[kept], rotation[kept]), ordinary, numbers, numbers)
+    return _Noise(_covariance(found, kind), _told(found, window), beside)
+
+
+def _constant(references: Complexes, rotation: Complexes) -> Complexes:
+    """Return what motion follows in a window in which no response changes."""
+    ones = np.ones((len(references), 1), dtype=np.complex128)
+    return np.concatenate([references, ones, rotation], axis=1)
+
+
+def _input_noise(
     window: _Window,
     every: Complexes,
     names: Sequence[str],
     inputs: Sequence[str],
     kept: Integers,
-) -> tuple[LineCovariance, tuple[str, ...]]:
+) -> _Noise:
     known = [names.index(name) for name in inputs if name in names]
     if not known:
         raise InputError(
@@ -264,17 +285,15 @@ def _input_covariance(
             "without excitation (quiet), or give the inputs",
             file=window.record.source,
         )
-    found = _local(window.record, every, every[:, known], window.rotation(), kept)
+    found = _noise_beside(window, every, every[:, known], kept, "inputs")
     warning = (
         "noise was told from motion by the measured inputs, taken as free of noise: right in open "
         "loop; in closed loop name the excitation in references or give a quiet record"
     )
-    return _covariance(found, "inputs"), (warning, *_told(found, window))
+    return replace(found, told=(warning, *found.told))
 
 
-def _quiet_covariance(
-    quiet: Record, names: Sequence[str], frequency: Floats, window: _Window
-) -> tuple[LineCovariance, tuple[str, ...]]:
+def _quiet_noise(quiet: Record, names: Sequence[str], frequency: Floats, window: _Window) -> _Noise:
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
         raise InputError(
@@ -289,8 +308,21 @@ def _quiet_covariance(
     none = np.zeros((len(every), 0), dtype=np.complex128)
     nearest = np.clip(np.round(frequency / still.spacing), 0, len(every) - 1).astype(np.int64)
     found = _local(quiet, every, none, rotation, nearest)
-    matrices = found.matrices * (still.count / window.count)
-    return LineCovariance(matrices, found.dof, "quiet"), _told(found, still)
+    longer = still.count / window.count
+    covariance = LineCovariance(found.matrices * longer, found.dof, "quiet")
+    kept = np.arange(nearest.min(), nearest.max() + 1)
+    channels = [quiet.channels[quiet.names.index(name)] for name in names]
+    transfer = transfer_of_recording(channels, kept * still.spacing, quiet.sample_rate)
+    beside = Beside(
+        _constant(none[kept], rotation[kept]),
+        ~np.isin(kept, found.standing_out),
+        nearest - nearest.min(),
+        np.round((kept * still.spacing - frequency[0]) / window.spacing)
+        .clip(0, len(frequency) - 1)
+        .astype(np.int64),
+        every[kept] * transfer * np.sqrt(longer),
+    )
+    return _Noise(covariance, _told(found, still), beside)
 
 
 def _covariance(found: Local, kind: Kind) -> LineCovariance:

@@ -296,6 +296,14 @@ class Evaluation:
             p.calibration.add_readings(columns, self, affine)
         return columns
 
+    def errors(self) -> Complexes:
+        """Return e, the equation errors that no hidden motion and no loose end explains."""
+        return self._projected(self._error[:, :, None])[:, :, 0]
+
+    def whitened_columns(self) -> Complexes:
+        """Return the whitened residual of a one in each channel, (line, equation, channel)."""
+        return self._white(self._projected(self.columns))
+
     @property
     def affine_jacobian(self) -> Floats:
         """Jacobian by the affine unknowns, shape (line * 2 * equation, affine unknown)."""

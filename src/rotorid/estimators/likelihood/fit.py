@@ -12,6 +12,7 @@ from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimators.batch import Batch
 from rotorid.estimators.derived import physical_start
 from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.beside import by_equation_errors
 from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.information import Doubt, questioned
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
@@ -100,6 +101,7 @@ def fit(
     if solution.converged and explained(solution, inference):
         start, problem = prepared.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference)
+    inference = by_equation_errors(inference, solution.point, records)
     inference = _by_misfit(solution, inference)
     return Fit(prepared, solution, inference, tuple(records), doubt, crept)
 

@@ -106,6 +106,8 @@ class Inference:
         Of the scaled Jacobian, over the determined directions.
     line_means : sequence of array, shape (line,)
         Expected cost of each line of each record.
+    variances, left : sequence of float
+        Variance of the cost of each record, and the real equations that parameters leave to it.
     """
 
     covariance: Floats
@@ -114,6 +116,8 @@ class Inference:
     expectation: Expectation
     condition_number: float
     line_means: tuple[Floats, ...]
+    variances: tuple[float, ...] = ()
+    left: tuple[float, ...] = ()
 
     @property
     def undetermined(self) -> NDArray[np.bool_]:
@@ -180,7 +184,7 @@ def infer(point: Point, exact: Relations) -> Inference:
     kept = values > RANK * values.max(initial=0.0)
     taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)
     leverage = _line_sums(point, taken_up)
-    means, variances, weights = [], [], []
+    means, variances, weights, free = [], [], [], []
     for at, taken in zip(point.records, leverage, strict=False):
         likelihood = at.problem
         c = likelihood.multiplicity
@@ -193,6 +197,7 @@ def infer(point: Point, exact: Relations) -> Inference:
         if likelihood.noise.shared > 1:
             variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
         variances.append(apart * float(variance.sum()))
+        free.append(float((c * np.maximum(t, 0.0)).sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
         weights.append(np.repeat(ratio, 2 * likelihood.equations))
     rest = 1 - leverage[-1]
@@ -217,4 +222,6 @@ def infer(point: Point, exact: Relations) -> Inference:
         ),
         float(top / values[kept].min()) if kept.any() else np.inf,
         tuple(means),
+        tuple(variances),
+        tuple(free),
     )

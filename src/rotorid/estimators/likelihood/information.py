@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.response import respond
@@ -145,18 +146,32 @@ def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
     blocks = [np.zeros((0, len(free)))]
     for likelihood in problem.likelihoods:
         count = likelihood.inputs - likelihood.indirect
+        idle = _idle_share(likelihood.evaluate(unknowns), count)
         for column in range(count):
             driven = copy.copy(likelihood)
             driven.load = np.zeros_like(likelihood.load)
             # What laws with other constants add comes of the samples, not of this noise.
             driven.calibration = replace(likelihood.calibration, reread=())
             driven.data = np.zeros_like(likelihood.data)
-            driven.data[:, :count] = likelihood.factor[:, :count, column]
+            driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
             driven.data = respond(driven, still)
             blocks.append(driven.evaluate(still).jacobian()[:, free])
     found = np.concatenate(blocks)
     found[:, np.isin(free, problem.affine)] = 0.0
     return found
+
+
+def _idle_share(at: Evaluation, count: int) -> Floats:
+    """Return the deviation of what drives nothing over that of the inputs' noise, (line, input).
+
+    In closed loop most of it drives the machine like any force, and informs. What does not drive is
+    in the equation errors, so that it is no more than V allows: ``V - s^2 b b^H`` stays positive,
+    b the input's column, up to ``s^2 = 1 / (b^H V^-1 b)``.
+    """
+    columns = at.whitened_columns()[:, :, :count]
+    allowed = 1 / np.maximum((np.abs(columns) ** 2).sum(axis=1), 1e-300)
+    noise = (np.abs(at.problem.factor[:, :count]) ** 2).sum(axis=2)
+    return np.asarray(np.sqrt(np.minimum(1.0, allowed / np.maximum(noise, 1e-300))))
 
 
 def questioned(

@@ -45,6 +45,7 @@ def _thinned(record: Observation) -> Observation:
             covariance=covariance,
             multiplicity=lines.multiplicity[chosen],
             clock=clock,
+            beside=None,
         )
     )
 

@@ -1,0 +1,129 @@
+"""The expected cost of a whole record by its equation errors: mean, variance, what it leaves."""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_spectra import KNOWN, MODEL, levitated, lines_of
+
+from rotorid.estimators.likelihood import beside as by_errors
+from rotorid.estimators.likelihood.information import _idle_share
+from rotorid.identify import identify
+from rotorid.lines import Beside
+
+LINES = 500
+
+
+@dataclass
+class Errors:
+    """An evaluation that holds equation errors of unit noise, and nothing else."""
+
+    values: np.ndarray
+    null_h: None = None
+
+    @property
+    def problem(self):
+        return SimpleNamespace(
+            equations=self.values.shape[1], multiplicity=np.full(len(self.values), 2.0)
+        )
+
+    @property
+    def columns(self):
+        return np.broadcast_to(np.eye(self.values.shape[1]), (len(self.values), 2, 2))
+
+    def errors(self):
+        return self.values
+
+
+def complex_noise(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return rng.standard_normal((*shape, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+
+
+def beside(rng: np.random.Generator, references: int, **more) -> Beside:
+    columns = np.column_stack([complex_noise(rng, LINES, references), np.ones(LINES)])
+    number = np.arange(LINES)
+    return Beside(columns, np.ones(LINES, dtype=bool), number, number, **more)
+
+
+@pytest.mark.parametrize(("references", "quiet"), [(0, False), (4, False), (0, True)])
+def test_mean_and_variance_of_the_sum(references, quiet):
+    """Noise of unit size on two equations, 120 times: as predicted by counting."""
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(120):
+        noise = complex_noise(rng, LINES, 2) if quiet else None
+        near = beside(rng, references, noise=noise)
+        found.append(by_errors._sum_of(Errors(complex_noise(rng, LINES, 2)), near, [0, 1]))
+    cost, mean = np.array([s.cost for s in found]), np.mean([s.mean for s in found])
+    variance = np.mean([s.variance for s in found])
+    assert abs(cost.mean() - mean) < 3 * np.sqrt(variance / 120)
+    assert 0.7 < cost.var(ddof=1) / variance < 1.4
+    # Chi-squared would be four of each equation of a line; here it is far off.
+    assert variance < 0.5 * 4 * 2 * LINES or quiet
+    assert variance > 2 * 4 * 2 * LINES or not quiet
+
+
+def test_a_line_that_stands_out_is_in_its_own_cost_alone():
+    rng = np.random.default_rng(6)
+    errors = complex_noise(rng, LINES, 2)
+    errors[250] *= 100
+    near = beside(rng, 1)
+    ordinary = near.ordinary.copy()
+    ordinary[250] = False
+    hidden = by_errors._sum_of(Errors(errors), near, [0, 1])
+    seen = by_errors._sum_of(Errors(errors), replace(near, ordinary=ordinary), [0, 1])
+    assert seen.cost > 5 * seen.mean
+    assert hidden.cost < 1.1 * hidden.mean
+
+
+def test_too_few_lines_and_no_noise_tell_nothing():
+    rng = np.random.default_rng(7)
+    near = beside(rng, 1)
+    few = slice(0, 20)
+    short = Beside(near.columns[few], near.ordinary[few], near.centre[few], near.where[few])
+    assert by_errors._sum_of(Errors(complex_noise(rng, 20, 2)), short, [0, 1]) is None
+    nothing = Errors(np.zeros((LINES, 2), dtype=complex))
+    assert by_errors._sum_of(nothing, near, [0, 1]) is None
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return lines_of(levitated(3))
+
+
+@pytest.mark.parametrize(("wide", "low", "high"), [(1.0, 0.97, 1.03), (1.08, 0.97, 1.03)])
+def test_noise_that_bends_moves_the_expectation(lines, wide, low, high):
+    """C a little too large, as of noise that bends in its window: the misfit is no smaller."""
+    covariance = replace(lines.covariance, matrices=wide * lines.covariance.matrices)
+    misfit = identify(MODEL, replace(lines, covariance=covariance), KNOWN).misfit
+    assert low < misfit.cost / misfit.expected < high
+    assert 1e-3 < misfit.p_value < 1 - 1e-3
+
+
+def test_a_covariance_that_holds_motion_is_told(lines):
+    """C much too large is no bend of noise: the cost is too good, and that is said."""
+    covariance = replace(lines.covariance, matrices=1.15 * lines.covariance.matrices)
+    estimate = identify(MODEL, replace(lines, covariance=covariance), KNOWN)
+    assert estimate.misfit.cost < 0.9 * estimate.misfit.expected
+
+
+def test_what_a_controller_makes_of_noise_drives_the_rotor():
+    """Noise of an input that is larger than V allows is force: V - s^2 b b^H stays positive."""
+    rng = np.random.default_rng(8)
+    rows = complex_noise(rng, 5, 2, 3)
+    matrices = rows @ rows.conj().transpose(0, 2, 1)
+    lower, columns = np.linalg.cholesky(matrices), complex_noise(rng, 5, 2, 2)
+    factor = np.stack([np.diag([10.0, 1e-3])] * 5).astype(complex)  # of the loop; of an amplifier
+    at = SimpleNamespace(
+        whitened_columns=lambda: np.linalg.solve(lower, columns),
+        problem=SimpleNamespace(factor=factor),
+    )
+    share = _idle_share(at, 2)
+    np.testing.assert_allclose(share[:, 1], 1.0)
+    for line in range(5):
+        left = matrices[line] - (10 * share[line, 0]) ** 2 * np.outer(
+            columns[line, :, 0], columns[line, :, 0].conj()
+        )
+        smallest, largest = np.linalg.eigvalsh(left)
+        assert abs(smallest) < 1e-9 * largest
