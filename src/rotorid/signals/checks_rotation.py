@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_samples import is_input
+from rotorid.signals.sums import median
 
 TONE = 200.0
 """Power of a line over the median around it from which on it is a tone: of 100,000 lines of noise
@@ -112,17 +113,17 @@ def _rests(
     record: Record, periods: PeriodicRecord | None, sensors: list[int]
 ) -> tuple[Floats, Floats]:
     """Return what the mean over periods leaves of channels, and their level without it taken."""
-    if periods is None:
-        part = record.samples[:_MOST, sensors][None]
-    else:
+    first, count, size = 0, 1, min(len(record.samples), _MOST)
+    if periods is not None:
         size = periods.samples
         first = round(periods.time[0, 0] * record.sample_rate)
         count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
-        part = record.samples[first : first + count * size].reshape(count, size, -1)
-        part = part[:, :, sensors]
-    mean = part.mean(axis=0 if periods is not None else 1, keepdims=True)
-    rest = np.ascontiguousarray((part - mean).reshape(-1, len(sensors)).T)
-    return rest, np.hypot(rest.std(axis=1), mean.std(axis=(0, 1)))
+    part = np.ascontiguousarray(record.samples[first : first + count * size, sensors].T)
+    folded = part.reshape(len(sensors), count, size)
+    mean = folded.mean(axis=2 if periods is None else 1, keepdims=True)
+    folded -= mean
+    power = np.einsum("cn,cn->c", part, part) / part.shape[1] - part.mean(axis=1) ** 2
+    return part, np.sqrt(power.clip(0) + mean.var(axis=(1, 2)))
 
 
 @cache
@@ -132,13 +133,17 @@ def _window(count: int) -> Floats:
 
 def _spectra(rests: Floats) -> tuple[Floats, Floats]:
     """Return the power of windowed signals (signal, sample), and its floor around each line."""
-    spectrum = np.fft.rfft(rests * _window(rests.shape[1]), axis=1)
-    power = spectrum.real**2 + spectrum.imag**2
-    count, lines = power.shape
+    count, lines = len(rests), rests.shape[1] // 2 + 1
+    power, window = np.empty((count, lines)), _window(rests.shape[1])
+    windowed = np.empty(rests.shape[1])
+    for rest, into in zip(rests, power, strict=True):  # one by one they stay in the cache
+        spectrum = np.fft.rfft(np.multiply(rest, window, out=windowed))
+        np.square(spectrum.real, out=into)
+        into += np.square(spectrum.imag, out=windowed[:lines])
     blocks = -(-lines // _WIDTH)
     # As many lines as fill the last block are taken from the first.
     filled = np.concatenate([power, power[:, : blocks * _WIDTH - lines]], axis=1)
-    medians = np.median(filled.reshape(count, blocks, _WIDTH), axis=2, overwrite_input=True)
+    medians = median(filled.reshape(count, blocks, _WIDTH))
     floor = np.repeat(medians, _WIDTH, axis=1)[:, :lines]
     return power, np.maximum(floor, 1e-20 * power.sum(axis=1, keepdims=True))
 

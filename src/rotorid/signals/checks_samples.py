@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.record import Channel, Check, Floats, Record, Verdict
+from rotorid.signals.sums import median
 
 INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
 """Units of what drives a machine: such a channel may be quiet for good reason; a sensor may not."""
@@ -61,18 +62,20 @@ def _spread(samples: Floats) -> Floats:
 
 def quantum(samples: Floats) -> float:
     """Return the step between the levels of a channel; 0 where there are no levels."""
-    levels = np.unique(_spread(samples))
-    if len(levels) < 2:
-        return 0.0
+    levels = np.sort(_spread(samples))
     spacing = np.diff(levels)
-    step = float(np.median(spacing[spacing <= 1.5 * spacing.min()]))
-    if step <= np.finfo(float).eps * np.abs(levels).max():
+    spacing = spacing[spacing > 0]
+    if not len(spacing):
+        return 0.0
+    step = float(median(spacing[spacing <= 1.5 * spacing.min()]))
+    largest = max(abs(levels[0]), abs(levels[-1]))
+    if step <= np.finfo(float).eps * largest:
         return 0.0  # no converter has so many
     multiples = spacing / step
-    rounding = _ROUNDING + 4 * np.finfo(float).eps * np.abs(levels).max() / step
+    rounding = _ROUNDING + 4 * np.finfo(float).eps * largest / step
     if np.abs(multiples - np.round(multiples)).max() > max(rounding * multiples.max(), 1e-3):
         return 0.0
-    return step if np.ptp(levels) / step < _MOST_LEVELS else 0.0
+    return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
 def check_dead(record: Record, scatter: Floats | None = None) -> list[Check]:
@@ -145,17 +148,14 @@ def check_clipped(record: Record) -> list[Check]:
     found = []
     if not len(record.samples):
         return []
-    limits = record.samples.min(axis=0), record.samples.max(axis=0)
-    count = len(record.channels)
-    touched = [
-        np.bincount(np.flatnonzero(record.samples == limit) % count, minlength=count)
-        for limit in limits
-    ]
+    rows = np.ascontiguousarray(record.samples.T)
+    limits = rows.min(axis=1), rows.max(axis=1)
+    touched = [np.count_nonzero(rows == limit[:, None], axis=1) for limit in limits]
     for c, channel in enumerate(record.channels):
         # Most channels touch their extremes once: there is nothing more to look at.
         if limits[0][c] == limits[1][c] or max(touched[0][c], touched[1][c]) < CLIPPED_RUN:
             continue
-        samples = np.ascontiguousarray(record.samples[:, c])
+        samples = rows[c]
         counts = {float(limit[c]): _flat(samples, limit[c]) for limit in limits}
         if sum(counts.values()) < CLIPPED_SAMPLES:
             continue

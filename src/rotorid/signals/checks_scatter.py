@@ -12,6 +12,7 @@ from rotorid.distributions import f_limit
 from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Verdict
 from rotorid.signals.checks_samples import is_input
 from rotorid.signals.settling import LEAST_PERIODS, detect_settling
+from rotorid.signals.sums import median
 
 NO_SCATTER = 1e-9
 """Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
@@ -219,13 +220,14 @@ def _without_trend(spectra: Complexes) -> Floats:
     before, after = spectra[:-2], spectra[2:]
     inner = spectra[1:-1] - (before + after) / 2
     ends = [spectra[:1] - spectra[1:2], spectra[-1:] - spectra[-2:-1]]
-    centre = spectra - np.median(spectra.real, axis=0) - 1j * np.median(spectra.imag, axis=0)
+    middle = [median(np.moveaxis(part, 0, -1)) for part in (spectra.real, spectra.imag)]
+    centre = spectra - (middle[0] + 1j * middle[1])
     local = np.concatenate([ends[0], inner, ends[1]])
     level = np.sqrt((np.abs(spectra.mean(axis=0)) ** 2).mean(axis=0))
     size = np.empty((2, count, spectra.shape[2]))
     for kind, part in enumerate((centre, local)):
-        power = np.abs(part) ** 2
-        typical = np.median(power, axis=0)
+        power = np.square(part.real) + np.square(part.imag)
+        typical = median(np.moveaxis(power, 0, -1))
         floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
         size[kind] = (power / np.maximum(typical, floor)).mean(axis=1)
     # A knock stands out both from the whole and from its neighbours; a drift only from the whole.

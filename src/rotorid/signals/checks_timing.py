@@ -14,6 +14,7 @@ import numpy as np
 
 from rotorid.record import Booleans, Check, Complexes, Floats, PeriodicRecord, Verdict
 from rotorid.signals.checks_scatter import NO_SCATTER
+from rotorid.signals.sums import median
 
 STEP = 8.0
 """Deviations by which the shift must change at one period to be called a step: with 1000 places to
@@ -117,7 +118,7 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     power = z.real**2 + z.imag**2
     steps = np.diff(z, axis=0)
     floor = np.stack([_floor(np.sqrt(power.mean(axis=(0, 1))))] * len(omega))
-    scatter = np.median(steps.real**2 + steps.imag**2, axis=0, overwrite_input=True)
+    scatter = median(np.moveaxis(steps.real**2 + steps.imag**2, 0, -1))
     noise = np.maximum(scatter / (2 * np.log(2)), floor)
     clear = power.mean(axis=0) > 25.0 * noise
     mean = z.mean(axis=0)
