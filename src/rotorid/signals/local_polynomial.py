@@ -278,12 +278,14 @@ class _Regression:
         flat = turned.reshape(*scaled.shape[:2], -1)
         left = flat - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ flat)
         rows = left.reshape(len(left), -1, POLES + 1)
-        u, s, vh = np.linalg.svd(rows[:, :, 1:], full_matrices=False)
-        along = (u.conj().transpose(0, 2, 1) @ rows[:, :, :1])[:, :, 0]
+        turned = np.concatenate([rows[:, :, 1:], rows[:, :, :1]], axis=2)
+        triangle: Complexes = np.asarray(np.linalg.qr(turned, mode="r"))
+        u, s, vh = np.linalg.svd(triangle[:, :POLES, :POLES])
+        along = (u.conj().transpose(0, 2, 1) @ triangle[:, :POLES, POLES:])[:, :, 0]
         seen = s > 1e-9 * s[:, :1]  # a column that the references hold says nothing of poles
         moved = np.where(seen, along / np.where(seen, s, 1.0), 0.0)
         a = -(vh.conj().transpose(0, 2, 1) @ moved[:, :, None])[:, :, 0]
-        whole = (np.abs(rows[:, :, 0]) ** 2).sum(axis=1)
+        whole = (np.abs(triangle[:, :, POLES]) ** 2).sum(axis=1)
         gained = (np.abs(np.where(seen, along, 0.0)) ** 2).sum(axis=1)
         return _decaying(a, self.half), gained / np.where(whole > 0, whole, 1.0)
 

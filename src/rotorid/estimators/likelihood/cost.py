@@ -28,6 +28,7 @@ matrix that follows from it is the Fisher information at the corrected lines.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -213,7 +214,8 @@ class Evaluation:
         self.mu = problem.monomials.values(unknowns)
         self.state = problem.calibration.at(unknowns)
         self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
-        self._error = self._set_columns()
+        self._set_columns()
+        self._error = self._errors_of_rows()
         self._set_projection()
         gain = self._projected(self.columns) @ problem.factor
         root = gain.conj().transpose(0, 2, 1)
@@ -231,24 +233,36 @@ class Evaluation:
         self._whitened_moves = whitened[:, :, 1:]
         self._set_whitened(whitened[:, :, 0])
 
+    def with_data(self, problem: Likelihood) -> Evaluation:
+        """Return the evaluation of the same machine with other lines and loads, whitened alike."""
+        other = copy.copy(self)
+        other.problem = problem
+        other.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        rows = other._errors_of_rows()[:, :, None]
+        rows, whitened = other._without_ends(rows, other._white(other._projected(rows)))
+        other._error = rows[:, :, 0]
+        other._set_whitened(whitened[:, :, 0])
+        return other
+
     def _without_ends(self, rows: Complexes, whitened: Complexes) -> tuple[Complexes, Complexes]:
         """Add to rows, and to themselves whitened, what the loose ends of the window do best."""
         transient = self.problem.transient
         if transient is None:
             return rows, whitened
-        ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
-        unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
-        columns = transient.columns(self._white(self._projected(unit)))
-        self.ends = Ends.of(self.stacked(columns))
+        if self.ends is None:
+            ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
+            unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
+            self._end_columns = transient.columns(self._white(self._projected(unit)))
+            self.ends = Ends.of(self.stacked(self._end_columns))
         tau = self.ends.tau(self.stacked(whitened))
         moved = rows.copy()
         added = transient.rows(tau, self.problem.rows)
         moved[:, : self.problem.rows] += added
         self.loose, self._loose_moves = added[:, :, 0], added[:, :, 1:]
-        return moved, _complex(whitened + columns @ tau)
+        return moved, _complex(whitened + self._end_columns @ tau)
 
-    def _set_columns(self) -> Complexes:
-        """Set the columns of all rows; return s, the equation error without hidden motion."""
+    def _set_columns(self) -> None:
+        """Set the columns of all rows."""
         p, n = self.problem, self.problem.coordinates
         matrix = np.zeros((p.lines, p.all_rows, n + p.inputs), dtype=np.complex128)
         p._matrix.into(matrix.reshape(p.lines, -1), p._matrix_weight * self.mu[p._matrix_monomial])
@@ -257,10 +271,14 @@ class Evaluation:
         sensors[:, p.rows :] = p.sensing.redundancy
         self.plain = np.concatenate([self.inputs, sensors], axis=2)
         self.columns = self.plain * self.state.factors[:, None, :]
+
+    def _errors_of_rows(self) -> Complexes:
+        """Return s, the equation error without hidden motion."""
+        p = self.problem
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.load @ self.mu
         error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
-        return error
+        return _complex(error)
 
     def _set_projection(self) -> None:
         hidden = self.problem.sensing.hidden

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
 from rotorid.estimators.likelihood.problem import Point, Problem
-from rotorid.estimators.likelihood.response import respond
+from rotorid.estimators.likelihood.response import response
 from rotorid.estimators.likelihood.search import AGREE, further_starts
 from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, solve
 from rotorid.estimators.likelihood.valley import ENDLESS, Valley, explore
@@ -92,18 +92,24 @@ def noise_free(problem: Problem, unknowns: Floats) -> Point:
     """Return the problem at a point where the sensors read just what the forces make of it."""
     silent = []
     for likelihood in problem.likelihoods:
-        clean = copy.copy(likelihood)
-        clean.data = respond(likelihood, unknowns)
-        silent.append(clean)
-    return replace(problem, likelihoods=tuple(silent)).at(unknowns)
+        at, clean = likelihood.evaluate(unknowns), copy.copy(likelihood)
+        clean.data = response(at)
+        silent.append(at.with_data(clean))
+    known = problem.known.values(unknowns, 0.0)
+    quiet = replace(problem, likelihoods=tuple(at.problem for at in silent))
+    return Point(quiet, unknowns, silent, known)
 
 
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
     try:
-        root = _predicted_root(problem, unknowns)[0]
+        return _deviations_of(_predicted_root(problem, unknowns)[0])
     except np.linalg.LinAlgError:
         return np.full(len(problem.layout.free), np.inf)
+
+
+def _deviations_of(root: Floats) -> Floats:
+    """Return the deviations of a root of the covariance, infinite where it is beyond numbers."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = np.sqrt((root**2).sum(axis=1))
     return np.where(np.isfinite(found), found, np.inf)
@@ -118,22 +124,27 @@ def _predicted_root(problem: Problem, unknowns: Floats) -> tuple[Floats, Floats]
         return scale[:, None] * (basis @ spread), scale
 
 
-def informed_by_noise(problem: Problem, unknowns: Floats) -> NDArray[np.bool_]:
-    """Tell which deviations owe to the noise of the inputs, which drives nothing, (free,).
+def informed_by_noise(problem: Problem, unknowns: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return predicted deviations, and tell which owe to noise that drives nothing, (free,).
 
     Information is quadratic in the inputs: that of the measured ones is that of the true ones and,
     on average, that of their noise by itself.
     """
+    none = np.zeros(len(problem.layout.free), dtype=bool)
     try:
         root, scale = _predicted_root(problem, unknowns)
+    except np.linalg.LinAlgError:
+        return np.full(len(none), np.inf), none
+    predicted = _deviations_of(root)
+    try:
         if not np.isfinite(root).all():
-            return np.zeros(len(root), dtype=bool)
+            return predicted, none
         _, share, along = whole_svd(_by_noise(problem, unknowns) @ root)
     except np.linalg.LinAlgError:
-        return np.zeros(len(problem.layout.free), dtype=bool)
+        return predicted, none
     power = (root / scale[:, None] @ along.T) ** 2
     owed = power[:, share**2 > BY_NOISE].sum(axis=1)
-    return np.asarray(owed > OWED * power.sum(axis=1))
+    return predicted, np.asarray(owed > OWED * power.sum(axis=1))
 
 
 def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
@@ -147,15 +158,17 @@ def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
     for likelihood in problem.likelihoods:
         count = likelihood.inputs - likelihood.indirect
         idle = _idle_share(likelihood.evaluate(unknowns), count)
+        driven = copy.copy(likelihood)
+        driven.load = np.zeros_like(likelihood.load)
+        # What laws with other constants add comes of the samples, not of this noise.
+        driven.calibration = replace(likelihood.calibration, reread=())
+        at = driven.evaluate(still)
         for column in range(count):
-            driven = copy.copy(likelihood)
-            driven.load = np.zeros_like(likelihood.load)
-            # What laws with other constants add comes of the samples, not of this noise.
-            driven.calibration = replace(likelihood.calibration, reread=())
+            driven = copy.copy(driven)
             driven.data = np.zeros_like(likelihood.data)
             driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
-            driven.data = respond(driven, still)
-            blocks.append(driven.evaluate(still).jacobian()[:, free])
+            driven.data = response(at.with_data(driven))
+            blocks.append(at.with_data(driven).jacobian()[:, free])
     found = np.concatenate(blocks)
     found[:, np.isin(free, problem.affine)] = 0.0
     return found
@@ -257,11 +270,11 @@ class _Asked:
     def doubt(self, wider: Floats) -> Doubt:
         """Ask whether noise was taken for information, and whether the deviations have an end."""
         problem, unknowns, stated = self.problem, self.point.unknowns, self.stated
-        predicted, free = predicted_deviations(problem, unknowns), problem.layout.free
+        (predicted, owed), free = informed_by_noise(problem, unknowns), problem.layout.free
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * np.abs(unknowns[free]))
         taken = predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * stated
-        taken |= informed_by_noise(problem, unknowns)
+        taken |= owed
         if not self.loose.any():
             return Doubt(_names(problem, self.told & taken))
         taken |= _taken_about(problem, self.start, unknowns, stated)

@@ -24,8 +24,12 @@ def respond(likelihood: Likelihood, unknowns: Floats) -> Complexes:
     The measured inputs are kept; the sensors read what the equations of motion make of them,
     through the calibration that the unknowns say.
     """
-    at = likelihood.evaluate(unknowns)
-    found = likelihood.data.copy()
+    return response(likelihood.evaluate(unknowns))
+
+
+def response(at: Evaluation) -> Complexes:
+    """Return the same as `respond`, from the machine at a point."""
+    found = at.problem.data.copy()
     sensors = slice(at.forces, None)
     found[:, sensors] = predicted_readings(at) / at.state.factors[:, sensors]
     return found
