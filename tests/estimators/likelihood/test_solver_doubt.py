@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rotor_bank import ADVERSE, SETTINGS, Setting, modal_case, rotor_case, structure_case
+from rotor_bank import (
+    ADVERSE,
+    BEARINGS,
+    COORDINATES,
+    SETTINGS,
+    UNBALANCE,
+    Setting,
+    modal_case,
+    noisy_record,
+    rotor_case,
+    rotor_lines,
+    structure_case,
+)
 from rotor_bank import Structure as Tower
 
 from rotorid.errors import InputError
@@ -20,6 +32,8 @@ from rotorid.estimators.likelihood.search import search
 from rotorid.estimators.likelihood.solver import Solution
 from rotorid.identify import identify
 from rotorid.observation import bind_all
+
+BEARING = [COORDINATES.index(name) for name in BEARINGS]
 
 
 def estimated(case):
@@ -113,6 +127,14 @@ def test_lightly_damped_from_ten_percent_off(make, modes):
         assert worst(case, estimate) < 5.5
 
 
+def problem_of(case, record):
+    """Return the problem of a record of a case, and its truth."""
+    ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
+    likelihood = assemble(ready.layout, bind_all(case.model, [record])[0], 0)
+    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    return problem, np.array([case.truth[u.name] for u in ready.layout.unknowns])
+
+
 @pytest.mark.parametrize(("size", "owed"), [(2.0, False), (1.0, True)])
 def test_what_the_noise_of_the_forces_informs_is_told(size, owed):
     """Forces on all lines so many times their own noise: its share of the information is 1 / 5."""
@@ -122,16 +144,38 @@ def test_what_the_noise_of_the_forces_informs_is_told(size, owed):
     drawn = rng.standard_normal((260, *clean.shape, 2)).view(complex)[..., 0]
     drawn[:, :, 4:] = 1e-3 * drawn[:, :, 4:] * np.abs(clean[:, 4:]).mean(axis=0)
     drawn[:, :, :4] *= np.abs(clean[:, :4]).mean() / np.abs(drawn[:, :, :4].mean(axis=0)).mean()
-    record = replace(case.records[0], spectra=size * clean + drawn)
-    ready = prepare(case.model, Knowledge(case.fixed, start=case.truth), (), False, {})
-    bound = bind_all(case.model, [record])
-    likelihood = assemble(ready.layout, bound[0], 0)
-    problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
-    truth = np.array([case.truth[u.name] for u in ready.layout.unknowns])
-    names = np.array([ready.layout.unknowns[i].name for i in ready.layout.free])
+    problem, truth = problem_of(case, replace(case.records[0], spectra=size * clean + drawn))
+    names = np.array([problem.layout.unknowns[i].name for i in problem.layout.free])
     told = information.informed_by_noise(problem, truth)[1]
     assert told[np.isin(names, ["m1", "k1", "I_t"])].all() == owed
     assert (information.BY_NOISE, information.OWED) == (0.3, 0.1)
+
+
+def levitated(seed):
+    """Return case and record of a rotor in its loop, on lines of 0.1 Hz without the rotation."""
+    case, rng = rotor_case(SETTINGS["4 sensors, +-40 %"], seed), np.random.default_rng(5)
+    harmonics, speed = np.arange(100, 1200), case.records[0].speed
+    omega = 2 * np.pi * 0.1 * harmonics
+    still = case.truth | dict.fromkeys(UNBALANCE, 0.0)
+    unit = np.eye(4)[:, None] * np.ones((4, len(omega), 4))
+    compliance = np.stack([rotor_lines(still, speed, omega, f)[:, BEARING] for f in unit], axis=2)
+    control = (6e5 + 600j * omega)[:, None, None] * np.eye(4)
+    added = 0.1 * np.exp(2j * np.pi * rng.random((len(omega), 4, 1)))
+    force = np.linalg.solve(np.eye(4) + control @ compliance, added)
+    mean = np.concatenate([force, compliance @ force], axis=1)[:, :, 0]
+    noise = np.array([1.2] * 4 + [2e-6] * 4)
+    channels = case.records[0].channels
+    return case, noisy_record(channels, mean, noise, harmonics, rng, speed, 40, 50_000)
+
+
+@pytest.mark.parametrize("seed", [2, 6])
+def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(seed):
+    """Beside the modes of a rotor that floats the loop leaves hardly a force: noise is measured."""
+    problem, truth = problem_of(*levitated(seed))
+    noise = information._by_noise(problem, truth)
+    assert information._owed(noise, *information._predicted_root(problem, truth)).any()
+    assert information._borne_out(problem, truth)[0].min() < 0.05
+    assert not information.informed_by_noise(problem, truth)[1].any()
 
 
 def test_fewer_equations_than_unknowns_leave_something_open():

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
 from rotorid.estimators.likelihood.problem import Point, Problem
-from rotorid.estimators.likelihood.response import response
+from rotorid.estimators.likelihood.response import respond, response
 from rotorid.estimators.likelihood.search import AGREE, further_starts
 from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, solve
 from rotorid.estimators.likelihood.valley import ENDLESS, Valley, explore
@@ -115,9 +115,16 @@ def _deviations_of(root: Floats) -> Floats:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def _predicted_root(problem: Problem, unknowns: Floats) -> tuple[Floats, Floats]:
-    """Return a root of the covariance that the noise-free response gives, and its unit, (free,)."""
+def _predicted_root(
+    problem: Problem, unknowns: Floats, weights: Sequence[Floats] = ()
+) -> tuple[Floats, Floats]:
+    """Return a root of the covariance that the noise-free response gives, and its unit, (free,).
+
+    `weights`: of the rows of each record, 1 without them.
+    """
     scaled, scale, basis = along_relations(noise_free(problem, unknowns), problem.exact)
+    rows = np.concatenate([np.zeros(0), *weights])
+    scaled[: len(rows)] *= rows[:, None]
     _, values, right = whole_svd(scaled)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         spread = right.T / np.maximum(values, 1e-14 * values.max(initial=0.0))
@@ -128,7 +135,8 @@ def informed_by_noise(problem: Problem, unknowns: Floats) -> tuple[Floats, NDArr
     """Return predicted deviations, and tell which owe to noise that drives nothing, (free,).
 
     Information is quadratic in the inputs: that of the measured ones is that of the true ones and,
-    on average, that of their noise by itself.
+    on average, that of their noise by itself. Where it seems to be noise it is asked again with as
+    much of each line as the readings bear out.
     """
     none = np.zeros(len(problem.layout.free), dtype=bool)
     try:
@@ -137,24 +145,55 @@ def informed_by_noise(problem: Problem, unknowns: Floats) -> tuple[Floats, NDArr
         return np.full(len(none), np.inf), none
     predicted = _deviations_of(root)
     try:
-        if not np.isfinite(root).all():
-            return predicted, none
-        _, share, along = whole_svd(_by_noise(problem, unknowns) @ root)
+        noise = _by_noise(problem, unknowns)
+        told = _owed(noise, root, scale)
+        if told.any():
+            weights = _borne_out(problem, unknowns)
+            weighed = [n * w[:, None] for n, w in zip(noise, weights, strict=True)]
+            told &= _owed(weighed, *_predicted_root(problem, unknowns, weights))
     except np.linalg.LinAlgError:
         return predicted, none
+    return predicted, told
+
+
+def _owed(noise: Sequence[Floats], root: Floats, scale: Floats) -> NDArray[np.bool_]:
+    """Tell which deviations owe to some noise, its Jacobian given for each record, (free,)."""
+    if not np.isfinite(root).all():
+        return np.zeros(len(root), dtype=bool)
+    rows = [part.reshape(-1, len(root)) for part in noise]
+    _, share, along = whole_svd(np.concatenate([np.zeros((0, len(root))), *rows]) @ root)
     power = (root / scale[:, None] @ along.T) ** 2
     owed = power[:, share**2 > BY_NOISE].sum(axis=1)
-    return predicted, np.asarray(owed > OWED * power.sum(axis=1))
+    return np.asarray(owed > OWED * power.sum(axis=1))
 
 
-def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
-    """Return the Jacobian that the noise of the inputs would make by itself, (row, free).
+def _borne_out(problem: Problem, unknowns: Floats) -> list[Floats]:
+    """Return for each record the measured readings over the predicted ones, at most 1, (row,).
+
+    Forces measured with noise, on a line beside a resonance without damping, predict a thousand
+    times the motion that was there. That informs of nothing, for or against: nobody read it.
+    """
+    found = []
+    for likelihood in problem.likelihoods:
+        first = likelihood.inputs - likelihood.indirect
+        noise = np.maximum(np.linalg.norm(likelihood.factor, axis=2), 1e-300)
+        measured, predicted = (
+            np.linalg.norm((data / noise)[:, first:], axis=1)
+            for data in (likelihood.data, respond(likelihood, unknowns))
+        )
+        share = np.minimum(1.0, measured / np.maximum(predicted, 1e-300))
+        found.append(np.repeat(share, 2 * likelihood.equations))
+    return found
+
+
+def _by_noise(problem: Problem, unknowns: Floats) -> list[Floats]:
+    """Return the Jacobians that the noise of the inputs would make by itself, (input, row, free).
 
     Information is quadratic in the inputs: that of true inputs and their noise is the sum of both.
     """
     free, still = problem.layout.free, unknowns.copy()
     still[problem.affine] = 0.0  # what turns is no noise
-    blocks = [np.zeros((0, len(free)))]
+    found = []
     for likelihood in problem.likelihoods:
         count = likelihood.inputs - likelihood.indirect
         idle = _idle_share(likelihood.evaluate(unknowns), count)
@@ -163,14 +202,15 @@ def _by_noise(problem: Problem, unknowns: Floats) -> Floats:
         # What laws with other constants add comes of the samples, not of this noise.
         driven.calibration = replace(likelihood.calibration, reread=())
         at = driven.evaluate(still)
+        parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
         for column in range(count):
             driven = copy.copy(driven)
             driven.data = np.zeros_like(likelihood.data)
             driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
             driven.data = response(at.with_data(driven))
-            blocks.append(at.with_data(driven).jacobian()[:, free])
-    found = np.concatenate(blocks)
-    found[:, np.isin(free, problem.affine)] = 0.0
+            parts[column] = at.with_data(driven).jacobian()[:, free]
+        parts[:, :, np.isin(free, problem.affine)] = 0.0
+        found.append(parts)
     return found
 
 
