@@ -10,7 +10,16 @@ import pytest
 import rotorid as rid
 from rotorid.cli import run
 from rotorid.errors import InputError
-from rotorid.experiment.columns import _LIKE, Found, assign, currents, likeness, role_of
+from rotorid.experiment.columns import (
+    _LIKE,
+    Found,
+    assign,
+    by_planes,
+    currents,
+    is_excitation,
+    likeness,
+    role_of,
+)
 from rotorid.experiment.draft import draft
 
 MODEL = rid.load_model("jeffcott")
@@ -190,3 +199,115 @@ def test_a_sweep_for_each_axis_as_a_logger_writes_it(tmp_path: Path) -> None:
     path = tmp_path / "experiment.toml"
     path.write_text(text.replace('speed = "?"', 'speed = "0 rpm"'), encoding="utf-8")
     assert rid.load_experiment(path).channels[0].sources["F_x"].column == "Fx"
+
+
+PLANES = ("A X", "A Y", "B X", "B Y")
+
+
+def write_sweep(path: Path, axis: int, *, marks: bool = True) -> Path:
+    """Write one axis swept while the rotor turns, as a logger does that calls its planes A, B."""
+    rate, count = 2000.0, 16_000
+    time, rng = np.arange(count) / rate, np.random.default_rng(axis)
+    sweep = 3 * np.sin(2 * np.pi * (20 + 20 * time) * time)  # 20 to 340 Hz
+    turning = 2 * np.pi * 47.3 * time[:, None]
+    forces = np.cos(turning + np.arange(4)) + 0.05 * rng.normal(size=(count, 4))
+    positions = 5 * np.cos(turning - np.arange(4)) + 0.1 * rng.normal(size=(count, 4))
+    references = np.zeros((count, 4))
+    references[:, axis] = sweep
+    forces[:, axis] += sweep
+    positions[:, axis] += 4 * sweep
+    columns = [1e3 * time[:, None], positions, forces]
+    names = [f"Pos {p} [um]" for p in PLANES] + [f"Force {p} [N]" for p in PLANES]
+    if marks:
+        columns += [references, 4.9 * (np.cos(turning) > 0.9)]
+        names += [f"Ref {p} [N]" for p in PLANES] + ["Key [V]"]
+    preamble = "Data logger\nDate: 2025-11-04 14:20:07\nChannels: 13\n\n"
+    with path.open("w", encoding="utf-8") as file:
+        file.write(preamble)
+        np.savetxt(
+            file,
+            np.column_stack(columns),
+            delimiter=";",
+            header=";".join(["Time [ms]", *names]),
+            comments="",
+            fmt="%.3f",
+        )
+    return path
+
+
+def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
+    files = [write_sweep(tmp_path / f"{axis}.csv", axis) for axis in (0, 3)]
+    text = draft(files, "three-mass", tmp_path)
+    found = parse(text)
+    for record, axis in zip(found["records"], (0, 3), strict=True):
+        assert record["keyphasor"] == "Key"
+        assert record["references"] == [f"Ref {PLANES[axis]}"]
+        assert "fundamental" not in record
+        assert "period_samples" not in record
+    channels = found["channels"]
+    for name, plane in zip(("x1", "y1", "x3", "y3"), PLANES, strict=True):
+        assert channels[name] == {"column": f"Pos {plane}", "unit": "um"}
+        assert channels[f"F_{name}"] == {"column": f"Force {plane}", "unit": "N"}
+    assert set(channels) == {"x1", "y1", "x3", "y3", "F_x1", "F_y1", "F_x3", "F_y3"}
+    assert text.count("taken A for 1, B for 3, by their order: check") == 8
+    assert 'add hold = "zero-order"' in text
+    assert '# m1 = { start = "0.83339 kg" }' in text
+    path = tmp_path / "experiment.toml"
+    path.write_text(text, encoding="utf-8")
+    assert rid.load_experiment(path).channels[0].sources["F_x3"].column == "Force B X"
+    rigid = draft(files, "rigid", tmp_path)
+    assert parse(rigid)["channels"]["F_yb"] == {"column": "Force B Y", "unit": "N"}
+    assert "by their order" not in rigid  # it calls its planes a and b too
+
+
+def test_the_rotation_beside_a_sweep_is_no_period(tmp_path: Path) -> None:
+    """Three of four axes hold the unbalance alone, which repeats; the excitation does not."""
+    (record,) = parse(
+        draft([write_sweep(tmp_path / "0.csv", 0, marks=False)], "three-mass", tmp_path)
+    )["records"]
+    assert "period_samples" not in record
+    assert "fundamental" not in record
+    assert record["band"] != ["?", "?"]
+
+
+def test_planes_left_over_are_not_guessed() -> None:
+    def columns(*names: str) -> list[Found]:
+        return [Found(name, np.zeros(2), "N", "channel") for name in names]
+
+    model = rid.load_model("three-mass")
+    four = columns(*(f"Force {plane}" for plane in PLANES))
+    assert set(by_planes(model, four, {})) == {"F_x1", "F_y1", "F_x3", "F_y3"}
+    assert by_planes(model, four[:3], {}) == {}
+    assert by_planes(model, [*four, *columns("Force C X")], {}) == {}
+    assert by_planes(model, [*four, *columns("Force A X 2")], {}) == {}
+    assert by_planes(model, [*four, *columns("Sum")], {}) == {}
+    assert by_planes(MODEL, four, {}) == {}  # one plane, which has no name
+    told = by_planes(model, columns("fxR", "fyR", "fxL", "fyL"), {})
+    assert told["F_x1"][1] == "taken R for 1, L for 3, by their order: check"
+
+
+@pytest.mark.parametrize("name", ["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"])
+def test_names_of_what_was_added(name: str) -> None:
+    assert is_excitation(Found(name, np.zeros(2), None, "channel"))
+
+
+@pytest.mark.parametrize("name", ["Distance A X", "Extension", "Force A X"])
+def test_names_of_what_was_measured(name: str) -> None:
+    assert not is_excitation(Found(name, np.zeros(2), None, "channel"))
+
+
+@pytest.mark.parametrize("name", ["Key", "Key phasor", "kp", "Keyphasor", "tacho1"])
+def test_names_of_a_mark(name: str) -> None:
+    assert role_of(name, "V") == "keyphasor"
+
+
+def test_a_record_in_place_of_the_experiment_is_told(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = write_sweep(tmp_path / "run.csv", 0)
+    for command in ("inspect", "identify"):
+        assert run([command, str(path)]) == 2
+        told = capfd.readouterr().err
+        assert told.count("\n") == 1
+        assert "expected an experiment file" in told
+        assert f"rotorid new {path}" in told

@@ -364,3 +364,20 @@ def test_paths_that_are_no_files(tmp_path):
         load_estimate(tmp_path)
     with pytest.raises(ReadError, match="embedded null byte"):
         load_estimate("a\0b")
+
+
+def test_a_prediction_worse_than_none_is_explained_where_the_cost_is_in_order():
+    """Sweeps of a rotor that floats: beside its modes the noise of the forces predicts motion."""
+    good = Estimate(
+        "m", "ml", "ok", (), misfit=Misfit(98.0, 99.0, 90, 0.5),
+        prediction={"x1": Prediction(18.1), "y1": None}, lines_hz=(5.0, 600.0), periods=1,
+    )  # fmt: skip
+    assert "x1 1.81e+03 %, y1 zero, from the measured forces alone: beside" in str(good)
+    assert "no periods, 2 lines from 5 to 600 Hz" in str(good)
+    for other in (
+        replace(good, status="rejected"),
+        replace(good, misfit=None),
+        replace(good, prediction={"x1": Prediction(0.9)}),
+    ):
+        assert "beside a resonance" not in str(other)
+    assert "\n260 periods, 2 lines" in str(replace(good, periods=260))

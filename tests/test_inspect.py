@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rotorid.cli import run
@@ -70,3 +71,43 @@ def test_a_file_that_is_wrong_is_refused(
     broken.write_text('[[records]]\nfile = "none.h5"\n', encoding="utf-8")
     assert run(["inspect", str(broken)]) == 2
     assert all(line.startswith("rotorid: ") for line in capsys.readouterr().err.splitlines())
+
+
+def test_a_sweep_is_not_searched_for_a_period(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rotation repeats; beside that the sweep would be noise, knocks, a wandering speed."""
+    time = np.arange(20_000) / 2000.0
+    turning = 2 * np.pi * 40.0 * time
+    sweep = 0.3 * np.sin(2 * np.pi * (5 + 10 * time) * time)
+    noise = 0.01 * np.random.default_rng(1).normal(size=(4, len(time)))
+    columns = [np.cos(turning) + sweep, np.sin(turning), np.cos(turning + 1) + sweep]
+    table = np.column_stack([time, *(np.array([*columns, np.sin(turning + 1)]) + noise), sweep])
+    names = "t [s],Fx [N],Fy [N],x [um],y [um],ref_x [N]"
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=names, comments="")
+    path = tmp_path / "run.toml"
+    path.write_text(SWEEP, encoding="utf-8")
+    assert run(["inspect", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "run.csv: ok." in shown
+    assert "; no period; speed 2400 rpm" in shown
+    path.write_text(SWEEP.replace('model = "jeffcott"', 'model = "?"'), encoding="utf-8")
+    assert run(["inspect", str(path)]) == 0
+    assert "; no period; speed 2400 rpm" in capsys.readouterr().out
+
+
+SWEEP = """model = "jeffcott"
+
+[[records]]
+file = "run.csv"
+time = "t"
+speed = "2400 rpm"
+band = ["5 Hz", "205 Hz"]
+references = ["ref_x"]
+
+[channels]
+F_x = { column = "Fx", unit = "N" }
+F_y = { column = "Fy", unit = "N" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+"""

@@ -389,17 +389,27 @@ class Estimate(ByContent):
         errors = {n: "zero" if p is None else _percent(p) for n, p in self.prediction.items()}
         if errors:
             shown = ", ".join(f"{name} {error}" for name, error in errors.items())
-            notes.append(f"relative error of the prediction: {shown}")
+            notes.append(f"relative error of the prediction: {shown}{self._by_noise}")
         if self.lines_hz:
             low, high = min(self.lines_hz), max(self.lines_hz)
-            notes.append(
-                f"{self.periods} periods, {len(self.lines_hz)} lines from {low:g} to {high:g} Hz"
-            )
+            told = f"{self.periods} periods" if self.periods > 1 else "no periods"
+            notes.append(f"{told}, {len(self.lines_hz)} lines from {low:g} to {high:g} Hz")
         if self.condition_number is not None:
             notes.append(f"condition number {self.condition_number:.4g}")
         if _inflated((*self.parameters, *self.nuisance)):
             notes.append("inflated: deviations as if all of the misfit were noise")
         return [*notes, *(f"warning: {warning}" for warning in self.warnings)]
+
+    @property
+    def _by_noise(self) -> str:
+        """What makes a prediction from the forces worse than none, where the cost is in order."""
+        worst = max((p.relative_error for p in self.prediction.values() if p), default=0.0)
+        if worst < 1 or self.status != "ok" or self.misfit is None:
+            return ""
+        return (
+            ", from the measured forces alone: beside a resonance with hardly any damping their "
+            "noise moves the model further than the machine moved; the cost tells the fit"
+        )
 
     def __repr__(self) -> str:
         names = ", ".join(f"{v.name} = {v.value:.4g}" for v in self.parameters)

@@ -17,7 +17,7 @@ Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
 _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
     ("time", re.compile(r"t|time\b.*|zeit|clock|timestamp|x_value|x_axis|abscissa", re.I), "s"),
     ("speed", re.compile(r"(n_?)?rpm|speed\w*|drehzahl|omega\w*", re.I), "rad/s"),
-    ("keyphasor", re.compile(r"kp|keyph\w*|tacho\w*|trig\w*|pulse\w*|index", re.I), ""),
+    ("keyphasor", re.compile(r"kp|key\b.*|key_?ph\w*|tacho\w*|trig\w*|pulse\w*|index", re.I), ""),
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
 _WORDS = {
@@ -36,8 +36,12 @@ _WORDS = {
 }
 _LIKE = 0.7  # likeness of names from which on a column is taken for a quantity
 _TIE = 0.05  # by which a name must be likelier than the next
+_PLANES = (*"ablr", "left", "right", "front", "rear", "top", "bottom", "de", "nde")
 _FIRST_OF_POSITION = ("p", "s", "d", "x")
 _LAW_UNIT = "A"
+_EXCITATION = re.compile(
+    r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,11 @@ def role_of(name: str, unit: str | None) -> Role:
         if pattern.fullmatch(leaf) and (not unit or not expected or converts(unit, expected)):
             return role
     return "channel"
+
+
+def is_excitation(column: Found) -> bool:
+    """Tell whether a column is by its name what was added to the commands."""
+    return _EXCITATION.match(column.name.rsplit("/", 1)[-1]) is not None
 
 
 def converts(unit: str, expected: str) -> bool:
@@ -104,6 +113,53 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
         found[quantity] = columns[place]
         used.add(place)
     return found
+
+
+def by_planes(
+    model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
+) -> dict[str, tuple[Found, str]]:
+    """Return columns of bearing planes that the model calls otherwise, with what was assumed.
+
+    A logger's "Pos A X" and "Pos B X" are x1 and x3 of a model whose inputs are in the planes 1
+    and 3: as many planes, in their order. Nothing is told where a plane or an axis is left over.
+    """
+    planes = _planes({name: name for name in model.inputs})
+    found: dict[str, tuple[Found, str]] = {}
+    free = [c for c in columns if c.unit and c not in taken.values()]
+    for names in (model.inputs, model.coordinates):
+        wanted = {key: name for name in names if (key := _place(name)) and key[0] in planes}
+        left = {name for name in wanted.values() if name not in taken}
+        like = [c for c in free if left and converts(c.unit or "", model.units[min(left)])]
+        named = {str(i): c.name for i, c in enumerate(like)}
+        theirs = _planes(named)
+        places = {key: like[int(i)] for i, name in named.items() if (key := _place(name))}
+        if len(theirs) != len(planes) or len(places) != len(like) or len(left) != len(like):
+            continue
+        order = dict(zip(planes, theirs, strict=True))
+        said = ", ".join(f"{c.upper()} for {m}" for m, c in order.items() if m != c)
+        for (plane, axis), name in wanted.items():
+            if column := places.get((order[plane], axis)):
+                found[name] = column, said and f"taken {said}, by their order: check"
+    return found
+
+
+def _planes(names: Mapping[str, str]) -> list[str]:
+    """Return the planes that names hold, in order."""
+    return list(dict.fromkeys(key[0] for name in names.values() if (key := _place(name))))
+
+
+def _place(name: str) -> tuple[str, str] | None:
+    """Return plane and axis of a name such as F_x1, "Pos A X", s_yb; None without just one each."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", name.rsplit("/", 1)[-1])
+    parts = [p for part in re.findall(r"[A-Za-z]+|\d+", spaced) for p in _apart(part.lower())]
+    axes = [part for part in parts if part in ("x", "y", "z")]
+    planes = [part for part in parts if part.isdigit() or part in _PLANES]
+    return (planes[0], axes[0]) if len(axes) == len(planes) == 1 else None
+
+
+def _apart(part: str) -> list[str]:
+    """Part an axis from the letter beside it: "xa", "bx", "fx"."""
+    return list(part) if len(part) == 2 and len({"x", "y", "z"} & set(part)) == 1 else [part]
 
 
 def currents(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,27 +12,36 @@ import tomlkit
 import tomlkit.items
 
 from rotorid.errors import InputError, ReadError
-from rotorid.experiment.columns import Found, assign, converts, currents, role_of
+from rotorid.experiment.columns import (
+    Found,
+    assign,
+    by_planes,
+    converts,
+    currents,
+    is_excitation,
+    role_of,
+)
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.table import Rate, Table
 from rotorid.models import Model, load_model
 from rotorid.record import Floats
-from rotorid.signals.periodicity import Period, find_period
+from rotorid.signals.periodicity import Period, find_period, only_rotation
 from rotorid.units import si_factor
 
 _CLOCK_UNITS = ("s", "ms", "us")
 _SLOWEST = 20.0  # Hz; a logger of vibrations is faster, so slower times are no seconds
 _STRIPES, _POWER = 400, 0.03  # of the spectrum, and of its largest: what is above was driven
-_EXCITATION = re.compile(
-    r"(ex|exc\w*|ref\w*|dist\w*|noise|chirp|sweep|inj\w*|add\w*)(_|\d|$)", re.I
-)
 _DRIVES = ("N", "N m", "A", "V")
 _MOTIONS = ("m", "rad")
 ABOVE_MOTION = 10.0
 """Cut-off of a draft over the highest frequency of the motion: friction bends above that."""
 _EXCITED = 0.03  # of the largest line: what stands above it was excited
+_HELD = (
+    'a column of commands, each held until the next: add hold = "zero-order", and its delay; '
+    "one of measured forces or currents: neither"
+)
 _MOST_LINES = 30  # that are listed; more make a band
 
 
@@ -60,8 +68,7 @@ class _Run:
 
     def driving(self) -> list[Found]:
         """Return the columns of an added excitation, by their names; those that are at rest not."""
-        named = [c for c in self.channels() if _EXCITATION.match(c.name.rsplit("/", 1)[-1])]
-        return [c for c in named if np.ptp(c.values) > 0]
+        return [c for c in self.channels() if is_excitation(c) and np.ptp(c.values) > 0]
 
 
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
@@ -224,7 +231,10 @@ def turns(model: Model) -> bool:
 def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
     """Write the period, and the lines that stand above the others."""
     sources = run.driving() or run.channels()
-    found = [(c, p) for c in sources if (p := find_period(c.values))]
+    periods = [find_period(c.values) for c in sources]
+    found = [(c, p) for c, p in zip(sources, periods, strict=True) if p is not None]
+    if only_rotation([c.values for c in sources], periods):
+        found = []
     rate = None if run.clock.rate is None else run.clock.rate.hertz
     if not found:
         if model is not None and model.linear is None:
@@ -322,11 +332,20 @@ def _band(lines: Sequence[int], period: Period, rate: float | None) -> Any:
 def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
     table = tomlkit.table()
     columns = run.channels()
-    taken = {} if model is None else assign(model, columns)
-    laws = {} if model is None else currents(model, columns, taken)
+    measured = [c for c in columns if not is_excitation(c)]
+    taken = {} if model is None else assign(model, measured)
+    guessed = {} if model is None else by_planes(model, measured, taken)
+    for name, (column, _) in guessed.items():
+        taken[name] = column
+    laws = {} if model is None else currents(model, measured, taken)
+    if model is not None:
+        table.add(tomlkit.comment(_HELD))
+    hidden = []
     for name, unit in {} if model is None else _quantities(model):
         if name in taken:
             table[name] = _column(taken[name], unit)
+            if name in guessed and guessed[name][1]:
+                table[name].comment(guessed[name][1])
         elif name in laws:
             table[name] = _law(laws[name], name)
             table[name].comment("F = ki i + ks x; docs/experiments.md has the other laws")
@@ -334,10 +353,10 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
             table[name] = _inline({"column": OPEN, "unit": unit})
             table[name].comment("no column, or more than one, looks like it")
         else:
-            table.add(
-                tomlkit.comment(f"{name} [{unit}]: no column, or more than one, looks like it")
-            )
-            table.add(tomlkit.comment("a coordinate without a column is not measured"))
+            hidden.append(f"{name} [{unit}]")
+    if hidden:
+        table.add(tomlkit.comment(f"no column, or more than one, looks like {', '.join(hidden)}"))
+        table.add(tomlkit.comment("a coordinate without a column is not measured, which may be"))
     used = {c.name for c in (*taken.values(), *laws.values())}
     for column in columns:
         if column.name not in used:
@@ -366,6 +385,11 @@ def _parameters(model: Model) -> tomlkit.items.Table:
     for parameter in model.parameters:
         if converts(parameter.unit, "m"):
             table.add(tomlkit.comment(f'{parameter.name} = {{ fixed = "300 mm" }}'))
+            break
+    for parameter in model.parameters:
+        if parameter.nominal is not None and converts(parameter.unit, "kg"):
+            start = f'{parameter.name} = {{ start = "{parameter.nominal:g} {parameter.unit}" }}'
+            table.add(tomlkit.comment(f"{start}, where yours is more than 40 % off this"))
             break
     names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
     table.add(tomlkit.comment(f"parameters: {names}"))

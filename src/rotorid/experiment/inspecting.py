@@ -65,6 +65,7 @@ def _inspect(record: Record, entry: RecordEntry) -> Inspection:
         harmonics=entry.harmonics,
         band=entry.band,
         skip=entry.skip or 0.0,
+        whole=size is None and entry.band is not None,
     )
 
 
@@ -105,6 +106,7 @@ def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:
         period_samples=size if isinstance(size, int) else None,
         harmonics=harmonics if isinstance(harmonics, list) else None,
         skip=skip,
+        whole=size is None and "band" in entry,
     )
 
 

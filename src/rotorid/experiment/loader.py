@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from rotorid.errors import InputError
+from rotorid.errors import InputError, ReadError
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.methods import Estimator
 from rotorid.experiment.kinds import check_own, check_shared, plan_record, read_table
@@ -22,6 +22,7 @@ from rotorid.experiment.recording import (
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
+from rotorid.io import READERS
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
 from rotorid.order_tracking import phasors
@@ -195,6 +196,18 @@ class Experiment:
             raise error.at(file=self.file) from None
 
 
+def _check_ending(path: Path) -> None:
+    """Refuse a record in place of the experiment file; text may be either."""
+    ending = path.suffix.lower()
+    if ending in READERS and ending != ".txt":
+        raise ReadError(
+            f"a file of the ending {ending}, a record",
+            "an experiment file, which says what is in the records",
+            f"write one: rotorid new {path} --model three-mass --out experiment.toml",
+            file=str(path),
+        )
+
+
 def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
     """Read an experiment file.
 
@@ -233,6 +246,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     'jeffcott'
     """
     path = Path(path)
+    _check_ending(path)
     entry = read_toml(path, ExperimentFile)
     where = path.parent if folder is None else Path(folder)
     model = _model(entry.model, path)

@@ -12,7 +12,7 @@ from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Record, Ver
 from rotorid.signals.average import average
 from rotorid.signals.checks import check_record, worst
 from rotorid.signals.checks_samples import is_input
-from rotorid.signals.periodicity import find_period
+from rotorid.signals.periodicity import find_period, only_rotation
 
 CREST = 3.0
 """Crest factor of an input above which it is worth a note: a multisine of good phases has 1.4 to 2,
@@ -113,6 +113,7 @@ def inspect_record(
     harmonics: Sequence[int] | None = None,
     band: tuple[float, float] | None = None,
     skip: float = 0.0,
+    whole: bool = False,
 ) -> Inspection:
     """Look at a record as a technician would, before identifying.
 
@@ -127,6 +128,9 @@ def inspect_record(
         Hz.
     skip : float
         Settling to drop, in s.
+    whole : bool
+        A record without periods, such as a sweep: none is looked for. What repeats in it is its
+        rotation, and the sweep is no noise beside that.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def inspect_record(
     """
     size = period_samples
     found = size is None
-    if size is None:
+    if size is None and not whole:
         size = _period(record, skip)
     periods = None
     if size is not None:
@@ -158,8 +162,7 @@ def inspect_record(
         if lines is None or lines:
             periods = average(record, period_samples=size, harmonics=lines, band=band, skip=skip)
     if periods is None:
-        text = "no period found: see docs/inspect.md for records that do not repeat"
-        checks: tuple[Check, ...] = (*check_record(record), Check("period", "", text, "note"))
+        checks: tuple[Check, ...] = (*check_record(record), _no_period(whole))
     else:
         checks = (*periods.checks, *_crests(periods))
     return Inspection(
@@ -172,12 +175,20 @@ def inspect_record(
     )
 
 
+def _no_period(whole: bool) -> Check:
+    if whole:
+        return Check("period", "", "none, as the file says: taken as a whole", "ok")
+    text = "no period found: see docs/inspect.md for records that do not repeat"
+    return Check("period", "", text, "note")
+
+
 def _period(record: Record, skip: float) -> int | None:
     """Return the samples of a period: that of most channels, of the one that repeats best."""
     first = round(skip * record.sample_rate)
-    found = [find_period(column) for column in record.samples[first:].T if np.ptp(column)]
+    columns = list(record.samples[first:].T)
+    found = [find_period(column) for column in columns]
     clear = [period for period in found if period is not None]
-    if not clear:
+    if not clear or only_rotation(columns, found):
         return None
     # A counter of the rotor angle repeats best of all, with a period of its own.
     agree = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ _LEAST = 0.75  # correlation below which the ringing of a machine may be taken f
 _HELD = 0.85  # of the first correlation that every multiple keeps where there is a period
 _AS_GOOD = 1.5  # times the least unexplained part, plus the next: a shorter period as good as it
 _MARGIN = 0.01
+_ALONE = 0.95  # of what repeats that one wave holds: it is the rotation, or hum
 _NICE = 4  # digits of a frequency that somebody typed
 _MOST = 1 << 21  # samples looked at
 
@@ -61,8 +63,7 @@ def find_period(samples: Floats) -> Period | None:
     >>> round(found.samples, 2)
     400.0
     """
-    count = min(len(samples), _MOST)
-    middle = samples[round(_MIDDLE * count) : count - round(_MIDDLE * count)]
+    middle = _middle(samples)
     size = len(middle)
     if size < 16 or not np.ptp(middle):
         return None
@@ -80,6 +81,40 @@ def find_period(samples: Floats) -> Period | None:
     unexplained = 1 - correlation[peaks]
     first = int(peaks[unexplained <= _AS_GOOD * unexplained.min() + _MARGIN][0])
     return _refined(correlation, first)
+
+
+def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> bool:
+    """Tell whether what repeats is one wave, in some columns, while others move without a period.
+
+    So it is where a rotor turns while one axis is swept: the wave is its unbalance. What somebody
+    repeats on purpose holds several lines, or is in all columns.
+
+    Examples
+    --------
+    >>> time = np.arange(4000) / 1000
+    >>> wave, sweep = np.sin(2 * np.pi * 37 * time), np.sin(2 * np.pi * (5 + 10 * time) * time)
+    >>> only_rotation([wave, sweep], [find_period(wave), find_period(sweep)])
+    True
+    """
+    moving = [(c, p) for c, p in zip(columns, found, strict=True) if np.ptp(c)]
+    repeating = [(c, p) for c, p in moving if p is not None]
+    if not repeating or len(repeating) == len(moving):
+        return False
+    return all(_share_of_wave(c) > _ALONE * p.correlation for c, p in repeating)
+
+
+def _share_of_wave(samples: Floats) -> float:
+    """Return the part of the power that the strongest wave holds."""
+    middle = _middle(samples)
+    window = np.hanning(len(middle))
+    power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
+    top = int(np.argmax(power))
+    return float(power[max(top - 3, 0) : top + 4].sum() / power.sum())
+
+
+def _middle(samples: Floats) -> Floats:
+    count = min(len(samples), _MOST)
+    return samples[round(_MIDDLE * count) : count - round(_MIDDLE * count)]
 
 
 def _correlation(centred: Floats, lags: int) -> Floats:
