@@ -33,6 +33,8 @@ from rotorid.signals.covariance import LineCovariance
 
 Factors = tuple[int, ...]
 PHASE_STEPS = 16
+"""Angles of a revolution that tell the orders of loads which are no polynomials of cos(phi) and
+sin(phi): up to the seventh."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ def load_lines(
     linear, loads = linear_form(layout.model), _loads(layout)
     signals = list(dict.fromkeys(load.signal for load in loads))
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
-    steps = PHASE_STEPS if phase_unknown else 1
+    steps = phase_steps(signals) if phase_unknown else 1
     found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
     for step, shift in enumerate(2 * np.pi * np.arange(steps) / steps):
         if signals:
@@ -208,6 +210,34 @@ def load_lines(
         signal = found[:, :, signals.index(load.signal)]
         columns[:, :, load.row, where[load.factors]] += load.coefficient * signal
     return columns, orders
+
+
+def phase_steps(signals: Sequence[Expression]) -> int:
+    """Return how many angles of a revolution tell every order of some loads: 2 n + 1 tell n."""
+    degrees = [_degree(signal) for signal in signals]
+    known = [degree for degree in degrees if degree is not None]
+    return 2 * max(known, default=0) + 1 if len(known) == len(degrees) else PHASE_STEPS
+
+
+def _degree(signal: Expression) -> int | None:
+    """Return the degree of a polynomial of cos(phi) and sin(phi), None for another function."""
+    phi = symbol("phi")
+    if phi not in signal.free_symbols:
+        return 0
+    if signal.kind in ("cos", "sin"):
+        return 1 if signal.parts == (phi,) else None
+    if signal.kind == "sum":
+        parts = [_degree(part) for part in signal.parts]
+        return None if None in parts else max(part for part in parts if part is not None)
+    if signal.kind not in ("product", "power"):
+        return None
+    total = 0
+    for base, exponent in signal.factors:
+        degree = _degree(base)
+        if degree is None or (degree and (exponent < 0 or exponent.denominator != 1)):
+            return None
+        total += degree * int(exponent) if degree else 0
+    return total
 
 
 def _signal(signals: Sequence[Expression], shift: float) -> Signal:
