@@ -159,8 +159,9 @@ class Calibration:
             jacobian[:, :, bound.unknowns] += acted[:, :, None] * slopes[:, None, :]
         for law in self.reread:
             line = at.columns[:, :, law.channel] * data[:, law.channel, None]
+            gain = law.at(at.unknowns).gain or 1e-300  # a law astray has none: so has its line
             for unknown, slope in law.slopes(at.unknowns):
-                jacobian[:, :, unknown] += slope.gain / law.at(at.unknowns).gain * line
+                jacobian[:, :, unknown] += slope.gain / gain * line
                 jacobian[:, :, unknown] += at.plain[:, :, law.channel] * slope.rest[:, None]
         self.add_readings(jacobian, at, np.arange(len(at.unknowns)))
         if self.phase_unknown is not None:

@@ -8,7 +8,7 @@ best are then freed in earnest, and so are the mistakes that are no small change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -160,6 +160,7 @@ class Finding:
 
 
 _Follow = Callable[[], list[Finding]]
+_Trial = tuple[Prepared, Sequence[Observation], _Follow]
 
 
 @dataclass(frozen=True)
@@ -328,7 +329,8 @@ class _Search:
     def mistakes(self) -> list[Finding]:
         """Screen mistakes that are no small changes, and follow the best to the minimum.
 
-        Whatever stands out is followed at once, and ends the search where it explains the data.
+        Whatever stands out is followed at once, and where it explains the data the search ends with
+        those of its kind: a sensor upside down may look like its actuator upside down.
         """
         records, prepared = self.case.records, self.case.prepared
         if not records:
@@ -336,13 +338,14 @@ class _Search:
         found: list[Finding] = []
         level = screened(prepared, records)
         tries: list[tuple[float, _Follow]] = []
-        for wanted, changed, follow in self._trials():
-            cost = screened(wanted, changed)
-            tries.append((cost, follow))
-            if cost < STANDS_OUT * level:
-                found += follow()
-                if any(self.explained(finding) for finding in found):
-                    return found
+        for trials in self._trials():
+            for wanted, changed, follow in trials:
+                cost = screened(wanted, changed)
+                tries.append((cost, follow))
+                if cost < STANDS_OUT * level:
+                    found += follow()
+            if any(self.explained(finding) for finding in found):
+                return found
         tries = [pair for pair in tries if not pair[0] < STANDS_OUT * level]
         for _, follow in sorted(tries, key=lambda pair: pair[0])[:SCREENED]:
             found += follow()
@@ -362,23 +365,26 @@ class _Search:
         suspect = Suspect(best.term, drop, self.share(drop), best.value, best.unit)
         return [Finding(suspect, point.cost, best.said, best.cure, exact=True)]
 
-    def _trials(self) -> Iterator[tuple[Prepared, Sequence[Observation], _Follow]]:
-        """Yield what to screen, the likeliest first, and how to follow it."""
+    def _trials(self) -> Iterator[Iterator[_Trial]]:
+        """Yield what to screen, kind by kind, the likeliest first, and how to follow it."""
         records, prepared = self.case.records, self.case.prepared
         single, several = discrete_leads(records, self.structure, self.speeds())
-        single = [*response_leads(records), *single]
-        for lead in single:
-            yield prepared, lead.undo(records), partial(self.followed, lead)
-        for name, start in typical_factors(records[0]).items():
-            option = Option(f"gain[{name}]", "1", Multiplier.of(name, [name], start))
-            if option.term not in prepared.layout.index:
-                yield (
-                    option.free(self.case).prepared,
-                    records,
-                    partial(self.freed, option, far=True),
-                )
-        for lead in several:
-            yield prepared, lead.undo(records), partial(self.followed, lead)
+
+        def undone(leads: Iterable[Lead]) -> Iterator[_Trial]:
+            for lead in leads:
+                yield prepared, lead.undo(records), partial(self.followed, lead)
+
+        def factors() -> Iterator[_Trial]:
+            for name, start in typical_factors(records[0]).items():
+                option = Option(f"gain[{name}]", "1", Multiplier.of(name, [name], start))
+                if option.term not in prepared.layout.index:
+                    follow = partial(self.freed, option, far=True)
+                    yield option.free(self.case).prepared, records, follow
+
+        yield undone(response_leads(records))
+        yield undone(single)
+        yield factors()
+        yield undone(several)
 
     def followed(self, lead: Lead) -> list[Finding]:
         """Undo a mistake and minimize from the start."""
