@@ -1,6 +1,7 @@
 """Tables of 1x phasors: a row per speed, on a rotor solved here by a few lines of numpy."""
 
 import re
+from json import loads
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,28 @@ def test_keys_of_a_table(folder: Path, old: str, new: str, message: str) -> None
 def test_a_table_has_no_samples_to_inspect(folder: Path) -> None:
     with pytest.raises(InputError, match=r"records\.0\.kind: found a table of phasors"):
         load(folder).measured()
+
+
+def test_a_table_is_inspected(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What each probe reads, where it is largest, and how clearly; a probe that is dead."""
+    (folder / "run.toml").write_text(EXPERIMENT)
+    page, json = folder / "page.html", folder / "found.json"
+    command = ["inspect", str(folder / "run.toml"), "--json", str(json), "--report", str(page)]
+    assert run(command) == 0
+    told = capsys.readouterr().out
+    assert f"{len(RPM)} rows of 1x phasors, from {RPM.min():.6g} to {RPM.max():.6g} rpm" in told
+    size = np.abs(coast(RPM)[:, 0])
+    assert f"{size.max():.4g}" in told
+    assert f"{RPM[size.argmax()]:.6g}" in told
+    found = loads(json.read_text())
+    assert found["kind"] == "phasors"
+    assert found["rows"] == len(RPM)
+    assert found["channels"][0]["high"] == pytest.approx(size.max())
+    assert "rows of 1x phasors" in page.read_text()
+    dead = coast(RPM) * [1, 0]
+    write(folder / "run.csv", RPM, dead)
+    assert run(["inspect", str(folder / "run.toml")]) == 0
+    assert "refused" in capsys.readouterr().out
 
 
 TABLE = "n,ax,px,ay,py"

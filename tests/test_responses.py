@@ -7,6 +7,7 @@ import pytest
 from io_writers import write_responses
 
 import rotorid as rid
+from rotorid.cli import run
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.response_leads import ALIKE, GROWS, LEAST, NONE
 from rotorid.estimators.likelihood.verdict import MISFIT
@@ -333,6 +334,18 @@ def identified(experiment: rid.Experiment) -> rid.Estimate:
 
 
 class TestFiles:
+    def test_a_table_is_inspected(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        polar = "amplitude = 'a1', phase = 'p1', coherence = 'c1', unit = 'um/N'"
+        load(folder, f"x1 = {{ input = 'F', {polar} }}")
+        assert run(["inspect", str(folder / "run.toml")]) == 0
+        told = capsys.readouterr().out
+        assert "117 lines of responses to F, from 5 to 297.5 Hz" in told
+        assert "1 line with a coherence below 0.01 left out" in told
+        size = np.abs(averaged(np.random.default_rng(1), 20)[0][:, 0])
+        assert f"{size.max():.4g}" in told
+        assert f"{HERTZ[size.argmax()]:.6g}" in told
+        assert "(m)/(N)" in told
+
     def test_a_table(self, folder: Path) -> None:
         check_alike(identified(load(folder, TABLE)))
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json as json_format
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, progress, show, write, write_text
 from rotorid.experiment.inspecting import inspect_experiment
+from rotorid.line_inspection import LineInspection
 from rotorid.record import Check
 from rotorid.report.inspection import inspection_page
 from rotorid.signals.checks import worst
@@ -35,9 +37,9 @@ def run(experiment: Path, json: Path | None, report: Path | None) -> int:
     return OK
 
 
-def as_json(found: list[Inspection]) -> dict[str, Any]:
+def as_json(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
     """Return what was found, as the interface has it; several records side by side."""
-    parts = [_one(one) for one in found]
+    parts = [_one(one) if isinstance(one, Inspection) else _table(one) for one in found]
     first = dict(parts[0])
     first["verdict"] = worst(check for one in found for check in one.checks)
     return first if len(parts) == 1 else {**first, "records": parts}
@@ -67,6 +69,27 @@ def _one(one: Inspection) -> dict[str, Any]:
                 "even": c.even,
                 "orders": list(c.orders),
             }
+            for c in one.channels
+        ],
+    }
+
+
+def _table(one: LineInspection) -> dict[str, Any]:
+    """Return the same of a table, which has neither samples nor periods."""
+    lines = one.lines
+    return {
+        "verdict": one.verdict,
+        "checks": [_check(check) for check in one.checks],
+        "period_samples": None,
+        "periods": None,
+        "harmonics": None,
+        "sample_rate_hz": None,
+        "speed_rad_s": float(lines.speed[0]) if len(set(lines.speed.tolist())) == 1 else None,
+        "kind": "phasors" if one.turning else "responses",
+        "rows": len(lines.frequency),
+        "frequency_hz": [float(lines.frequency.min()), float(lines.frequency.max())],
+        "channels": [
+            {"name": c.name, "unit": c.unit, "snr_db": c.snr_db, "low": c.low, "high": c.high}
             for c in one.channels
         ],
     }

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rotorid.errors import InputError, ReadError
+from rotorid.experiment.kinds import read_table
 from rotorid.experiment.loader import Experiment, load_experiment
+from rotorid.experiment.recording import measured
 from rotorid.experiment.schema import RecordEntry
 from rotorid.io import Source, read_record
+from rotorid.line_inspection import LineInspection, inspect_lines
 from rotorid.record import Record
 from rotorid.signals.inspection import Inspection, inspect_record
 from rotorid.units import to_si
@@ -22,12 +25,13 @@ OPEN = "?"
 _KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
 
 
-def inspect_experiment(path: Path) -> tuple[list[Inspection], str]:
+def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
     """Inspect every record of an experiment file.
 
     Returns
     -------
-    inspections : list of Inspection
+    inspections : list of Inspection or LineInspection
+        The latter for tables of phasors and responses; those to several inputs are several.
     told : str
         Why the file was read as a draft; empty where it is finished.
 
@@ -45,14 +49,19 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection], str]:
         told = f"read as a draft, every column as it is, because of this: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
     plan.require_records()
-    return [
-        _inspect(record, entry)
-        for record, entry in zip(_measured(plan), plan.entry.records, strict=True)
-    ], ""
+    return [found for number in range(len(plan.entry.records)) for found in _each(plan, number)], ""
 
 
-def _measured(plan: Experiment) -> list[Record]:
-    return plan.measured("ml")
+def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
+    """Inspect one record of a finished file."""
+    entry, channels = plan.entry.records[number], plan.channels[number]
+    if entry.channel_kind != "samples":
+        for lines in read_table(plan.folder, entry, channels, plan.model):
+            named = lines.source or ", ".join(entry.paths)
+            yield inspect_lines(replace(lines, source=named))
+        return
+    currents = plan.method("ml") == "ml"
+    yield _inspect(measured(plan.folder, entry, channels, currents=currents), entry)
 
 
 def _inspect(record: Record, entry: RecordEntry) -> Inspection:

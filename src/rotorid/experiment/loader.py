@@ -103,7 +103,7 @@ class Experiment:
                 raise InputError(
                     f"a table of {entry.kind}",
                     "samples over time",
-                    "leave the table out to inspect the others; identify says what it is worth",
+                    "take its lines, records(), or leave it out",
                     file=self.file,
                     place=f"records.{number}.kind",
                 )

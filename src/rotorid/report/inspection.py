@@ -2,28 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from rotorid.line_inspection import LineInspection
 from rotorid.signals.inspection import ChannelFacts, Inspection
 from rotorid.tables import Page, table
+
+if TYPE_CHECKING:
+    from rotorid.report.html import Picture
 
 _LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "coherence", "crest")
 _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
 
 
-def inspection_page(found: Inspection) -> Page:
-    """Return verdict, checks and channels of a record."""
-    record = found.record
+def inspection_page(found: Inspection | LineInspection) -> Page:
+    """Return verdict, checks and channels of a record or a table."""
     graver = [check for check in found.checks if check.verdict != "ok"]
     fine = [check.check for check in found.checks if check.verdict == "ok"]
     return [
-        f"{record.source}: {found.verdict}. {found.sentence}",
-        _recorded(found),
+        f"{found.source}: {found.verdict}. {found.sentence}",
+        _recorded(found) if isinstance(found, Inspection) else _tabled(found),
         *(f"{check.verdict}: {check}" for check in graver),
         f"in order: {', '.join(fine)}" if fine else "",
-        table(_HEADINGS, map(_row, found.channels)),
-        *_noise(found),
+        *(_measured(found) if isinstance(found, Inspection) else _amplitudes(found)),
     ]
+
+
+def _measured(found: Inspection) -> Page:
+    return [table(_HEADINGS, map(_row, found.channels)), *_noise(found)]
+
+
+def _tabled(found: LineInspection) -> str:
+    lines, count = found.lines, len(found.lines.frequency)
+    if not found.turning:
+        low, high = lines.frequency.min(), lines.frequency.max()
+        driven = lines.channels[0].name
+        return f"{count} lines of responses to {driven}, from {low:.6g} to {high:.6g} Hz"
+    rpm = lines.speed * 30 / np.pi
+    return f"{count} rows of 1x phasors, from {rpm.min():.6g} to {rpm.max():.6g} rpm"
+
+
+def _amplitudes(found: LineInspection) -> Page:
+    """Return a row per channel, and what was said of the table."""
+    unit = "rpm" if found.turning else "Hz"
+    rows = [
+        (f.name, f.unit, f"{f.low:.4g}", f"{f.high:.4g}", f"{f.at:.6g}", _shown(f.snr_db, 1, ".1f"))
+        for f in found.channels
+    ]
+    headings = ("channel", "unit", "least", "largest", f"at {unit}", "S/N dB")
+    return [table(headings, rows), *found.lines.warnings]
 
 
 def _recorded(found: Inspection) -> str:
@@ -79,52 +109,60 @@ def _noise(found: Inspection) -> list[str]:
     ]
 
 
-def inspection_report(name: str, found: list[Inspection], told: str) -> str:
+def inspection_report(name: str, found: Sequence[Inspection | LineInspection], told: str) -> str:
     """Return the page: one part for each record."""
+    from rotorid.report.html import render
+
+    parts = []
+    for number, one in enumerate(found):
+        title = f", record {number + 1}" if len(found) > 1 else ""
+        pictures = _pictures(one, title) if isinstance(one, Inspection) else []
+        parts.append((inspection_page(one), one, pictures))
+    return render("inspection.html", name=name, told=told, parts=parts, pictures=[])
+
+
+def _pictures(one: Inspection, title: str) -> list[Picture]:
+    """Return the pictures of a record."""
     from rotorid.plots.inspection import (
         draw_correlation,
         draw_each_period,
         draw_lines,
         draw_time,
     )
-    from rotorid.report.html import picture, render
+    from rotorid.report.html import picture
 
-    parts = []
-    for number, one in enumerate(found):
-        title = f", record {number + 1}" if len(found) > 1 else ""
-        pictures = [
+    pictures = [
+        picture(
+            draw_time(one),
+            f"Samples{title}",
+            "The whole record as a band from its lowest to its highest sample; a flat edge is "
+            "a limit, a spike a knock, a slope a drift.",
+        )
+    ]
+    if one.periods is not None:
+        pictures += [
             picture(
-                draw_time(one),
-                f"Samples{title}",
-                "The whole record as a band from its lowest to its highest sample; a flat edge is "
-                "a limit, a spike a knock, a slope a drift.",
-            )
+                draw_lines(one),
+                f"Lines of the mean period{title}",
+                "Lines that are kept, other odd and even lines of the mean, and the noise of "
+                "the mean. What stands above the noise and is not kept is distortion, "
+                "rotation, or excitation left out.",
+            ),
+            picture(
+                draw_each_period(one),
+                f"From period to period{title}",
+                "Deviation of each period from the mean of all, over its scatter. It falls at "
+                "the start while the machine settles, stands out where something knocked, and "
+                "bends like a bow where it drifts.",
+            ),
         ]
-        if one.periods is not None:
-            pictures += [
+        if one.noise_correlation is not None:
+            pictures.append(
                 picture(
-                    draw_lines(one),
-                    f"Lines of the mean period{title}",
-                    "Lines that are kept, other odd and even lines of the mean, and the noise of "
-                    "the mean. What stands above the noise and is not kept is distortion, "
-                    "rotation, or excitation left out.",
-                ),
-                picture(
-                    draw_each_period(one),
-                    f"From period to period{title}",
-                    "Deviation of each period from the mean of all, over its scatter. It falls at "
-                    "the start while the machine settles, stands out where something knocked, and "
-                    "bends like a bow where it drifts.",
-                ),
-            ]
-            if one.noise_correlation is not None:
-                pictures.append(
-                    picture(
-                        draw_correlation(one),
-                        f"Noise that goes together{title}",
-                        "Correlation between the noises of two channels on the kept lines. In "
-                        "closed loop the controller feeds the noise of sensors into the forces.",
-                    )
+                    draw_correlation(one),
+                    f"Noise that goes together{title}",
+                    "Correlation between the noises of two channels on the kept lines. In "
+                    "closed loop the controller feeds the noise of sensors into the forces.",
                 )
-        parts.append((inspection_page(one), one, pictures))
-    return render("inspection.html", name=name, told=told, parts=parts, pictures=[])
+            )
+    return pictures

@@ -95,15 +95,21 @@ class Inspection:
     @property
     def sentence(self) -> str:
         """What to do, in one sentence."""
-        return _SENTENCES[self.verdict]
+        return SENTENCES[self.verdict]
+
+    @property
+    def source(self) -> str:
+        """Where the record comes from."""
+        return self.record.source
 
 
-_SENTENCES: dict[Verdict, str] = {
+SENTENCES: dict[Verdict, str] = {
     "ok": "Nothing stands against identifying with this record.",
     "note": "The record can be used; read the notes.",
     "warning": "The answer may be wrong by more than its deviations: see to the warnings first.",
     "refused": "No answer can come of this record as it is: see to what is refused.",
 }
+"""What to do with a record, by the gravest verdict of its checks."""
 
 
 def inspect_record(
