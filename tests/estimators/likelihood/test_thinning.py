@@ -1,5 +1,6 @@
 """Few lines lead to the minimum of many."""
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -9,6 +10,7 @@ from test_spectra import KNOWN, MODEL, levitated
 import rotorid as rid
 from rotorid.estimators.likelihood import thinning
 from rotorid.estimators.likelihood.response import SINGULAR, _motion
+from rotorid.estimators.likelihood.suspects import GROSS
 from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
 from rotorid.observation import bind
 
@@ -68,6 +70,27 @@ def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
     phi = few.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
     whole = lines.clock.lines(lambda t, phi, speed: np.cos(phi)[:, None])
     np.testing.assert_allclose(whole[where], phi, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("gain", "few"), [(1.3, True), (1.01, False)])
+def test_a_gross_mistake_is_looked_for_on_fewer_lines(
+    record: rid.Record, gain: float, few: bool
+) -> None:
+    samples = record.samples.copy()
+    samples[:, record.names.index("x")] *= gain
+    lines = lines_of(replace(record, samples=samples))
+    estimate = rid.identify(MODEL, lines, KNOWN)
+    assert estimate.status == "rejected"
+    assert estimate.suspects[0].term in ("gain[x]", "gain[y]", "gain[F_x]", "gain[F_y]")
+    misfit = estimate.misfit
+    assert misfit is not None
+    assert (misfit.cost > GROSS * misfit.expected) == few
+    told = [
+        w for w in estimate.warnings if w.startswith("the data reject the model; first suspect")
+    ]
+    assert len(told) == 1
+    assert told[0].endswith("of the 991 lines)") == few
+    assert GROSS == 3.0
 
 
 def test_a_rotor_that_floats_at_dc() -> None:

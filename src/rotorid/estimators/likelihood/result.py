@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from rotorid.estimators.likelihood.information import doubt_warnings
 from rotorid.estimators.likelihood.modal import close_modes, mode_fits
 from rotorid.estimators.likelihood.prediction import by_likelihood
 from rotorid.estimators.likelihood.refits import Case
-from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects
+from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects, on_fewer_lines
 from rotorid.estimators.prediction import relative_errors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -137,7 +138,14 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
     if p_value >= REJECTED:
         return Suspicion()
     case = Case(fit.prepared, fit.records, fit.solution.point)
-    return find_suspects(model, physical_at(model, fit), case, fit.inference.expectation.mean)
+    expected = fit.inference.expectation.mean
+    values = physical_at(model, fit)
+    few = on_fewer_lines(case, expected)
+    if few is None:
+        return find_suspects(model, values, case, expected)
+    found = find_suspects(model, values, *few)
+    told, every = (sum(len(r.lines.frequency) for r in c.records) for c in (few[0], case))
+    return replace(found, sentence=f"{found.sentence} (by {told} of the {every} lines)")
 
 
 def _deviations(fit: Fit) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rotorid.estimate import Suspect
 from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
-from rotorid.estimators.likelihood.inference import projected_jacobian
+from rotorid.estimators.likelihood.inference import infer, projected_jacobian
 from rotorid.estimators.likelihood.leads import (
     Lead,
     discrete_leads,
@@ -49,6 +49,7 @@ from rotorid.estimators.likelihood.refits import Case, minimized, screened
 from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.estimators.likelihood.table_leads import table_leads
+from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -188,6 +189,23 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
         findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
     return Suspicion(suspects, sentence(findings, case.point.cost, expected))
+
+
+def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
+    """Return a case on some of the lines of whole records, and the cost that noise would leave.
+
+    A gross misfit shows on a few hundred lines of each record as well as on thousands, and dozens
+    of candidates are tried on them. None where there are no more, or the misfit is not gross.
+    """
+    fewer = thinned(case.records)
+    if fewer is None or case.point.cost <= GROSS * max(expected, 1.0):
+        return None
+    point = minimized(case.prepared, fewer, case.point.unknowns, (0.0,))
+    if point is None:
+        return None
+    mean = infer(point, point.problem.exact).expectation.mean
+    found = Case(case.prepared, tuple(fewer), point)
+    return (found, mean) if point.cost > GROSS * max(mean, 1.0) else None
 
 
 def _fastest(records: Sequence[Observation]) -> float:
