@@ -25,7 +25,9 @@ class Errors:
     @property
     def problem(self):
         return SimpleNamespace(
-            equations=self.values.shape[1], multiplicity=np.full(len(self.values), 2.0)
+            equations=self.values.shape[1],
+            multiplicity=np.full(len(self.values), 2.0),
+            factor=self.columns,
         )
 
     @property
@@ -62,6 +64,18 @@ def test_mean_and_variance_of_the_sum(references, quiet):
     # Chi-squared would be four of each equation of a line; here it is far off.
     assert variance < 0.5 * 4 * 2 * LINES or quiet
     assert variance > 2 * 4 * 2 * LINES or not quiet
+
+
+def test_noise_of_the_channels_is_told_by_the_errors():
+    """Three channels behind two equations that change from line to line."""
+    rng = np.random.default_rng(3)
+    rows = complex_noise(rng, 400, 2, 3) * np.linspace(0.1, 3, 400)[:, None, None]
+    truth = np.array([4.0, 1.0, 0.25])
+    noise = complex_noise(rng, 400, 3) * np.sqrt(truth)
+    errors = (rows @ noise[:, :, None])[:, :, 0]
+    found = by_errors._channel_noise(rows, errors, np.ones(3))
+    assert found / truth == pytest.approx(1, abs=0.5)
+    assert 5 < found[0] / found[2] < 40
 
 
 def test_a_line_that_stands_out_is_in_its_own_cost_alone():
