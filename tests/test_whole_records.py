@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from test_spectra import RATE, SPEED, TRUTH, levitated
 
+import rotorid as rid
 from rotorid import cli
+from rotorid.errors import InputError
+from rotorid.experiment.zero_of_angle import ALIKE, SAME_SPEED, TURNED, Wave
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -88,3 +91,78 @@ def test_least_squares_asks_for_periods(folder: Path, capsys: pytest.CaptureFixt
     capsys.readouterr()
     assert cli.run(["identify", str(folder / "run.toml"), "--method", "batch"]) == 2
     assert "whole periods for this method" in capsys.readouterr().err
+
+
+TURNING = """
+model = "jeffcott"
+
+[[records]]
+file = "first.csv"
+sample_rate = "5 kHz"
+{turning}
+band = ["2 Hz", "200 Hz"]
+references = ["ex", "ey"]
+
+[[records]]
+file = "second.csv"
+sample_rate = "5 kHz"
+{turning}
+band = ["2 Hz", "200 Hz"]
+references = ["ex", "ey"]
+{second}
+
+[channels]
+F_x = {{ column = "fx", unit = "N", hold = "zero-order" }}
+F_y = {{ column = "fy", unit = "N", hold = "zero-order" }}
+x = {{ column = "px", unit = "um" }}
+y = {{ column = "py", unit = "um" }}
+"""
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two records of one rotor: the second begins an eighth of a turn later in its rotation."""
+    folder = tmp_path_factory.mktemp("turning")
+    later = round(np.pi / 4 / SPEED * RATE)
+    for name, seed, first in (("first", 1, 0), ("second", 2, later)):
+        record = levitated(seed, excitation=5.0)
+        samples = (record.samples * [1, 1, 1e6, 1e6, 1, 1])[first:]
+        np.savetxt(folder / f"{name}.csv", samples, delimiter=",", header=HEADER[:-3], comments="")
+    return folder
+
+
+def turning_file(folder: Path, turning: str, second: str = "") -> Path:
+    path = folder / "run.toml"
+    path.write_text(TURNING.format(turning=turning, second=second), encoding="utf-8")
+    return path
+
+
+def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) -> None:
+    """One unbalance would have two directions; fitted, it takes minutes to reject them."""
+    speed = f'speed = "{SPEED * 30 / np.pi} rpm"'
+    bare = rid.load_experiment(turning_file(turning, speed))
+    with pytest.raises(
+        InputError, match=r"run.toml: records.1.phase: .* at 4[0-9.]+ deg .*phase = \"unknown\""
+    ):
+        bare.records()
+    for said in ('phase = "unknown"', 'phase = "0 deg"', f'phase = "{SPEED * 0.002} rad"'):
+        assert len(rid.load_experiment(turning_file(turning, speed, said)).records()) == 2
+    other = f'speed = "{1.1 * SPEED * 30 / np.pi} rpm"'  # it does not: nothing can be said
+    assert len(rid.load_experiment(turning_file(turning, other)).records()) == 2
+    assert len(rid.load_experiment(turning_file(turning, "")).records()) == 2
+
+
+def test_a_wave_that_is_turned_as_a_whole() -> None:
+    wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
+
+    def turned(phasors: np.ndarray, speed: float = 300.0) -> float:
+        return Wave(1, speed, ("x", "y"), phasors).turned_from(wave)
+
+    turn = np.exp(0.5j)
+    assert turned(wave.phasors * turn) == pytest.approx(0.5)
+    assert turned(wave.phasors * turn, 301.0) == 0.0
+    assert turned(wave.phasors * turn, 300.2) == pytest.approx(0.5)
+    assert turned(wave.phasors * turn * 1.2) == 0.0  # another unbalance
+    assert turned(wave.phasors * [turn, 1.0]) == 0.0  # another machine
+    assert turned(np.zeros(2)) == 0.0
+    assert (SAME_SPEED, ALIKE, round(np.rad2deg(TURNED), 9)) == (1e-3, 0.1, 10.0)

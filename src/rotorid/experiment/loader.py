@@ -22,6 +22,7 @@ from rotorid.experiment.recording import (
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
+from rotorid.experiment.zero_of_angle import Wave, check_zeros, wave_of
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
@@ -130,9 +131,10 @@ class Experiment:
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
+        waves: list[Wave] = []
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
-                several = self._one(entry, plan, currents=currents)
+                several = self._one(number, entry, plan, waves, currents=currents)
                 own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
                 found += [one.with_parameters(**own) if own else one for one in several]
             except InputError as error:
@@ -144,7 +146,15 @@ class Experiment:
                 ) from None
         return found
 
-    def _one(self, entry: RecordEntry, plan: Recording, *, currents: bool) -> Sequence[Measured]:
+    def _one(
+        self,
+        number: int,
+        entry: RecordEntry,
+        plan: Recording,
+        waves: list[Wave],
+        *,
+        currents: bool,
+    ) -> Sequence[Measured]:
         """Read one record by its kind; responses to several inputs are several."""
         if entry.channel_kind != "samples":
             return read_table(self.folder, entry, plan, self.model)
@@ -156,6 +166,9 @@ class Experiment:
         record = measured(self.folder, entry, plan, currents=currents)
         if entry.cutoff is not None:
             return [filtered_of(record, entry)]
+        if (wave := wave_of(number, entry, record, self.model)) is not None:
+            waves.append(wave)
+            check_zeros(waves, self.file)
         quiet = quiet_record(self.folder, entry, plan, currents=currents)
         return [lines_of(record, quiet, entry, self.model)]
 
