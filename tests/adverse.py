@@ -302,7 +302,7 @@ def outcome(estimate: Estimate, truth: Mapping[str, float]) -> Outcome:
 
 
 Edit = Callable[[Trial], None]
-LEADS = ("[", "speed", "mass", "asymmetry", "stiffness", "prior", "load at")
+LEADS = ("[", "speed", "mass", "asymmetry", "stiffness", "prior", "load at", "line ")
 """What the words of suspects hold."""
 
 

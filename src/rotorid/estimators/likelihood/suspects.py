@@ -28,6 +28,7 @@ from rotorid.estimators.likelihood.leads import (
     typical_factors,
     unit,
 )
+from rotorid.estimators.likelihood.line_leads import line_lead
 from rotorid.estimators.likelihood.modal import ModalRows
 from rotorid.estimators.likelihood.mode_leads import mode_mistakes
 from rotorid.estimators.likelihood.nuisances import (
@@ -248,6 +249,8 @@ class _Search:
             found += self.mistakes()
             if not any(self.explained(finding) for finding in found):
                 found += [self.finding(o, s, tried=False) for o, s in scored[FIRST:]]
+        if not any(self.explained(f) and not f.suspect.term.startswith("unit[") for f in found):
+            found += self.without_line()
         return _ranked(found, self.expected)
 
     def explained(self, finding: Finding) -> bool:
@@ -382,6 +385,19 @@ class _Search:
         drop = self.case.point.cost - point.cost
         suspect = Suspect(best.term, drop, self.share(drop), best.value, best.unit)
         return [Finding(suspect, point.cost, best.said, best.cure, exact=True)]
+
+    def without_line(self) -> list[Finding]:
+        """Leave out the line that contradicts all others; nothing where that leaves a misfit.
+
+        Asked last, and not where something else explains the data: with a wrong speed, or without
+        its damping, a model fits all lines but one. Another unit may explain anything: it is as if
+        there were more noise.
+        """
+        lead = line_lead(self.case, self.case.point.cost - self.expected)
+        if lead is None:
+            return []
+        found = [replace(finding, exact=False) for finding in self.followed(lead)]
+        return [finding for finding in found if self.explained(finding)]
 
     def _trials(self) -> Iterator[Iterator[_Trial]]:
         """Yield what to screen, kind by kind, the likeliest first, and how to follow it."""
@@ -546,8 +562,14 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
     channels = {_channel(f) for f in group if f.exact}
     told = [f for f in group if f.exact]
     rest = [f for f in group if not f.exact and _channel(f) not in channels]
-    told += sorted(rest, key=lambda f: not f.suspect.term.startswith("prior "))
+    told += sorted(rest, key=_standing)
     return [*told, *(f for f in ordered if f not in group)]
+
+
+def _standing(finding: Finding) -> int:
+    """Return 0 for a known value, 1 for a term, 2 for data left out, which explains nothing."""
+    term = finding.suspect.term
+    return 0 if term.startswith("prior ") else 2 if term.startswith("line ") else 1
 
 
 def _too_much(finding: Finding) -> bool:

@@ -1,0 +1,89 @@
+"""A line that something else fills is named, and only where nothing else explains the data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from adverse_cases import CASES
+
+from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood import line_leads
+from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.nuisances import Nuisances
+from rotorid.estimators.likelihood.preparation import Knowledge
+from rotorid.estimators.likelihood.refits import Case, assembled
+from rotorid.identify import identify
+from rotorid.observation import bind
+
+
+@pytest.fixture(scope="module")
+def record(demo):
+    quiet = replace(demo, force_noise=0.05, position_noise=5e-7)
+    return quiet.noisy(demo.record(periods=60), np.random.default_rng(5))
+
+
+def shaken(record, harmonic, size=2e-6):
+    """Add a tone of one phase to all displacements along x."""
+    spectra = record.spectra.copy()
+    columns = [record.index(name) for name in ("x1", "x2", "x3")]
+    spectra[:, list(record.harmonics).index(harmonic), columns] += size * np.exp(0.4j)
+    return replace(record, spectra=spectra)
+
+
+@pytest.mark.parametrize(
+    ("harmonic", "hertz", "told"),
+    [
+        (3, 60, "where hum of the mains stands"),
+        (5, 100, "where hum of the mains stands"),
+        (11, 220, "which something else makes, such as a base that shakes"),
+    ],
+)
+def test_a_line_that_something_else_fills_is_named(demo, record, harmonic, hertz, told):
+    estimate = identify(demo.model, shaken(record, harmonic), MaximumLikelihood())
+    assert estimate.status == "rejected"
+    assert estimate.suspects[0].term == f"line {hertz} Hz"
+    assert estimate.suspects[0].share > 0.99
+    assert f"the line at {hertz} Hz, {told}" in estimate.warnings[0]
+    assert "leave it out of the harmonics" in estimate.warnings[0]
+
+
+def test_how_near_to_the_mains_a_line_is_theirs():
+    assert line_leads.source(49.96).startswith("where hum")
+    assert line_leads.source(49.9).startswith("which")
+    assert line_leads.source(150.0) == line_leads.source(240.0) == line_leads.source(50.0)
+    assert line_leads.source(0.01).startswith("which")
+
+
+def test_the_line_of_the_rotation_is_left_to_runout(demo, record):
+    estimate = identify(demo.model, shaken(record, 7, 1e-5), MaximumLikelihood())
+    assert estimate.status == "rejected"
+    assert not any(s.term.startswith("line ") for s in estimate.suspects)
+
+
+@pytest.mark.parametrize("what", ["no speed", "rad/s given as rpm", "runout of a sensor"])
+def test_a_wrong_speed_is_no_odd_line(what):
+    """Of the right speed's own line nothing is known then, and leaving it out would do as well."""
+    (case,) = (c for c in CASES if c.what == what)
+    for seed in range(2):
+        assert not any(
+            text.startswith("line ") and "below" not in text
+            for text in (*case.run(100 + seed).said,)
+        )
+
+
+def test_the_drop_is_what_a_refit_without_the_line_gains(demo, record):
+    bad = bind(demo.model, shaken(record, 3, 2e-8))
+    found = fit(demo.model, [bad], Knowledge(), Nuisances())
+    case = Case(found.prepared, found.records, found.solution.point)
+    drops = {line: drop for drop, _, line in line_leads._drops(case)}
+    assert sorted(drops) == [0, 1, 2, 4, 5]  # not the rotation's, 140 Hz
+    worst = max(drops, key=lambda k: drops[k])
+    assert bad.lines.frequency[worst] == 60
+    fewer = tuple(line_leads.without(found.records, 0, worst))
+    again = Case(found.prepared, fewer, assembled(found.prepared, fewer).at(case.point.unknowns))
+    assert case.point.cost - again.near().cost == pytest.approx(drops[worst], rel=0.02)
+
+
+def test_what_decides_about_a_line():
+    assert (line_leads.HOLDS, line_leads.ORDERS, line_leads.BESIDE) == (0.5, 3, 0.25)
+    assert (line_leads.MAINS, line_leads.ON) == ((50.0, 60.0), 1e-3)
