@@ -28,6 +28,7 @@ def notes(found: Estimate) -> dict[str, tuple[str, float]]:
     assert found.status == "ok"
     pattern = re.compile(r"taken as (?:0|exact): .* may move (\w+) by ([\d.]+) deviations unseen; ")
     told = {c.check: pattern.match(c.found) for c in found.checks if c.verdict == "note"}
+    assert all("e+" not in m[2] for m in told.values() if m)
     return {check: (m[1], float(m[2])) for check, m in told.items() if m}
 
 

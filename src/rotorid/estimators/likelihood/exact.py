@@ -60,7 +60,7 @@ class Kind:
 KINDS = (
     # Of a ground journal; balancing standards allow the probes of a good machine several times it.
     Kind("runout", Runout, "m", 1e-6, "taken as 0: 1 um of it", "runout = true estimates it"),
-    # A mark is glued on, and a filter of 3 kHz turns 9000 rpm by as much.
+    # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
     Kind(
         "rotor angle",
         Phase,
@@ -135,7 +135,7 @@ def _note(fit: Fit, kind: Kind, moved: Floats) -> Check | None:
         return None
     worst = int(np.argmax(moved))
     name = layout.unknowns[layout.free[worst]].name
-    size = f"{moved[worst]:.2g}" if moved[worst] < 100 else f"{moved[worst]:.0f}"
+    size = f"{moved[worst]:.2g}" if moved[worst] < 99.5 else f"{moved[worst]:.0f}"
     text = f"{kind.text} may move {name} by {size} deviations unseen; {kind.cure}"
     return Check(kind.check, "", text, "note")
 
