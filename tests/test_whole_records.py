@@ -1,16 +1,20 @@
 """Experiment files of records without periods, end to end through the command."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_spectra import RATE, SPEED, TRUTH, levitated
+from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
 from rotorid import cli
 from rotorid.errors import InputError
+from rotorid.estimators.likelihood.nuisances import Nuisances
+from rotorid.estimators.likelihood.nuisances.phase import HELD, NEAR, Phase
 from rotorid.experiment.zero_of_angle import ALIKE, SAME_SPEED, TURNED, Wave
+from rotorid.observation import bind_all
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -150,6 +154,27 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) 
     other = f'speed = "{1.1 * SPEED * 30 / np.pi} rpm"'  # it does not: nothing can be said
     assert len(rid.load_experiment(turning_file(turning, other)).records()) == 2
     assert len(rid.load_experiment(turning_file(turning, "")).records()) == 2
+
+
+@pytest.mark.parametrize("turn", [2.0, 3.1, 4.5])
+def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
+    """From the other side of the circle the search ended nowhere, after minutes."""
+    later = round(turn / SPEED * RATE)
+    runs = [levitated(seed) for seed in (1, 2)]
+    runs[1] = replace(runs[1], samples=runs[1].samples[later:], phase_known=False)
+    lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
+    (asked,) = Phase.asked(bind_all(MODEL, lines), Nuisances())
+    there = np.angle(np.exp(1j * SPEED * later / RATE))
+    assert np.abs(np.angle(np.exp(1j * (asked.unknowns[0].start - there)))) < 0.1
+    elsewhere = replace(lines[0], speed=1.03 * lines[0].speed)
+    (asked,) = Phase.asked(bind_all(MODEL, [elsewhere, lines[1]]), Nuisances())
+    assert asked.unknowns[0].start == 0.0
+    assert (NEAR, HELD) == (0.02, 0.1)
+    estimate = rid.identify(MODEL, lines, KNOWN)
+    assert estimate.status == "ok"
+    (phase,) = (value for value in estimate.nuisance if value.name == "phase[1]")
+    assert phase.std
+    assert abs(np.angle(np.exp(1j * (phase.value - there)))) < 4 * phase.std
 
 
 def test_a_wave_that_is_turned_as_a_whole() -> None:
