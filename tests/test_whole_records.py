@@ -13,7 +13,14 @@ from rotorid import cli
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.nuisances.phase import HELD, NEAR, Phase
-from rotorid.experiment.zero_of_angle import ALIKE, SAME_SPEED, TURNED, Wave
+from rotorid.experiment.zero_of_angle import (
+    ALIKE,
+    LARGE,
+    SAME_SPEED,
+    TURNED,
+    Wave,
+    check_rotation,
+)
 from rotorid.observation import bind_all
 
 EXPERIMENT = """
@@ -177,17 +184,39 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     assert abs(np.angle(np.exp(1j * (phase.value - there)))) < 4 * phase.std
 
 
-def test_a_wave_that_is_turned_as_a_whole() -> None:
+def test_a_record_in_another_unit_is_refused(turning: Path) -> None:
+    """Its rotation is a thousand times that of the other, which turns at the same speed."""
+    told = f'speed = "{SPEED * 30 / np.pi} rpm"'
+    second = 'phase = "unknown"\n[records.channels]'
+    for name in "xy":
+        second += f'\n{name} = {{ column = "p{name}", unit = "mm" }}'
+    with pytest.raises(
+        InputError, match=r"records.1.channels: found a rotation [0-9.]+e\+03 times .* correct unit"
+    ):
+        rid.load_experiment(turning_file(turning, told, second)).records()
+    scaled = second.replace('"mm"', '"nm"').replace("e-3", "")
+    with pytest.raises(InputError, match=r"records.1.channels: found a rotation 0.001[0-9]* times"):
+        rid.load_experiment(turning_file(turning, told, scaled)).records()
+
+
+def test_a_wave_that_is_another_as_a_whole() -> None:
     wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
 
-    def turned(phasors: np.ndarray, speed: float = 300.0) -> float:
-        return Wave(1, speed, ("x", "y"), phasors).turned_from(wave)
+    def factor(phasors: np.ndarray, speed: float = 300.0) -> complex | None:
+        return Wave(1, speed, ("x", "y"), phasors).over(wave)
 
     turn = np.exp(0.5j)
-    assert turned(wave.phasors * turn) == pytest.approx(0.5)
-    assert turned(wave.phasors * turn, 301.0) == 0.0
-    assert turned(wave.phasors * turn, 300.2) == pytest.approx(0.5)
-    assert turned(wave.phasors * turn * 1.2) == 0.0  # another unbalance
-    assert turned(wave.phasors * [turn, 1.0]) == 0.0  # another machine
-    assert turned(np.zeros(2)) == 0.0
-    assert (SAME_SPEED, ALIKE, round(np.rad2deg(TURNED), 9)) == (1e-3, 0.1, 10.0)
+    assert factor(wave.phasors * turn) == pytest.approx(turn)
+    assert factor(wave.phasors * turn, 301.0) is None
+    assert factor(wave.phasors * turn, 300.2) == pytest.approx(turn)
+    assert factor(wave.phasors * [turn, 1.0]) is None  # another machine
+    assert wave.over(Wave(1, 300.0, ("x", "y"), np.zeros(2) + 0j)) is None
+    assert (SAME_SPEED, ALIKE, round(np.rad2deg(TURNED), 9), LARGE) == (1e-3, 0.1, 10.0, 100.0)
+
+
+@pytest.mark.parametrize("factor", [1.2 * np.exp(0.5j), 90.0, np.exp(0.15j)])
+def test_another_unbalance_is_no_mistake(factor: complex) -> None:
+    wave = Wave(0, 300.0, ("x", "y"), np.array([1e-5, 2e-5j]))
+    check_rotation([wave, replace(wave, number=1, phasors=factor * wave.phasors)], "run.toml")
+    turned = replace(wave, number=1, phasors=1j * wave.phasors, told=True)
+    check_rotation([wave, turned], "run.toml")

@@ -22,7 +22,7 @@ from rotorid.experiment.recording import (
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
-from rotorid.experiment.zero_of_angle import Wave, check_zeros, wave_of
+from rotorid.experiment.zero_of_angle import Wave, check_rotation, wave_of
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
@@ -168,7 +168,7 @@ class Experiment:
             return [filtered_of(record, entry)]
         if (wave := wave_of(number, entry, record, self.model)) is not None:
             waves.append(wave)
-            check_zeros(waves, self.file)
+            check_rotation(waves, self.file)
         quiet = quiet_record(self.folder, entry, plan, currents=currents)
         return [lines_of(record, quiet, entry, self.model)]
 

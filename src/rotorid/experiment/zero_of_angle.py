@@ -2,7 +2,8 @@
 
 The angle of such a record starts at its `phase`, 0 where nothing is said. Two records that were not
 started by the rotor itself then have two zeros, and one unbalance has two directions. At one speed
-the rotation's line of all sensors is the same but for that: turned as a whole.
+the rotation's line of all sensors is the same but for that: turned as a whole. A line that is the
+same but a hundred times as large is one in another unit.
 """
 
 from __future__ import annotations
@@ -22,57 +23,71 @@ ALIKE = 0.1
 """Share of the rotation's line that a turn as a whole may leave: noise, and a sweep that passes."""
 TURNED = np.deg2rad(10.0)
 """Angle from which on a line is turned: no settling and no noise of a line so clear does that."""
+LARGE = 100.0
+"""Factor from which on a line as a whole is in another unit, mm for um: no balancing does that."""
 
 
 @dataclass(frozen=True)
 class Wave:
-    """The rotation's line of the sensors of a record, by the angle that its speed gives."""
+    """The rotation's line of the sensors of a record; `told`: where its angle begins is said."""
 
     number: int
     speed: float
     sensors: tuple[str, ...]
     phasors: Complexes
+    told: bool = False
 
-    def turned_from(self, other: Wave) -> float:
-        """Return by which angle a line is that of another one turned as a whole; 0 if it is not."""
+    def over(self, other: Wave) -> complex | None:
+        """Return by which factor a line is that of another one as a whole; None where it is not."""
         near = abs(self.speed - other.speed) <= SAME_SPEED * abs(other.speed)
-        if not near or self.sensors != other.sensors:
-            return 0.0
-        size = np.hypot(np.abs(self.phasors), np.abs(other.phasors))
-        here, there = (w.phasors / np.where(size > 0, size, 1.0) for w in (self, other))
-        power = float(np.vdot(there, there).real)
-        turn = complex(np.vdot(there, here)) / power if power > 0 else 0j
-        left = np.linalg.norm(here - turn * there)
-        if left > ALIKE * np.linalg.norm(here) or abs(np.abs(turn) - 1) > ALIKE:
-            return 0.0
-        return float(np.angle(turn))
+        size = np.abs(other.phasors)
+        if not near or self.sensors != other.sensors or not size.all():
+            return None
+        ratios = self.phasors / other.phasors
+        factor = complex(ratios.mean())
+        return factor if np.abs(ratios - factor).max() <= ALIKE * abs(factor) else None
 
 
 def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wave | None:
-    """Return the rotation's line of a record that says nothing of its zero; None of another."""
-    told = "phase" in entry.model_fields_set or entry.angle is not None or entry.keyphasor
+    """Return the rotation's line of a record; None at standstill, or where it has its own."""
+    told = "phase" in entry.model_fields_set or entry.angle is not None
+    told |= entry.keyphasor is not None
     sensors = [c for c in record.names if c in model.coordinates]
-    if told or record.speed == 0 or entry.parameters or not sensors:
+    if record.speed == 0 or entry.parameters or not sensors:
         return None
     samples = np.column_stack([record.column(name) for name in sensors])
     window = np.hanning(len(samples))[:, None]
     window /= window.sum()
     centred = samples - (window * samples).sum(axis=0)
     wave = np.exp(-1j * record.rotor_angle())[:, None]
-    return Wave(number, record.speed, tuple(sensors), (window * wave * centred).sum(axis=0))
+    phasors = (window * wave * centred).sum(axis=0)
+    return Wave(number, record.speed, tuple(sensors), phasors, told)
 
 
-def check_zeros(waves: list[Wave], file: str) -> None:
-    """Refuse records of one rotor whose angles start from different zeros."""
-    for wave in waves[1:]:
-        if abs(turn := wave.turned_from(waves[0])) > TURNED:
-            first = waves[0].number
+def check_rotation(waves: list[Wave], file: str) -> None:
+    """Refuse the last record where another unit, or another zero of the angle, tells it apart."""
+    last = waves[-1]
+    for other in waves[:-1]:
+        factor = last.over(other)
+        if factor is None or factor == 0:
+            continue
+        size, turn = abs(factor), float(np.angle(factor))
+        if max(size, 1 / size) > LARGE:
             raise InputError(
-                f"the rotation at {np.rad2deg(turn):.3g} deg from where it is in records.{first}, "
-                "which turns at the same speed",
+                f"a rotation {size:.3g} times as large as in records.{other.number} in all of "
+                f"{', '.join(last.sensors)}",
+                "one size of it, since both turn at the same speed",
+                "correct unit or scale of the sensors in this record: [records.channels]",
+                file=file,
+                place=f"records.{last.number}.channels",
+            )
+        if not (last.told or other.told) and abs(size - 1) <= ALIKE and abs(turn) > TURNED:
+            raise InputError(
+                f"the rotation at {np.rad2deg(turn):.3g} deg from where it is in "
+                f"records.{other.number}, which turns at the same speed",
                 "one zero of the rotor angle in all records, where nothing is said of it",
                 'name the column of the mark (keyphasor, angle), or write phase = "unknown" in all '
-                f"records but records.{first}",
+                f"records but records.{other.number}",
                 file=file,
-                place=f"records.{wave.number}.phase",
+                place=f"records.{last.number}.phase",
             )
