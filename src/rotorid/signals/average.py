@@ -10,6 +10,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.record import Booleans, Floats, PeriodicRecord, Record
 from rotorid.signals.checks import check_periods, check_record
+from rotorid.signals.checks_ramp import ramp_notes, ramps, without_ramps
 from rotorid.signals.period_lines import (
     check_nyquist,
     first_sample,
@@ -101,6 +102,18 @@ def average(
         source=record.source,
         warnings=warnings,
     )
+    rise = ramps(record, periods_of_record)
+    if rise.any():
+        flat = without_ramps(record, periods_of_record, rise)
+        again = average(
+            flat,
+            hertz,
+            period_samples=period_samples,
+            harmonics=harmonics,
+            band=band,
+            skip=skip,
+        )
+        return replace(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, periods_of_record, excerpt=_excerpt(record, first, size))
     return replace(periods_of_record, checks=(*seen, *check_periods(periods_of_record)))
 
