@@ -280,7 +280,12 @@ def test_an_interrupt_is_one_line_and_no_file(
         os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(commands.demo, "run_demo", interrupt)
-    assert cli.run(["demo", "--json", "demo.json"]) == 130
+    # A shell starts what runs in the background with the signal ignored, these tests included.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert cli.run(["demo", "--json", "demo.json"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.split() == ["rotorid:", "interrupted"]
