@@ -8,9 +8,12 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.estimators.likelihood import thinning
+from rotorid.estimators.likelihood import result, solver, thinning
+from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import SINGULAR, _motion
-from rotorid.estimators.likelihood.suspects import GROSS
+from rotorid.estimators.likelihood.solver import HOPELESS
+from rotorid.estimators.likelihood.suspects import GROSS, Suspicion
+from rotorid.estimators.likelihood.tangent import Tangent
 from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
 from rotorid.observation import bind
 
@@ -111,3 +114,26 @@ def test_a_rotor_that_floats_at_dc() -> None:
     assert SINGULAR == 1e10
     wide = _motion(stiffness[2:, :2], right[2:, :2])
     np.testing.assert_allclose(wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2])[0])
+
+
+@pytest.mark.parametrize(("gain", "hopeless"), [(-1.0, True), (1.01, False)])
+def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
+    record: rid.Record, monkeypatch: pytest.MonkeyPatch, gain: float, hopeless: bool
+) -> None:
+    """With a sensor upside down a dozen ways are tried, none of which all lines could mend."""
+    samples = record.samples.copy()
+    samples[:, record.names.index("x")] *= gain
+    lines, steps = lines_of(replace(record, samples=samples)), []
+
+    def counting(point: Point, *rest: object) -> Tangent:
+        steps.append(len(point.records[0].problem.data))
+        return tangent(point, *rest)
+
+    tangent = solver.tangent
+    monkeypatch.setattr(solver, "tangent", counting)
+    monkeypatch.setattr(result, "find_suspects", lambda *_: Suspicion())
+    estimate = rid.identify(MODEL, lines, KNOWN)
+    assert estimate.status != "ok"
+    assert (estimate.misfit.cost > HOPELESS * 8 * 991) == hopeless
+    assert (len(lines.frequency) not in steps) == hopeless
+    assert HOPELESS == 10.0

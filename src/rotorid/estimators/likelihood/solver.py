@@ -45,7 +45,7 @@ EFFORT = 1000
 BRIEF = 60
 """Jacobians of the way from a further start that only checks an answer."""
 HOPELESS = 10.0
-"""Cost per residual from which the brief way is not worth going on with."""
+"""Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
 JOINED = 0.01
 """Ways whose stages end no further apart, relative to each unknown, have joined."""
 BENDS = 4
@@ -282,21 +282,52 @@ def _descended(
         trail.append(walk.unknowns)
         if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
             return None
+    ended = _ended(problem, walk, stages[-1], brief)
+    if ended is None:
+        return None
+    point, converged = ended
+    active = bounds_held(problem, point.unknowns) if bounded else ()
+    return Solution(point, converged, walk.iterations, active, tuple(trail))
+
+
+def _ended(
+    problem: Problem, walk: _Walk, relaxation: float, brief: bool
+) -> tuple[Point, bool] | None:
+    """Go through the last stage; return its end and whether it converged there."""
+    converged = _astray(problem, walk, relaxation)
     walk.problem = problem
     if brief:
         walk.effort = walk.iterations + BRIEF
     try:
-        point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=LIMIT)
-        if brief and not converged and point.cost < HOPELESS * len(point.residual):
-            walk.effort = EFFORT  # a bent valley, not another mountain
-            point, converged = walk.descend(stages[-1], tolerance=1e-10, limit=LIMIT)
+        if converged is None:
+            point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
+            if brief and not converged and point.cost < HOPELESS * len(point.residual):
+                walk.effort = EFFORT  # a bent valley, not another mountain
+                point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
+            return point, converged
     except np.linalg.LinAlgError:
-        last = evaluated(problem, walk.unknowns, stages[-1])
-        if last is None:
+        converged = False
+    last = evaluated(problem, walk.unknowns, relaxation)
+    return None if last is None else (last, converged)
+
+
+def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
+    """Go through the last stage on a part of the lines, where a problem keeps one.
+
+    Tells whether that converged where its cost is hopeless, so that all lines would only say the
+    same for much longer; ``None`` where all lines are to be asked.
+    """
+    if problem.sketch is None:
+        return None
+    walk.problem = problem.sketch
+    try:
+        point, converged = walk.descend(relaxation, tolerance=1e-2, limit=30)
+        if point.cost <= HOPELESS * len(point.residual):
             return None
-        point, converged = last, False
-    active = bounds_held(problem, point.unknowns) if bounded else ()
-    return Solution(point, converged, walk.iterations, active, tuple(trail))
+        point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
+    except np.linalg.LinAlgError:
+        return None
+    return converged if point.cost > HOPELESS * len(point.residual) else None
 
 
 def _same(problem: Problem, one: Floats, other: Floats) -> bool:
