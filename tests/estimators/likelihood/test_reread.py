@@ -13,6 +13,7 @@ from rotorid.dynamics import Constant, Dynamics, FirstOrder
 from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.leads import multiplied
 from rotorid.estimators.likelihood.nuisances import (
     Bend,
     Nuisance,
@@ -366,6 +367,24 @@ def test_a_mistaken_column_is_undone_before_the_law(
     )
     assert found.status in ("rejected", "not_identifiable")
     assert any(re.search(told, warning) for warning in found.warnings), found.warnings
+
+
+def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake() -> None:
+    """A delay that is known is taken out of what the law had read, and of what it reads again."""
+
+    def late(values: np.ndarray) -> None:
+        values[:, 2] = shifted(values[:, 2], -1.0, SIZE)
+
+    def late_and_upside_down(values: np.ndarray) -> None:
+        late(values)
+        values[:, 2] *= -1
+
+    sensor = Channel("x", "m", delay=1 / RATE)
+    right = bind(MODEL, misread(late, sensor))
+    found = multiplied(bind(MODEL, misread(late_and_upside_down, sensor)), {"x": -1.0})
+    size = np.abs(right.lines.mean).max(axis=0)
+    # The law of the mean period is not the mean of the law: second order in the noise.
+    np.testing.assert_allclose(found.lines.mean / size, right.lines.mean / size, atol=1e-3)
 
 
 UNBALANCE, RUNOUT = 5e-6 - 2e-6j, {"x": 3e-6 + 1e-6j, "y": -2e-6 + 2e-6j}

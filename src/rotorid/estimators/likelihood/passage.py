@@ -104,7 +104,8 @@ def with_columns(observation: Observation, matrix: Floats) -> Observation:
     """Return the record whose columns are ``matrix @ columns``, as if logged so.
 
     A column of a force that was read by a law is that of its current; the law reads it again, with
-    the displacement that the other columns give now. The covariance follows by the slopes.
+    the displacement that the other columns give now. A positive factor of one that keeps both is
+    one of the force itself. The covariance follows by the slopes.
     """
     lines, samples = observation.lines, observation.lines.samples
     whole, moved = matrix.astype(float), np.zeros_like(lines.mean)
@@ -127,7 +128,7 @@ def with_columns(observation: Observation, matrix: Floats) -> Observation:
             whole[column] -= matrix[column, source] * other.slope.mean() * other.shares
         if samples is not None and values is not None:
             # The lines are those of the force as it was corrected; only the change is added.
-            change = again.force - samples.values @ whole[column]
+            change = again.force - displacement(lines, samples, whole[column])
             moved[:, column] = samples.lines(change[:, None])[:, 0]
             values[:, column] = again.force
     return observation.with_lines(_transformed(lines, whole, moved, values))
