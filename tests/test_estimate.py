@@ -163,6 +163,8 @@ def test_rows_of_version_2():
         "experiment": "model = 1",
         "version": "0.1",
         "command": "rotorid identify",
+        "model": "",
+        "held": [],
     }
 
 

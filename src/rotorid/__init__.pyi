@@ -42,6 +42,7 @@ from .record import PeriodicRecord as PeriodicRecord
 from .record import Record as Record
 from .responses import response_lines as response_lines
 from .results.export import export as export
+from .results.model import own_model as own_model
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state
 from .signals import average as average

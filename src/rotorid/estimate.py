@@ -206,12 +206,20 @@ class Provenance:
         Of rotorid.
     command : str
         As it was given.
+    model : str
+        The model file's text, whole, so that the result needs no other file.
+    held : sequence of (name, value)
+        What was substituted in the model before it was identified, SI.
     """
 
     files: tuple[SourceFile, ...] = ()
     experiment: str = ""
     version: str = ""
     command: str = ""
+    model: str = ""
+    held: Annotated[
+        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
+    ] = ()
 
 
 @dataclass(frozen=True)
@@ -281,7 +289,7 @@ class Estimate(ByContent):
     checks : sequence of Check
         What the data showed before any model.
     provenance : Provenance or None
-        Files, experiment, version and command; ``None`` for an estimate made in Python.
+        Files, experiment, version and command; for an estimate made in Python the model alone.
 
     Examples
     --------

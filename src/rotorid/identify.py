@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate, Provenance, Value
 from rotorid.estimators import gate
 from rotorid.estimators.methods import Estimator, by_name
 from rotorid.lines import PhasorClock
@@ -81,7 +81,14 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     if silent:
         estimate = without_deviations(estimate)
     every = tuple(dict.fromkeys((*checks, *estimate.checks)))
-    return gate.passed(estimate, gate.data(checks)).with_(checks=every)
+    return gate.passed(estimate, gate.data(checks)).with_(
+        checks=every, provenance=estimate.provenance or _model_of(model)
+    )
+
+
+def _model_of(model: Model) -> Provenance | None:
+    """Return what a result must hold of its model to be used without the model's file."""
+    return Provenance(model=model.file_text, held=model.held) if model.file_text else None
 
 
 def _checks(data: Data) -> tuple[Check, ...]:

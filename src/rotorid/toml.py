@@ -30,6 +30,11 @@ class Schema(BaseModel):
 
 def read_toml(path: str | Path, schema: type[S]) -> S:
     """Read a TOML file into a schema."""
+    return parse_toml(read_bytes(path), schema, file=str(path))
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Read a file written by hand."""
     file = str(path)
     try:
         with Path(path).open("rb") as stream:
@@ -48,7 +53,7 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
             "check that this is the right file",
             file=file,
         )
-    return parse_toml(data, schema, file=file)
+    return data
 
 
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:

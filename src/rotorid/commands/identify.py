@@ -54,7 +54,10 @@ def provenance(plan: Experiment, command: str) -> Provenance:
 
     files = [path for path in dict.fromkeys(plan.files) if path.is_file()]
     text = Path(plan.file).read_text(encoding="utf-8")
-    return Provenance(tuple(map(_source, files)), text, __version__, command)
+    model = plan.model
+    return Provenance(
+        tuple(map(_source, files)), text, __version__, command, model.file_text, model.held
+    )
 
 
 def _source(path: Path) -> SourceFile:

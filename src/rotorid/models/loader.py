@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from rotorid.errors import InputError, ModelError, ReadError
 from rotorid.models.expression import FUNCTIONS, RESERVED
 from rotorid.models.model import Model, Parameter, build_model
 from rotorid.models.terms import Names
-from rotorid.toml import Schema, parse_toml, read_toml
+from rotorid.toml import Schema, parse_toml, read_bytes
 from rotorid.units import check_unit, si_factor
 
 MAX_NAMES = 500
@@ -97,7 +98,7 @@ def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
             f"one of {', '.join(shipped_models())}, or the path of a model file",
             "list the models with rotorid models, or give a path ending in .toml",
         )
-    return _build(read_toml(path, _ModelFile), path.stem, str(path))
+    return parse_model(read_bytes(path), name=path.stem, file=str(path))
 
 
 def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Model:
@@ -133,7 +134,8 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     (('m', 'k'), ('kg', 'N/m'))
     """
     raw = data.encode() if isinstance(data, str) else data
-    return _build(parse_toml(raw, _ModelFile, file=file), name, file)
+    model = _build(parse_toml(raw, _ModelFile, file=file), name, file)
+    return replace(model, file_text=raw.decode())
 
 
 def _build(entry: _ModelFile, name: str, file: str) -> Model:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 
@@ -77,6 +77,10 @@ class Model:
     parameters : sequence of Parameter
     equations : Equations
         The texts, expanded.
+    file_text : str
+        The model file that it was read from, whole; "" for a model put together otherwise.
+    held : sequence of (name, value)
+        What `substitute` has replaced since, SI.
 
     Examples
     --------
@@ -93,6 +97,8 @@ class Model:
     units: Mapping[str, str]
     parameters: tuple[Parameter, ...]
     equations: Equations
+    file_text: str = field(default="", compare=False, repr=False)
+    held: tuple[tuple[str, float], ...] = field(default=(), compare=False, repr=False)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -225,6 +231,7 @@ class Model:
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
             equations=Equations(left, right),
+            held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
         )
 
     @cached_property
