@@ -1,0 +1,111 @@
+"""Run damaged files of every format, or the corpus, and print the counts and what was found.
+
+    python tests/fuzz_run.py --each 1000                 every format
+    python tests/fuzz_run.py --each 50 csv mat5          some
+    python tests/fuzz_run.py --seed 123 --only mat5:17   one case again
+
+With `--keep FOLDER` that case's files are written there instead, and its command is printed.
+
+The exit code is 1 where something was found. Files are drawn from a seed that follows from the
+sources, so that every commit draws others, and the same commit the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import hashlib
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+from fuzz_files import FORMATS
+from fuzz_harness import Build, Case, Outcome, run_cases
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def seed_of_sources() -> int:
+    """Return a number that follows from the sources of the package and of these tests."""
+    told = hashlib.sha256()
+    for path in sorted([*ROOT.glob("src/**/*.py"), *ROOT.glob("tests/fuzz*.py")]):
+        told.update(path.read_bytes())
+    return int.from_bytes(told.digest()[:4], "big")
+
+
+def table(outcomes: Iterable[Outcome]) -> str:
+    """Return how many files of each format came to what, with the worst time and memory."""
+    groups: dict[str, list[Outcome]] = collections.defaultdict(list)
+    for outcome in outcomes:
+        groups[outcome.name.partition(":")[0]].append(outcome)
+    every = [o for group in groups.values() for o in group]
+    rows = [f"{'format':14}{'files':>7}{'exit 0':>8}{'1':>6}{'2':>7}{'found':>7}{'s':>7}{'MB':>7}"]
+    for name, group in [*groups.items(), ("all", every)]:
+        codes = collections.Counter(o.code for o in group)
+        rows.append(
+            f"{name:14}{len(group):7}{codes[0]:8}{codes[1]:6}{codes[2]:7}"
+            f"{sum(bool(o.faults) for o in group):7}{max(o.seconds for o in group):7.2f}"
+            f"{max(o.bytes for o in group) / 1e6:7.0f}"
+        )
+    return "\n".join(rows)
+
+
+def findings(outcomes: Iterable[Outcome], most: int = 40) -> str:
+    """Return what was found, the same faults of a format together."""
+    groups: dict[tuple[str, tuple[str, ...], str], list[Outcome]] = collections.defaultdict(list)
+    for outcome in outcomes:
+        if outcome.faults:
+            last = outcome.told.strip().rpartition("\n")[2]
+            groups[outcome.name.partition(":")[0], outcome.faults, last[:40]].append(outcome)
+    rows = []
+    for (_, faults, _), group in list(groups.items())[:most]:
+        first = group[0]
+        names = ", ".join(o.name for o in group[:4])
+        rows.append(f"{len(group)} x {'; '.join(faults)}: {names}\n    {first.told.strip()[-600:]}")
+    return "\n".join(rows)
+
+
+def run(builds: Sequence[Build], workers: int, warm: Sequence[Case] = ()) -> list[Outcome]:
+    """Run cases, print their table and what was found, and return their outcomes."""
+    started = time.monotonic()
+    outcomes = list(run_cases(builds, workers=workers, warm=warm))
+    order = {name: number for number, name in enumerate(FORMATS)}
+    outcomes.sort(key=lambda o: order.get(o.name.partition(":")[0], -1))
+    print(table(outcomes))
+    print(findings(outcomes) or "nothing found")
+    print(f"{len(outcomes)} files in {time.monotonic() - started:.0f} s")
+    return outcomes
+
+
+def main() -> int:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("formats", nargs="*", metavar="FORMAT", help=", ".join(FORMATS))
+    parser.add_argument("--each", type=int, default=50, help="files of every format")
+    parser.add_argument("--seed", type=int, help="in place of that of the sources")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--only", metavar="FORMAT:NUMBER", help="one case")
+    parser.add_argument("--keep", type=Path, help="a folder for the files of that case")
+    asked = parser.parse_args()
+    seed = seed_of_sources() if asked.seed is None else asked.seed
+    print(f"--seed {seed}")
+    if asked.only:
+        name, _, number = asked.only.partition(":")
+        case = FORMATS[name].case(seed, int(number))
+        print("rotorid", *case.arguments)
+        if asked.keep:
+            asked.keep.mkdir(parents=True, exist_ok=True)
+            for file, content in case.files.items():
+                (asked.keep / file).write_bytes(content)
+            return 0
+        return any(o.faults for o in run([lambda: case], 1))
+    chosen = [FORMATS[name] for name in asked.formats or FORMATS]
+    builds = [partial(f.case, seed, n) for n in range(asked.each) for f in chosen]
+    warm = [case for f in chosen for case in f.whole()]
+    return any(o.faults for o in run(builds, asked.workers, warm))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
