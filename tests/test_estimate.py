@@ -360,9 +360,9 @@ def test_bytes_that_are_no_text(content, tmp_path):
 
 
 def test_paths_that_are_no_files(tmp_path):
-    with pytest.raises(ReadError, match="found No such file"):
+    with pytest.raises(ReadError, match="found no such file"):
         load_estimate(tmp_path / "none.json")
-    with pytest.raises(ReadError, match="found Is a directory"):
+    with pytest.raises(ReadError, match="found a folder"):
         load_estimate(tmp_path)
     with pytest.raises(ReadError, match="embedded null byte"):
         load_estimate("a\0b")

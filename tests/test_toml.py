@@ -50,7 +50,7 @@ def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
         ("rows = [{}]", r"rows\.0\.number: found no such key; expected a value; add it"),
         ("rows = [{ number = 'x' }]", r"found 'x'; expected a valid number.*write such a value"),
         ("rows = [3]", r"rows\.0: found 3; expected a table, such as \{ key = value \}"),
-        ("title = " + "9" * 5000, "a number of thousands of digits.*with fewer digits"),
+        ("title = " + "9" * 5000, "a number of more than 400 digits.*with fewer digits"),
     ],
 )
 def test_faults_are_one_line_with_place_and_cure(text: str, message: str) -> None:

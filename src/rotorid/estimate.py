@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from codecs import BOM_UTF8
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -24,6 +25,8 @@ from pydantic import (
 )
 
 from rotorid.errors import InputError, ReadError
+from rotorid.files import read_regular
+from rotorid.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.record import Check, Floats
 from rotorid.tables import Page, Table, page_html, page_text, table
 from rotorid.values import ByContent, read_only
@@ -502,6 +505,7 @@ class Estimate(ByContent):
         Path(path).write_bytes(text + b"\n")
 
 
+_TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _EVERY = {"__all__": {"fixed", "std_inflated"}}
@@ -662,11 +666,9 @@ def load_estimate(path: str | Path) -> Estimate:
     2.0
     """
     file, cure = str(path), "write one with identify --json"
-    try:
-        content = Path(path).read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        found = str(getattr(error, "strerror", None) or error)
-        raise ReadError(found, "a readable result file", "check the path", file=file) from None
+    content = read_regular(path, RESULT_BYTES, "a result file", cure).removeprefix(BOM_UTF8)
+    if content.count(b",") > RESULT_VALUES or content.count(b"{") > RESULT_OBJECTS:
+        raise ReadError(f"more than {RESULT_VALUES} values", "a result file", cure, file=file)
     try:
         head = _Head.model_validate_json(content)
         if head.schema_ not in READABLE:
@@ -674,6 +676,8 @@ def load_estimate(path: str | Path) -> Estimate:
             raise ReadError(found, expected, cure, file=file)
         return _adapter().validate_json(content)
     except ValidationError as error:
+        if (count := error.error_count()) > _TOLD:
+            raise ReadError(f"{count} faults", "a result file", cure, file=file) from None
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from codecs import BOM_UTF8
 from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
@@ -12,10 +13,13 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rotorid.errors import InputError, ReadError
+from rotorid.files import read_regular
+from rotorid.limits import DIGITS, TOML_BYTES, TOML_VALUES
 
-MAX_BYTES = 1_000_000
 # A key of n parts costs n^2: more than anyone writes by hand are refused before they are parsed.
 _LONG_KEY = re.compile(rb"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}")
+# Hexadecimal numbers of any length become integers, and no text in these files is so long a number.
+_LONG_NUMBER = re.compile(rb"[0-9A-Fa-f_]{%d}" % (DIGITS + 1))
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 S = TypeVar("S", bound="Schema")
@@ -35,31 +39,22 @@ def read_toml(path: str | Path, schema: type[S]) -> S:
 
 def read_bytes(path: str | Path) -> bytes:
     """Read a file written by hand."""
-    file = str(path)
-    try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        raise ReadError(
-            f"{getattr(error, 'strerror', None) or error}",
-            "a readable TOML file",
-            "check the path",
-            file=file,
-        ) from None
-    if len(data) > MAX_BYTES:
-        raise ReadError(
-            f"more than {MAX_BYTES // 1000} kB",
-            "a TOML file written by hand",
-            "check that this is the right file",
-            file=file,
-        )
-    return data
+    cure = "check that this is the right file"
+    return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
 
 
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
     """Parse TOML text into a schema."""
+    data = data.removeprefix(BOM_UTF8)  # Windows' editors put it there
     if _LONG_KEY.search(data):
         raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
+    if _LONG_NUMBER.search(data):
+        raise ReadError(
+            f"a number of more than {DIGITS} digits",
+            "TOML",
+            "write it with fewer digits, such as 1.5e3",
+            file=file,
+        )
     try:
         table = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -79,13 +74,7 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
         raise ReadError(
             "nesting too deep", "TOML of a few levels", "flatten it", file=file
         ) from None
-    except ValueError:  # an integer of more digits than Python converts
-        raise ReadError(
-            "a number of thousands of digits",
-            "TOML",
-            "write it with fewer digits, such as 1.5e3",
-            file=file,
-        ) from None
+    _check_values(table, file)
     try:
         return schema.model_validate(table)
     except ValidationError as error:
@@ -94,6 +83,23 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
         raise ReadError(
             "nesting too deep", "TOML of a few levels", "flatten it", file=file
         ) from None
+
+
+def _check_values(table: dict[str, Any], file: str) -> None:
+    """Refuse more values than anyone writes, before each is looked at."""
+    count, members = 0, [table]
+    while members and count <= TOML_VALUES:
+        one: Any = members.pop()
+        if isinstance(one, dict | list):
+            count += len(one)
+            members.extend(one.values() if isinstance(one, dict) else one)
+    if count > TOML_VALUES:
+        raise ReadError(
+            f"more than {TOML_VALUES} values",
+            "a TOML file written by hand",
+            "check that this is the right file",
+            file=file,
+        )
 
 
 def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:

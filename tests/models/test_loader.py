@@ -137,7 +137,7 @@ def test_unicode_names():
         ([('"a mass on a spring"', "[" * 300 + "]" * 300)], r"title: found \[\[\["),
         ([('"a mass on a spring"', "[" * 3000 + "]" * 3000)], "found nesting too deep"),
         ([('"a mass on a spring"', "{a=" * 300 + "1" + "}" * 300)], "title: found {'a'"),
-        ([('"a mass on a spring"', "9" * 5000)], "found a number of thousands of digits"),
+        ([('"a mass on a spring"', "9" * 5000)], "found a number of more than 400 digits"),
         ([("title", "title" + ".a" * 40)], "found a key of more than 32 parts"),
         ([("title", "title" + ".'a'" * 100_000)], "found a key of more than 32 parts"),
         ([("[inputs]", "[a" + ' . "a"' * 100_000 + "]")], "found a key of more than 32 parts"),
@@ -201,12 +201,12 @@ def test_fifty_megabytes_are_not_read(tmp_path):
     ("name", "message"),
     [
         ("three_mass", "found no model 'three_mass'; expected one of emps, jeffcott"),
-        ("three-mass.toml", "three-mass.toml: found No such file"),
+        ("three-mass.toml", "three-mass.toml: found no such file"),
         ("a" * 5000, "found no model 'aaa"),
-        ("a" * 5000 + ".toml", "found File name too long"),
+        ("a" * 5000 + ".toml", "found file name too long"),
         ("a\0b", "found no model"),
         ("a\0b.toml", "found embedded null byte"),
-        (".", "found Is a directory"),
+        (".", "found a folder"),
     ],
 )
 def test_names_of_no_model(tmp_path, name, message):

@@ -17,6 +17,7 @@ from rotorid.io import Source, read_record
 from rotorid.line_inspection import LineInspection, inspect_lines
 from rotorid.record import Record
 from rotorid.signals.inspection import Inspection, inspect_record
+from rotorid.toml import read_bytes
 from rotorid.units import to_si
 
 OPEN = "?"
@@ -81,7 +82,7 @@ def _inspect(record: Record, entry: RecordEntry) -> Inspection:
 def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
     """Return the records of a file that leaves something open, None where it does not."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path).decode("utf-8-sig")
         entries = tomllib.loads(text).get("records", [])
     except (UnicodeDecodeError, tomllib.TOMLDecodeError):
         return None

@@ -14,13 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
+from rotorid.files import open_regular
+from rotorid.limits import COMPRESSION, UNPACKED_BYTES
 from rotorid.record import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
-MAX_COMPRESSION = 250
-"""Bytes that one byte of a file may stand for: measured samples pack to a half, simulated ones
-without noise to a hundredth; more is damage, or meant to fill the memory."""
-_SMALL = 64_000_000  # bytes that any file may ask for
 _SIGNATURES = {
     b"\x89HDF\r\n\x1a\n": "HDF5 data",
     b"MATLAB 7.3 MAT-file": "a MAT v7.3 file",
@@ -87,16 +85,8 @@ class Table(Protocol):
 
 def head(path: Path, size: int = 65536) -> bytes:
     """Return the first bytes of a file."""
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
-        raise ReadError(found, "a file of samples", "check the path", file=str(path))
-    try:
-        with path.open("rb") as stream:
-            start = stream.read(size)
-    except OSError as error:
-        raise ReadError(
-            str(error.strerror or error), "a readable file", "check the path", file=str(path)
-        ) from error
+    with open_regular(path, "a file of samples") as stream, reading(str(path), "data"):
+        start = stream.read(size)
     if not start:
         raise ReadError("an empty file", "samples", "write it again", file=str(path))
     return start
@@ -162,7 +152,7 @@ def missing_package(package: str, file: str) -> ReadError:
 def check_size(values: int, file: str, itemsize: int = 8) -> None:
     """Refuse a file that declares more numbers than its bytes can hold."""
     held = Path(file).stat().st_size
-    if values * itemsize > max(MAX_COMPRESSION * held, _SMALL):
+    if values * itemsize > max(COMPRESSION * held, UNPACKED_BYTES):
         raise ReadError(
             f"{values} numbers declared in {held} bytes",
             "numbers that the file holds",

@@ -49,7 +49,7 @@ from rotorid.signals.multisine import (
     multisine,
     odd_harmonics,
 )
-from rotorid.toml import parse_toml
+from rotorid.toml import parse_toml, read_bytes
 from rotorid.units import to_si
 
 
@@ -151,12 +151,7 @@ def load_rig(name: str | Path) -> RigPlan:
             f"one of {', '.join(shipped_rigs())}, or the path of a rig file",
             "take a name from there, or give a path ending in .toml",
         )
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ReadError(
-            f"{error.strerror or error}", "a readable rig file", "check the path", file=text
-        ) from None
+    data = read_bytes(path)
     return parse_rig(data, name=path.stem, file=text, folder=path.parent)
 
 
