@@ -9,8 +9,10 @@ from test_spectra import KNOWN, MODEL, levitated, lines_of
 
 from rotorid.estimators.likelihood import beside as by_errors
 from rotorid.estimators.likelihood.information import _idle_share
+from rotorid.estimators.likelihood.passage import with_columns
 from rotorid.identify import identify
 from rotorid.lines import Beside
+from rotorid.observation import bind
 
 LINES = 500
 
@@ -120,6 +122,18 @@ def test_a_covariance_that_holds_motion_is_told(lines):
     covariance = replace(lines.covariance, matrices=1.15 * lines.covariance.matrices)
     estimate = identify(MODEL, replace(lines, covariance=covariance), KNOWN)
     assert estimate.misfit.cost < 0.9 * estimate.misfit.expected
+
+
+def test_columns_exchanged_are_exchanged_in_the_quiet_record_too():
+    """Sensors taken for one another, one upside down: as if both records were logged so."""
+    record, quiet = levitated(2), levitated(4, excitation=0.0)
+    matrix = np.eye(6)
+    matrix[2:4, 2:4] = [[0.0, 1.0], [-1.0, 0.0]]
+    logged = [replace(each, samples=each.samples @ matrix.T) for each in (record, quiet)]
+    expected = lines_of(logged[0], quiet=logged[1])
+    found = with_columns(bind(MODEL, lines_of(record, quiet=quiet)), matrix[:4, :4]).lines
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
+    np.testing.assert_allclose(found.beside.noise, expected.beside.noise, rtol=1e-12)
 
 
 def test_what_a_controller_makes_of_noise_drives_the_rotor():

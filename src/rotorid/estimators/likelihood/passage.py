@@ -151,11 +151,14 @@ def _again(
 def _transformed(lines: Lines, matrix: Floats, moved: Complexes, values: Floats | None) -> Lines:
     """Return lines whose channels are ``matrix @ channels + moved``."""
     covariance = matrix @ lines.covariance.matrices @ matrix.T
-    scatter, samples = lines.scatter, lines.samples
+    scatter, samples, beside = lines.scatter, lines.samples, lines.beside
+    if beside is not None and beside.noise is not None:
+        beside = replace(beside, noise=beside.noise @ matrix.T)
     return replace(
         lines,
         mean=lines.mean @ matrix.T + moved,
         covariance=replace(lines.covariance, matrices=covariance),
         scatter=None if scatter is None else scatter @ matrix.T + moved,
         samples=samples if samples is None or values is None else replace(samples, values=values),
+        beside=beside,
     )
