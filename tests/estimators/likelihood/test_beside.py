@@ -103,6 +103,37 @@ def test_too_few_lines_and_no_noise_tell_nothing():
     assert by_errors._sum_of(nothing, near, [0, 1]) is None
 
 
+@dataclass
+class Mode(Errors):
+    """Errors of one equation of two channels, the first of which weighs more beside a mode."""
+
+    rows: np.ndarray = None
+
+    @property
+    def problem(self):
+        return SimpleNamespace(factor=np.broadcast_to(np.eye(2), (LINES, 2, 2)))
+
+    @property
+    def columns(self):
+        return self.rows
+
+
+def test_loads_of_a_quiet_record_tell_no_noise():
+    """They leak into all of its lines; errors come out of one size, beside the mode and away.
+
+    With sizes told by the quiet record J was .35 % below what it should be, in 240 records.
+    """
+    rng = np.random.default_rng(9)
+    offset = np.arange(LINES) - 250.5
+    rows = np.stack([50 / (1 + offset**2), np.ones(LINES)], axis=1)[:, None, :] + 0j
+    noise, still = complex_noise(rng, 2, LINES, 2)
+    still[:, 1] += 300 / offset
+    errors = (rows @ noise[:, :, None])[:, :, 0]
+    white, _ = by_errors._whitened(Mode(errors, rows=rows), beside(rng, 0, noise=still), [0, 1])
+    size, near = (np.abs(white) ** 2).sum(axis=1), np.abs(offset) < 12
+    assert 0.5 < size[near].mean() / size[~near].mean() < 2
+
+
 @pytest.fixture(scope="module")
 def lines():
     return lines_of(levitated(3))

@@ -147,18 +147,16 @@ def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complex
     if at.null_h is not None and turns is not None:
         rows = turns @ (at.null_h @ rows)
         errors = (turns @ errors[:, :, None])[:, :, 0]
-    there, noise = rows, errors
-    if beside.noise is not None:
-        there = rows[beside.where]
-        noise = (there @ beside.noise[:, order, None])[:, :, 0]
-    told = np.flatnonzero(beside.ordinary)
+    told = np.flatnonzero(beside.ordinary[beside.centre])
     told = told[:: max(1, len(told) // FEW)]
     start = (np.abs(at.problem.factor) ** 2).sum(axis=2).mean(axis=0)
-    variance = _channel_noise(there[told], noise[told], start)
+    variance = _channel_noise(rows[told], errors[told], start)
     lower = np.linalg.cholesky((rows * variance) @ rows.conj().transpose(0, 2, 1))
     white: Complexes = np.asarray(np.linalg.solve(lower, errors[:, :, None])[:, :, 0])
     if beside.noise is None:
         return white, white
+    # The loads of a quiet record are in its errors, and leak into every line: they tell no noise.
+    noise = (rows[beside.where] @ beside.noise[:, order, None])[:, :, 0]
     return white, np.asarray(np.linalg.solve(lower[beside.where], noise[:, :, None])[:, :, 0])
 
 
