@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rotorid.errors import InputError, ModelError
 from rotorid.models import Model

@@ -191,9 +191,11 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Check]:
         return []
     size = _without_trend(spectra)
     typical = np.median(size, axis=0)
-    # Slow random motion puts one number, its change over the period, on all lines.
-    limit = f_limit(FALSE_ALARM / size.shape[1], 1, max(count // 2, 1))
-    out = size > np.maximum(limit, KNOCK**2) * np.maximum(typical, 1e-300)
+    out = size > KNOCK**2 * np.maximum(typical, 1e-300)
+    if out.any():
+        # Slow random motion puts one number, its change over the period, on all lines.
+        limit = f_limit(FALSE_ALARM / size.shape[1], 1, max(count // 2, 1))
+        out &= size > limit * np.maximum(typical, 1e-300)
     knocked = np.flatnonzero(out.any(axis=1))
     # What is true of many periods is no knock.
     if not knocked.size or knocked.size > max(1, count // 10):
@@ -250,7 +252,9 @@ def check_drift(periods: PeriodicRecord) -> list[Check]:
     strength = (np.abs(slope) ** 2 / np.maximum(variance, floor)).mean(axis=0)
     lines = periods.spectra.shape[1]
     freedom = 2 * min(lines, MOST_DIRECTIONS)
-    limit = max(DRIFT**2 / lines, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
+    limit = DRIFT**2 / lines
+    if (strength > limit).any():
+        limit = max(limit, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
     rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
     alone = rest is not None and (strength > limit).any() and (rest <= limit).all()
     if alone and _turns(periods, slope, ratio):

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import special
+import scipy
 
 from rotorid.record import Booleans, Complexes, Floats, Integers
 
@@ -150,7 +150,7 @@ def _of_order(
 
 def _limit(channels: int, dof: int, lines: int) -> float:
     """Return the share of A that a line of noise alone reaches once in a thousand records."""
-    return float(special.betaincinv(channels, max(dof - channels, 1), 1 - ALONE / lines))
+    return float(scipy.special.betaincinv(channels, max(dof - channels, 1), 1 - ALONE / lines))
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ class _Regression:
         plain = self.fitted(data)
         size = np.sqrt((np.abs(plain.left) ** 2).mean(axis=1, keepdims=True))
         scaled = data / np.where(size > 0, size, 1.0)
-        chance = special.chdtri(2 * POLES, RESONANT) / 2 / (degrees * data.shape[2])
+        chance = scipy.special.chdtri(2 * POLES, RESONANT) / 2 / (degrees * data.shape[2])
         inverse, gained = self.poles(scaled, plain.orthogonal)
         tried = np.flatnonzero((gained > chance) & inverse.any(axis=1))
         if not len(tried):
