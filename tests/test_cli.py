@@ -244,6 +244,62 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
         assert command in printed.out
 
 
+@pytest.mark.parametrize("command", sorted(cli.cli.commands))
+def test_every_command_helps_with_an_example(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run([command, "--help"]) == 0
+    assert f"Example:\n    rotorid {command}" in capsys.readouterr().out
+
+
+def test_json_to_the_standard_output(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing else is there; files that are asked for besides are written."""
+    options = ["--method", "batch", "--json", "-", "--report", "run.html"]
+    assert cli.run(["identify", "run.toml", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "ok"
+    assert found["provenance"]["files"]
+    assert Path("run.html").exists()
+    assert not Path("-").exists()
+    assert cli.run(["inspect", "run.toml", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] in ("ok", "note")
+
+
+def test_quiet(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["identify", "run.toml", "-q"], ["inspect", "run.toml", "--quiet"]):
+        assert cli.run(arguments) == 0
+        assert capsys.readouterr() == ("", "")
+    assert cli.run(["identify", "none.toml", "-q"]) == 2  # what stops the work is said
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_intervals(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["identify", "run.toml", "--intervals"]) == 0
+    assert "95 % from" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("rotorid models t", "plain,three-mass"),
+        ("rotorid simulate r", "plain,rigid"),
+        ("rotorid simulate mine", "file,mine"),
+        ("rotorid new --model j", "plain,jeffcott"),
+        ("rotorid identify ru", "file,ru"),
+        ("rotorid ex", "plain,export"),
+    ],
+)
+def test_completion(
+    words: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_ROTORID_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit, match="0"):
+        cli.cli.main(prog_name="rotorid")
+    assert offered in capsys.readouterr().out.splitlines()
+
+
 def test_debug_shows_the_traceback(folder: Path) -> None:
     for arguments in (["identify", "none.toml", "--debug"], ["--debug", "identify", "none.toml"]):
         with pytest.raises(rid.InputError, match=r"none\.toml"):

@@ -11,6 +11,7 @@ from .estimate import ModeFit as ModeFit
 from .estimate import Prediction as Prediction
 from .estimate import Provenance as Provenance
 from .estimate import Suspect as Suspect
+from .estimate import Unbalance as Unbalance
 from .estimate import Value as Value
 from .estimate import load_estimate as load_estimate
 from .estimators import Batch as Batch

@@ -15,18 +15,39 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from rotorid.commands import INTERRUPTED, NO_ANSWER, OK, WRONG_INPUT
 
 _FILE = click.Path(path_type=Path)
+_HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
-def _work(command: str, **options: Any) -> int:
-    """Load the module of a command and run it."""
+def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
+    """Load the module of a command and run it, without its tables where nobody reads them."""
+    from rotorid.commands.console import STDOUT, silence
+
     work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
-    return work(**options)
+    with silence(quiet or STDOUT in options.values()):
+        return work(**options)
+
+
+def _example(command: str) -> str:
+    """Return what stands below the options in the help of a command."""
+    return f"\b\nExample:\n  {command}"
+
+
+def _names_in(folder: str) -> Callable[..., list[CompletionItem]]:
+    """Return what completes the name of a shipped model or rig, else that of a file."""
+
+    def complete(context: object, parameter: object, incomplete: str) -> list[CompletionItem]:
+        names = sorted(path.stem for path in (_HERE / folder / "library").glob("*.toml"))
+        found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")]
+
+    return complete
 
 
 def _debug_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -36,8 +57,16 @@ def _debug_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    command = _quiet_option(command)
     command = click.option("--report", type=_FILE, help="Write a report (HTML).")(command)
-    return click.option("--json", type=_FILE, help="Write the result (JSON).")(command)
+    told = "Write the result (JSON); - writes it, and nothing else, to the standard output."
+    return click.option("--json", type=_FILE, help=told)(command)
+
+
+def _quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option(
+        "--quiet", "-q", is_flag=True, help="Print no tables; warnings of usage and errors stay."
+    )(command)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -62,7 +91,7 @@ def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid demo --report demo.html"))
 @click.option(
     "--runs",
     type=click.IntRange(min=1),
@@ -77,7 +106,7 @@ def demo(**options: Any) -> int:
     return _work("demo", **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid inspect run.toml --report inspect.html"))
 @click.argument("experiment", type=_FILE)
 @_output_options
 @_debug_option
@@ -86,9 +115,10 @@ def inspect(**options: Any) -> int:
     return _work("inspect", **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid identify run.toml --json run.json --report run.html"))
 @click.argument("experiment", type=_FILE)
 @click.option("--method", type=_METHOD, help="In place of the file's.")
+@click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
 @_output_options
 @_debug_option
@@ -98,7 +128,7 @@ def identify(given: str, /, **options: Any) -> int:
     return _work("identify", given=given, **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid validate run.json other-run.toml"))
 @click.argument("result", type=_FILE)
 @click.argument("experiment", type=_FILE)
 @_output_options
@@ -108,40 +138,47 @@ def validate(**options: Any) -> int:
     return _work("validate", **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid report run.json --out run.html"))
 @click.argument("result", type=_FILE)
 @click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")
+@_quiet_option
 @_debug_option
 def report(**options: Any) -> int:
     """Write the report of RESULT again, a file of identify --json."""
     return _work("report", **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid export run.json --to run.mat"))
 @click.argument("result", type=_FILE)
 @click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat or .tex.")
+@_quiet_option
 @_debug_option
 def export(**options: Any) -> int:
     """Write the parameters of RESULT, and their covariance, for other programs."""
     return _work("export", **options)
 
 
-@cli.command()
-@click.argument("rig", required=False)
+@cli.command(epilog=_example("rotorid simulate three-mass --out run.h5"))
+@click.argument("rig", required=False, shell_complete=_names_in("rig"))
 @click.option("--out", type=_FILE, help="The record to write (.h5).")
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
 @click.option("--faults", is_flag=True, help="List the faults.")
 @click.option("--force", is_flag=True, help="Replace files that simulate did not write itself.")
+@_quiet_option
 @_debug_option
 def simulate(**options: Any) -> int:
     """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
     return _work("simulate", **options)
 
 
-@cli.command()
+@cli.command(epilog=_example("rotorid new run.csv --model rigid --out run.toml"))
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
-@click.option("--model", help="A shipped model, or a model file: columns are matched to it.")
+@click.option(
+    "--model",
+    help="A shipped model, or a model file: columns are matched to it.",
+    shell_complete=_names_in("models"),
+)
 @click.option("--out", type=_FILE, help="The experiment file to write; else it is printed.")
 @_debug_option
 def new(**options: Any) -> int:
@@ -149,8 +186,8 @@ def new(**options: Any) -> int:
     return _work("new", **options)
 
 
-@cli.command()
-@click.argument("name", required=False)
+@cli.command(epilog=_example("rotorid models three-mass"))
+@click.argument("name", required=False, shell_complete=_names_in("models"))
 @_debug_option
 def models(**options: Any) -> int:
     """List the shipped models; or show the equations and parameters of NAME, or of a file."""

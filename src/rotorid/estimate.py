@@ -37,7 +37,10 @@ if TYPE_CHECKING:
 
 SCHEMA = "rotorid-estimate/2"
 NOTICED = 0.01  # p-value below which the tables say where the misfit lies
-WORST = 8  # lines, equations or suspects that they list: what a screen holds
+WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
+TOGETHER = 0.95  # correlation from which two parameters are named as known together
+HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
+_BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
 READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
@@ -188,6 +191,31 @@ class ModeFit:
 
 
 @dataclass(frozen=True)
+class Unbalance:
+    """The unbalance of one plane: what stands there too much, and in which direction.
+
+    Parameters
+    ----------
+    plane : str
+        The coordinates on which it acts: ``x2, y2``; ``theta_x, theta_y`` for a couple.
+    unit : str
+        kg m, or kg m^2 of a couple.
+    amount : float
+    angle_rad : float
+        In the rotor, counted from the zero of the rotor angle.
+    std, angle_std_rad : float or None
+        ``None`` where the estimate states no deviations.
+    """
+
+    plane: str
+    unit: str
+    amount: Number
+    angle_rad: Number
+    std: Optional = None
+    angle_std_rad: Optional = None
+
+
+@dataclass(frozen=True)
 class SourceFile:
     """A file that went into an estimate, and the sha256 of its content in hexadecimal."""
 
@@ -289,6 +317,8 @@ class Estimate(ByContent):
         Other answers that fit as well; not empty means that the status is ``not_identifiable``.
     modes : sequence of ModeFit
         Measured natural frequencies beside those of the estimate.
+    unbalance : sequence of Unbalance
+        What the parameters say of the unbalance of each plane.
     checks : sequence of Check
         What the data showed before any model.
     provenance : Provenance or None
@@ -325,6 +355,7 @@ class Estimate(ByContent):
     equation_misfit: tuple[EquationMisfit, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     modes: tuple[ModeFit, ...] = ()
+    unbalance: tuple[Unbalance, ...] = ()
     checks: tuple[Check, ...] = ()
     provenance: Provenance | None = None
 
@@ -367,60 +398,17 @@ class Estimate(ByContent):
         What is derived by its own name alone is left out, and so are inflated deviations where
         they are those that stand beside them.
         """
-        names = {value.name for value in self.parameters}
-        parts = {
-            "parameters": self.parameters,
-            "nuisance": self.nuisance,
-            "derived": tuple(value for value in self.derived if value.name not in names),
-        }
-        return [_table(title, values) for title, values in parts.items() if values]
+        return _value_tables(self)
 
     @property
     def tables(self) -> list[Table]:
-        """The values, other answers that fit, what the data showed, and where the misfit lies."""
-        return [
-            *self.value_tables,
-            *_mode_tables(self),
-            *_alternative_tables(self),
-            *_check_tables(self),
-            *_suspect_tables(self),
-            *_misfit_tables(self),
-        ]
+        """What matters first: values, unbalance, what may be wrong, and what follows from them."""
+        return _tables(self)
 
     @property
     def notes(self) -> list[str]:
         """Sentences on the fit, the data and the warnings, in text."""
-        notes = []
-        if self.misfit is not None:
-            m = self.misfit
-            notes.append(
-                f"cost {m.cost:.4g} where {m.expected:.4g} is expected "
-                f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
-            )
-        errors = {n: "zero" if p is None else _percent(p) for n, p in self.prediction.items()}
-        if errors:
-            shown = ", ".join(f"{name} {error}" for name, error in errors.items())
-            notes.append(f"relative error of the prediction: {shown}{self._by_noise}")
-        if self.lines_hz:
-            low, high = min(self.lines_hz), max(self.lines_hz)
-            told = f"{self.periods} periods" if self.periods > 1 else "no periods"
-            notes.append(f"{told}, {len(self.lines_hz)} lines from {low:g} to {high:g} Hz")
-        if self.condition_number is not None:
-            notes.append(f"condition number {self.condition_number:.4g}")
-        if _inflated((*self.parameters, *self.nuisance)):
-            notes.append("inflated: deviations as if all of the misfit were noise")
-        return [*notes, *(f"warning: {warning}" for warning in self.warnings)]
-
-    @property
-    def _by_noise(self) -> str:
-        """What makes a prediction from the forces worse than none, where the cost is in order."""
-        worst = max((p.relative_error for p in self.prediction.values() if p), default=0.0)
-        if worst < 1 or self.status != "ok" or self.misfit is None:
-            return ""
-        return (
-            ", from the measured forces alone: beside a resonance with hardly any damping their "
-            "noise moves the model further than the machine moved; the cost tells the fit"
-        )
+        return _notes(self)
 
     def __repr__(self) -> str:
         names = ", ".join(f"{v.name} = {v.value:.4g}" for v in self.parameters)
@@ -430,7 +418,17 @@ class Estimate(ByContent):
     @property
     def page(self) -> Page:
         """All there is to read: status, tables, and notes on them."""
-        return [f"{self.model}, {self.method}: {self.status}", *self.tables, *self.notes]
+        return self.summary()
+
+    def summary(self, *, intervals: bool = False) -> Page:
+        """Return what `print` shows: sentences and tables.
+
+        Parameters
+        ----------
+        intervals : bool
+            The ends of the 95 % intervals in place of the deviations.
+        """
+        return _page(self, intervals=intervals)
 
     def __str__(self) -> str:
         return page_text(self.page)
@@ -518,8 +516,122 @@ def _adapter() -> TypeAdapter[Estimate]:
     return TypeAdapter(Estimate)
 
 
-def _table(title: str, values: Sequence[Value]) -> Table:
-    """Return name, value, deviation, the same in percent, inflated, unit."""
+def _page(estimate: Estimate, *, intervals: bool = False) -> Page:
+    """Return all there is to read: status, tables, and notes on them."""
+    head = f"{estimate.model}, {estimate.method}: {estimate.status}"
+    return [head, *_tables(estimate, intervals=intervals), *_notes(estimate)]
+
+
+def _value_tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
+    """Return the parameters, nuisance and derived quantities."""
+    return [
+        _table(title, values, intervals=intervals)
+        for title, values in (*_own(estimate), *_derived(estimate))
+        if values
+    ]
+
+
+def _tables(estimate: Estimate, *, intervals: bool = False) -> list[Table]:
+    """Return the values, unbalance, what may be wrong, and what follows from the values."""
+
+    def shown(parts: list[tuple[str, tuple[Value, ...]]]) -> list[Table]:
+        return [_table(title, values, intervals=intervals) for title, values in parts if values]
+
+    late = estimate.method == "ml"  # products of the parameters, which few want to read
+    parameters, *others = _own(estimate)
+    return [
+        *shown([parameters]),
+        *([] if late else shown(_derived(estimate))),
+        *_unbalance_tables(estimate, intervals=intervals),
+        *shown(others),
+        *_mode_tables(estimate),
+        *_alternative_tables(estimate),
+        *_suspect_tables(estimate),
+        *_misfit_tables(estimate),
+        *(shown(_derived(estimate)) if late else []),
+    ]
+
+
+def _notes(estimate: Estimate) -> list[str]:
+    """Return sentences on the fit, the data, what was taken as exact, and the warnings."""
+    return [
+        *_fit_notes(estimate),
+        *_together(estimate),
+        *(
+            f"{c.verdict}, {c.check}{f' of {c.channel}' if c.channel else ''}: {c.found}"
+            for c in estimate.checks
+            if c.verdict != "ok"
+        ),
+        *(f"warning: {warning}" for warning in estimate.warnings),
+    ]
+
+
+def _fit_notes(estimate: Estimate) -> list[str]:
+    told = []
+    if estimate.misfit is not None:
+        m = estimate.misfit
+        told.append(
+            f"misfit {m.cost:.4g} where noise alone leaves {m.expected:.4g} "
+            f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
+        )
+    errors = {n: "zero" if p is None else _percent(p) for n, p in estimate.prediction.items()}
+    if errors:
+        shown = ", ".join(f"{name} {error}" for name, error in errors.items())
+        told.append(f"predicted against measured, off by: {shown}{_by_noise(estimate)}")
+    if estimate.lines_hz:
+        low, high = min(estimate.lines_hz), max(estimate.lines_hz)
+        whole = f"{estimate.periods} periods" if estimate.periods > 1 else "no periods"
+        told.append(f"{whole}, {len(estimate.lines_hz)} lines from {low:g} to {high:g} Hz")
+    if estimate.condition_number is not None:
+        told.append(f"condition number {estimate.condition_number:.4g}")
+    if _inflated((*estimate.parameters, *estimate.nuisance)):
+        told.append("inflated: deviations as if all of the misfit were noise")
+    return told
+
+
+def _together(estimate: Estimate) -> list[str]:
+    """Name the pairs that are known together far better than one by one."""
+    names = [value.name for value in estimate.free]
+    if len(names) < 2 or len(names) != len(estimate.covariance):
+        return []
+    found = np.abs(np.triu(estimate.correlation, 1))
+    pairs = [(found[i, j], i, j) for i, j in zip(*np.nonzero(found > TOGETHER), strict=True)]
+    pairs.sort(key=lambda pair: (-round(float(pair[0]), 6), pair[1], pair[2]))
+    if not pairs:
+        return []
+    said = [
+        f"{names[i]} with {names[j]} {estimate.correlation[i, j]:+.3f}" for _, i, j in pairs[:WORST]
+    ]
+    more = f" and {len(pairs) - WORST} more" if len(pairs) > WORST else ""
+    return [f"correlated, so known together better than one by one: {', '.join(said)}{more}"]
+
+
+def _by_noise(estimate: Estimate) -> str:
+    """Say what makes a prediction from the forces worse than none, where the cost is in order."""
+    worst = max((p.relative_error for p in estimate.prediction.values() if p), default=0.0)
+    if worst < 1 or estimate.status != "ok" or estimate.misfit is None:
+        return ""
+    return (
+        ", from the measured forces alone: beside a resonance with hardly any damping their "
+        "noise moves the model further than the machine moved; the misfit tells the fit"
+    )
+
+
+def _own(estimate: Estimate) -> list[tuple[str, tuple[Value, ...]]]:
+    return [("parameters", estimate.parameters), ("nuisance", estimate.nuisance)]
+
+
+def _derived(estimate: Estimate) -> list[tuple[str, tuple[Value, ...]]]:
+    """Return what is derived, but for what is so by its own name alone."""
+    names = {value.name for value in estimate.parameters}
+    return [("derived", tuple(v for v in estimate.derived if v.name not in names))]
+
+
+def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> Table:
+    """Return name, value, deviation, the same in percent, inflated, unit; or 95 % intervals."""
+    if intervals:
+        ends = [(value.name, *_ends(value), _row(value)[-1]) for value in values]
+        return table((title, "value", "95 % from", "to", "unit"), ends)
     if _inflated(values):
         return table((title, "value", "std", "std %", "inflated", "unit"), map(_row, values))
     rows = [(*cells[:4], cells[5]) for cells in map(_row, values)]
@@ -539,7 +651,7 @@ def _alternative_tables(estimate: Estimate) -> list[Table]:
         (name, *("" if name not in o else f"{o[name]:.6g}" for o in (own, *others)))
         for name in names
     ]
-    costs = ("cost", *("" if c is None else f"{c:.4g}" for c in cost))
+    costs = ("misfit", *("" if c is None else f"{c:.4g}" for c in cost))
     return [table(headings, [*rows, costs])]
 
 
@@ -560,14 +672,33 @@ def _mode_tables(estimate: Estimate) -> list[Table]:
     return [table(headings, rows)] if rows else []
 
 
-def _check_tables(estimate: Estimate) -> list[Table]:
-    """Return what the data showed before any model, where it is not simply right."""
-    rows = [(c.check, c.channel, c.found, c.verdict) for c in estimate.checks if c.verdict != "ok"]
-    return [table(("check", "channel", "found", "verdict"), rows)] if rows else []
+def _unbalance_tables(estimate: Estimate, *, intervals: bool) -> list[Table]:
+    """Return amount and angle of the unbalance in each plane, in units of a balancer."""
+    rows: list[tuple[str, ...]] = []
+    for plane in estimate.unbalance:
+        unit, factor = _BY_HAND.get(plane.unit, (plane.unit, 1.0))
+        sizes = (factor * plane.amount, None if plane.std is None else factor * plane.std)
+        angles = [
+            None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
+        ]
+        amount, angle = Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1])
+        if intervals:
+            rows.append((plane.plane, *_ends(amount), unit, *_ends(angle)))
+        else:
+            first, second = (_row(value)[1:3] for value in (amount, angle))
+            rows.append((plane.plane, *first, unit, *second))
+    headings: tuple[str, ...]
+    if intervals:
+        headings = ("unbalance", "amount", "95 % from", "to", "unit", "at deg", "95 % from", "to")
+    else:
+        headings = ("unbalance", "amount", "std", "unit", "at deg", "std")
+    return [table(headings, rows)] if rows else []
 
 
 def _suspect_tables(estimate: Estimate) -> list[Table]:
-    """Return what the model may lack, the largest drop of the cost first."""
+    """Return what the model may lack, what explains most first; nothing where nothing is wrong."""
+    if estimate.status == "ok":
+        return []
     rows = [
         (
             s.term,
@@ -578,7 +709,7 @@ def _suspect_tables(estimate: Estimate) -> list[Table]:
         )
         for s in estimate.suspects[:WORST]
     ]
-    headings = ("suspect", "drop of the cost", "% of the excess", "if freed", "unit")
+    headings = ("suspect", "misfit falls by", "% of the excess", "if freed", "unit")
     known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
     return [table(headings[:known], (row[:known] for row in rows))] if rows else []
 
@@ -609,7 +740,7 @@ def _misfit_table(title: str, rows: Sequence[tuple[str, LineMisfit | EquationMis
 
     worst = sorted(rows, key=excess, reverse=True)[:WORST]
     cells = [(name, f"{row.cost:.4g}", f"{row.expected:.4g}") for name, row in worst]
-    return table((title, "cost", "expected"), cells)
+    return table((title, "found", "by noise"), cells)
 
 
 def _inflated(values: Sequence[Value]) -> bool:
@@ -628,12 +759,37 @@ def _row(value: Value) -> tuple[str, ...]:
     if np.isfinite([value.value, value.std]).all():
         digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
     percent = _two_digits(100 * value.std / abs(value.value))
-    number = f"{value.value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
+    number = _plain(f"{value.value:#.{min(max(digits, 2), 12)}g}")
     return value.name, number, _two_digits(value.std), percent, inflated, unit
 
 
+def _ends(value: Value) -> tuple[str, str, str]:
+    """Return a value and the ends of its 95 % interval, all to the same digit."""
+    std = value.std_inflated or value.std
+    if value.fixed or not std or not np.isfinite([value.value, std]).all():
+        _, number, told = _row(value)[:3]
+        return number, told if told == "fixed" else "-", "" if told == "fixed" else "-"
+    low, high = (value.value + side * HALF_WIDTH * std for side in (-1, 1))
+    last = int(np.floor(np.log10(std))) - 1
+    largest = max(abs(low), abs(high))
+    digits = max(int(np.floor(np.log10(largest))) - last + 1, 1)
+    if last < 0 and largest < 1e6 and last > -9:
+        return f"{value.value:.{-last}f}", f"{low:.{-last}f}", f"{high:.{-last}f}"
+    shown = (_plain(f"{number:#.{min(digits, 12)}g}") for number in (value.value, low, high))
+    first, second, third = shown
+    return first, second, third
+
+
 def _two_digits(number: float) -> str:
-    return f"{number:#.2g}".rstrip(".")
+    return _plain(f"{number:#.2g}")
+
+
+def _plain(text: str) -> str:
+    """Return a number without a power of ten where it has less than eight digits."""
+    mantissa, _, power = text.partition("e")
+    if power.startswith("+") and int(power) < 7:
+        return f"{float(text):.0f}"
+    return text.rstrip(".") if not power else f"{mantissa.rstrip('.')}e{power}"
 
 
 def _percent(prediction: Prediction) -> str:

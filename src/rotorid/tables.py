@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import fill
 
 GAP = "  "
+NARROW = 20  # characters, below which sentences are not broken any further
 LONG = 30  # characters, from which a cell of words may be broken
 _NUMBER = re.compile(
     r"[-+\N{MINUS SIGN}]?(\d|\.\d)[\d.]*(e[-+]?\d+)?( ?[^\s\d]{1,3})?|-|[-+]?(nan|inf)"
@@ -71,7 +73,10 @@ Page = Sequence[str | Table]
 
 
 def page_text(page: Page, width: int | None = None) -> str:
-    """Return sentences and tables as text, a blank line about every table."""
+    """Return sentences and tables as text, a blank line about every table.
+
+    A width breaks sentences between words, so that a terminal need not break them within one.
+    """
     parts: list[str] = []
     for index, part in enumerate(page):
         if isinstance(part, Table):
@@ -79,8 +84,18 @@ def page_text(page: Page, width: int | None = None) -> str:
                 parts.append("")
             parts += [part.text(width), ""]
         else:
-            parts.append(part)
+            parts.append(part if width is None else _wrapped(part, width))
     return "\n".join(parts).rstrip("\n")
+
+
+def _wrapped(sentence: str, width: int) -> str:
+    return fill(
+        sentence,
+        max(width, NARROW),
+        subsequent_indent=GAP,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def page_html(page: Page) -> str:

@@ -196,7 +196,7 @@ def test_misfit_suspects_and_warnings_are_shown(
         warnings=("the data reject the model",),
     )
     words = Page(estimate_report(rejected, model, [periods])).words
-    assert "cost 120 where 84.2 is expected" in words
+    assert "misfit 120 where noise alone leaves 84.2" in words
     assert "damping k31" in words
     assert words.count("the data reject the model") == 1
 
@@ -288,7 +288,7 @@ def test_where_the_misfit_lies(estimate: Estimate, model: Model, periods: Period
     assert "20 Hz90.5" in page.words
     assert "x70.2518" in page.words
     text = str(found).splitlines()
-    start = text.index("misfit by line  cost  expected")
+    start = text.index("misfit by line  found  by noise")
     assert [line.split()[0] for line in text[start + 1 : start + 4]] == ["20", "30", "10"]
     fits = found.with_(misfit=Misfit(37.0, 36.0, 30, 0.4))
     assert "misfit by line" not in str(fits)

@@ -10,6 +10,7 @@ from rotorid.estimate import (
     Misfit,
     Prediction,
     Suspect,
+    Unbalance,
     Value,
 )
 from rotorid.models import load_model, shipped_models
@@ -49,21 +50,21 @@ def test_numbers_show_two_digits_of_noise() -> None:
     assert rows["ratio"] == ["ratio", "-12.00", "0.50", "4.2", "1.0"]
     assert rows["xi"][1:] == ["0", "1.0e-07", "2.0e-07", "m"]
     assert rows["I_p"] == ["I_p", "0.048275", "2.1e-05", "0.044", "4.2e-05", "kg", "m^2"]
-    assert rows["k1"] == ["k1", "8.836e+05", "1.0e+03", "0.11", "2.0e+03", "N/m"]
+    assert rows["k1"] == ["k1", "883600", "1000", "0.11", "2000", "N/m"]
     assert rows["L1"] == ["L1", "0.3", "fixed", "m"]
     assert rows["mu"] == ["mu", "7.4e-05", "-", "rad"]
     assert rows["gain[x1]"] == ["gain[x1]", "1.0100", "0.0050", "0.50"]
-    assert rows["k1*L1"] == ["k1*L1", "2.6507e+05", "3.0e+02", "0.11", "N"]
+    assert rows["k1*L1"] == ["k1*L1", "265070", "300", "0.11", "N"]
 
 
 def test_what_there_is_to_say() -> None:
     text = str(ESTIMATE)
     assert text.startswith("three-mass, ml: rejected\n")
     for note in (
-        "cost 1053 where 84.2 is expected (82 degrees of freedom), p = 1e-09",
-        "relative error of the prediction: F_x1 0.412 %, F_y1 zero",
-        "suspect              drop of the cost",
-        "damping k1                    9.6e+04",
+        "misfit 1053 where noise alone leaves 84.2 (82 degrees of freedom), p = 1e-09",
+        "predicted against measured, off by: F_x1 0.412 %, F_y1 zero",
+        "suspect              misfit falls by",
+        "damping k1                   9.6e+04",
         "260 periods, 3 lines from 20 to 220 Hz",
         "condition number 25.99",
         "inflated: deviations as if all of the misfit were noise",
@@ -81,7 +82,7 @@ def test_inflated_deviations_show_only_where_they_differ() -> None:
 def test_notebook() -> None:
     html = ESTIMATE._repr_html_()
     assert html.count("<table>") == html.count("</table>") == 4
-    assert ">8.836e+05</td>" in html
+    assert ">883600</td>" in html
     assert "&lt;synchronous&gt;" in html
     assert "<synchronous>" not in html
 
@@ -133,7 +134,7 @@ def test_other_answers_stand_beside_this_one() -> None:
     assert [line.split() for line in lines[start + 1 : start + 4]] == [
         ["m1", "0.83339", "0.9"],
         ["L1", "0.3", "0.4"],
-        ["cost", "1053", "26"],
+        ["misfit", "1053", "26"],
     ]
 
 
@@ -143,7 +144,7 @@ def test_checks_that_are_not_simply_right_are_shown() -> None:
         Check("clipping", "y1", "none", "ok"),
     )
     text = str(ESTIMATE.with_(checks=checks))
-    assert "dead   x1       3 samples alike in 100  note" in text
+    assert "note, dead of x1: 3 samples alike in 100" in text.splitlines()
     assert "clipping" not in text
 
 
@@ -155,3 +156,71 @@ def test_where_the_misfit_lies_is_told_below_one_in_a_hundred(p_value: float, sh
     if shown:
         assert "80 Hz" in text  # eight, what a screen holds
         assert "90 Hz" not in text
+
+
+def test_intervals_on_request() -> None:
+    shown = page_text(ESTIMATE.summary(intervals=True))
+    rows = {line.split()[0]: line.split() for line in shown.splitlines() if line}
+    assert rows["parameters"] == ["parameters", "value", "95", "%", "from", "to", "unit"]
+    # 1.96 of the inflated deviations where there are such: 2e-7, 2 * 1.0, ...
+    assert rows["xi"] == ["xi", "0.00000000", "-0.00000039", "0.00000039", "m"]
+    assert rows["ratio"] == ["ratio", "-12.0", "-14.0", "-10.0"]
+    assert rows["gain[x1]"] == ["gain[x1]", "1.0100", "1.0002", "1.0198"]
+    assert rows["L1"] == ["L1", "0.3", "fixed", "m"]
+    assert rows["mu"] == ["mu", "7.4e-05", "-", "-", "rad"]
+
+
+def test_unbalance_in_the_units_of_a_balancer() -> None:
+    planes = (
+        Unbalance("x2, y2", "kg m", 2e-4, np.pi / 3, 1e-7, 1e-3),
+        Unbalance("theta_x, theta_y", "kg m^2", 3.4e-6, -np.pi / 2),
+    )
+    found = ESTIMATE.with_(unbalance=planes)
+    rows = [line.split() for line in str(found).splitlines()]
+    assert ["x2,", "y2", "200.00", "0.10", "g", "mm", "60.000", "0.057"] in rows
+    assert ["theta_x,", "theta_y", "3400", "-", "g", "mm^2", "-90", "-"] in rows
+    ends = [line.split() for line in page_text(found.summary(intervals=True)).splitlines()]
+    assert [
+        "x2,",
+        "y2",
+        "200.00",
+        "199.80",
+        "200.20",
+        "g",
+        "mm",
+        "60.000",
+        "59.888",
+        "60.112",
+    ] in ends
+
+
+def test_parameters_known_together_are_named() -> None:
+    values = tuple(Value(name, "kg", 1.0, 0.1) for name in "abcd")
+    correlation = np.eye(4)
+    for i, j, r in ((0, 1, 0.951), (1, 2, -0.99), (2, 3, 0.949)):
+        correlation[i, j] = correlation[j, i] = r
+    found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
+    (note,) = (text for text in found.notes if text.startswith("correlated"))
+    assert note.endswith("b with c -0.990, a with b +0.951")
+
+
+def test_suspects_only_where_something_is_suspect() -> None:
+    assert "suspect" in str(ESTIMATE)
+    assert "suspect" not in str(ESTIMATE.with_(status="ok"))
+
+
+def test_what_matters_stands_first() -> None:
+    text = str(ESTIMATE)
+    places = [text.index(word) for word in ("parameters", "nuisance", "suspect", "derived")]
+    assert places == sorted(places)
+    batch = str(ESTIMATE.with_(method="batch"))  # the physical ones are derived there
+    assert batch.index("derived") < batch.index("nuisance")
+
+
+def test_sentences_break_between_words() -> None:
+    sentence = "warning: " + "some words " * 20
+    lines = page_text([sentence.strip()], 40).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert all(line.startswith("  ") for line in lines[1:])
+    assert page_text([sentence.strip()]) == sentence.strip()
+    assert " ".join(line.strip() for line in lines) == sentence.strip()

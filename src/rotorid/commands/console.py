@@ -8,7 +8,9 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 
@@ -25,16 +27,39 @@ _COLOURS = {
     "fails": "red",
 }
 _COLOURED = re.compile(
-    r"^warning: .*|(?<=: )(?:ok|rejected|not_identifiable|not_converged|predicts|fails)$", re.M
+    r"^warning[:,] .*(?:\n  .*)*"
+    r"|(?<=: )(?:ok|rejected|not_identifiable|not_converged|predicts|fails)$",
+    re.M,
 )
+
+
+STDOUT = Path("-")
+"""In place of a file: what is written goes to the standard output, and nothing else does."""
+_SILENT: ContextVar[bool] = ContextVar("silent", default=False)
+
+
+@contextmanager
+def silence(wanted: bool) -> Iterator[None]:
+    """Let `show` print nothing meanwhile, where that is wanted."""
+    token = _SILENT.set(wanted)
+    try:
+        yield
+    finally:
+        _SILENT.reset(token)
 
 
 def show(page: Page) -> None:
     """Print sentences and tables, as wide as the terminal and in colour where there is one."""
+    if _SILENT.get():
+        return
     text = page_text(page)
     if sys.stdout.isatty():
         text = page_text(page, shutil.get_terminal_size().columns)
         text = _COLOURED.sub(_coloured, text)
+    _print(text)
+
+
+def _print(text: str) -> None:
     try:
         print(text, flush=True)
     except BrokenPipeError:  # the reader has had enough, as with `rotorid models | head -1`
@@ -63,15 +88,21 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
 
 def check_outputs(*targets: Path | None) -> list[Path]:
     """Refuse what cannot be written before the work begins; return the targets there are."""
-    given = [path for path in targets if path is not None]
+    given = [path for path in targets if path is not None and path != STDOUT]
     for path in given:
         check_target(path)
     return given
 
 
 def write(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
-    """Write the outputs that are asked for, all or none."""
-    write_files({path: write for path, write in outputs if path is not None})
+    """Write the outputs that are asked for, all or none; then those to the standard output."""
+    given = [(path, write) for path, write in outputs if path is not None]
+    write_files({path: write for path, write in given if path != STDOUT})
+    for write in (write for path, write in given if path == STDOUT):
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "output"
+            write(file)
+            _print(file.read_text(encoding="utf-8").rstrip("\n"))
 
 
 def write_text(text: Callable[[], str]) -> Callable[[Path], object]:

@@ -21,6 +21,7 @@ def run(
     strict: bool,
     json: Path | None,
     report: Path | None,
+    intervals: bool,
     given: str,
 ) -> int:
     """Identify what an experiment file describes; the exit code says whether there is an answer."""
@@ -34,7 +35,7 @@ def run(
             estimate = identify(plan.model, records, estimator)
         except InputError as error:
             raise error.at(file=str(experiment)) from None
-    if targets:
+    if targets or json is not None:
         estimate = estimate.with_(provenance=provenance(plan, given))
 
     def html() -> str:
@@ -43,7 +44,7 @@ def run(
         return estimate_report(estimate, plan.model, records)
 
     write((json, estimate.save), (report, write_text(html)))
-    show(estimate.page)
+    show(estimate.summary(intervals=intervals))
     answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
     return OK if answered else NO_ANSWER
 

@@ -1,0 +1,106 @@
+"""The unbalance that an estimate states, as a balancer counts it: amount and angle per plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.estimate import Estimate, Unbalance
+from rotorid.models import Model
+from rotorid.models.evaluation import evaluate
+from rotorid.models.expression import symbol
+from rotorid.record import Complexes, Floats
+
+ANGLES = 2 * np.pi * np.arange(16) / 16  # rotor angles: tell the rotation from seven multiples
+TURNING = symbol("phi")
+ALIKE = 1e-9  # of the amount: two rows hold one unbalance, a quarter turn apart
+
+
+def unbalance_of(model: Model, estimate: Estimate) -> tuple[Unbalance, ...]:
+    """Return the unbalance of each plane with its deviations; nothing where it is not told.
+
+    A load of one row is Re(U Omega^2 exp(i phi)); x and y of one plane have U and -i U.
+    """
+    told = _base_of(model, estimate)
+    if told is None:
+        return ()
+    base, jacobian = told
+    columns = _columns(model)
+    amounts = columns @ base
+    answers = columns @ jacobian
+    return tuple(
+        _plane(model, rows, complex(amounts[rows[0]]), answers[rows[0]], estimate)
+        for rows in _planes(amounts)
+    )
+
+
+def _base_of(model: Model, estimate: Estimate) -> tuple[Floats, Floats] | None:
+    """Return the base parameters, and what they change by with each free one of the estimate."""
+    value = {v.name: v.value for v in estimate.parameters}
+    free = [v.name for v in estimate.free]
+    names = model.parameter_names if estimate.method == "ml" else model.base.names
+    if not set(names) <= set(value):
+        return None
+    values = np.array([value[name] for name in names])
+    if not np.isfinite(values).all():
+        return None
+    pick = np.array([[name == other for other in free] for name in names], dtype=float)
+    pick = pick.reshape(len(names), len(free))
+    if estimate.method != "ml":
+        return values, pick
+    return model.base_values(values), model.base_jacobian(values) @ pick
+
+
+def _columns(model: Model) -> Complexes:
+    """Return U / base parameter of each row, shape (row, base), at a speed of 1 rad/s."""
+    coefficients, _ = model.coefficients
+    columns = np.zeros(coefficients.shape[1:], dtype=complex)
+    for index, signal in enumerate(model.signals):
+        if model.moves(index) or TURNING not in signal.free_symbols:
+            continue
+        still: dict[str, Floats] = {
+            "t": np.zeros(len(ANGLES)),
+            "phi": ANGLES,
+            "Omega": np.ones(len(ANGLES)),
+        }
+        wave = np.asarray(evaluate(signal, still)) * np.ones(len(ANGLES))
+        if np.isfinite(wave).all():
+            columns -= coefficients[index] * (2 * wave * np.exp(-1j * ANGLES)).mean()
+    return columns
+
+
+def _planes(amounts: Complexes) -> list[tuple[int, ...]]:
+    """Return the rows of each plane, x before y; a load without a partner is alone."""
+    noise = 1e-12 * np.abs(amounts).max(initial=0.0)
+    rows = [i for i in range(len(amounts)) if np.abs(amounts[i]) > noise]
+    found: list[tuple[int, ...]] = []
+    while rows:
+        first = rows.pop(0)
+        amount = amounts[first]
+        after = [i for i in rows if abs(amounts[i] + 1j * amount) <= ALIKE * abs(amount)]
+        before = [i for i in rows if abs(amounts[i] - 1j * amount) <= ALIKE * abs(amount)]
+        if after:
+            found.append((first, after[0]))
+        elif before:
+            found.append((before[0], first))
+        else:
+            found.append((first,))
+        rows = [i for i in rows if i not in found[-1]]
+    return found
+
+
+def _plane(
+    model: Model, rows: tuple[int, ...], amount: complex, answer: Complexes, estimate: Estimate
+) -> Unbalance:
+    """Return one plane; its deviations by the delta method."""
+    names = [model.coordinates[row] for row in rows]
+    unit = "kg m^2" if model.units[names[0]] == "rad" else "kg m"
+    along = np.exp(-1j * np.angle(amount)) * answer  # real: amount; imaginary: angle
+    deviations: tuple[float | None, float | None] = (None, None)
+    covariance = estimate.covariance
+    if len(covariance) == len(answer) and np.isfinite(covariance).all():
+        parts = (along.real, along.imag / abs(amount))
+        first, second = (float(np.sqrt(max(p @ covariance @ p, 0.0))) for p in parts)
+        deviations = first, second
+    return Unbalance(
+        ", ".join(names), unit, abs(amount), float(np.angle(amount)), deviations[0], deviations[1]
+    )

@@ -1,0 +1,87 @@
+"""Unbalance as amount and angle: against closed forms, and draws from the covariance."""
+
+import numpy as np
+import pytest
+from bank import JEFFCOTT, THREE_MASS
+
+import rotorid as rid
+from rotorid.estimators.unbalance import unbalance_of
+
+
+def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:
+    """Return an estimate at the nominal values, all known equally well."""
+    model = rid.load_model(name)
+    values = tuple(rid.Value(p.name, p.unit, p.nominal, deviation) for p in model.parameters)
+    sizes = deviation * np.array([v.value for v in values])
+    return model, rid.Estimate(name, "ml", "ok", values, covariance=np.diag(sizes**2))
+
+
+def test_planes_of_the_three_mass_rotor():
+    model, estimate = made("three-mass", 1e-3)
+    static, couple = unbalance_of(model, estimate)
+    value = {v.name: v.value for v in estimate.parameters}
+    assert (static.plane, static.unit) == ("x2, y2", "kg m")
+    assert (couple.plane, couple.unit) == ("theta_x, theta_y", "kg m^2")
+    wanted = value["m2"] * (value["xi"] + 1j * value["zeta"])
+    assert static.amount * np.exp(1j * static.angle_rad) == pytest.approx(wanted, rel=1e-12)
+    wanted = (value["I_t"] - value["I_p"]) * (value["mu"] + 1j * value["eta"])
+    assert couple.amount * np.exp(1j * couple.angle_rad) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_deviations_are_those_of_draws():
+    model, estimate = made("rigid", 1e-3)
+    value = np.array([v.value for v in estimate.parameters])
+    rng = np.random.default_rng(3)
+    draws = value * (1 + 1e-3 * rng.standard_normal((20000, len(value))))
+    names = list(model.parameter_names)
+    m, xi, zeta = (draws[:, names.index(n)] for n in ("m", "xi", "zeta"))
+    static = unbalance_of(model, estimate)[0]
+    amounts = m * (xi + 1j * zeta)
+    assert static.std == pytest.approx(np.abs(amounts).std(), rel=0.03)
+    assert static.angle_std_rad == pytest.approx(np.angle(amounts).std(), rel=0.03)
+
+
+@pytest.mark.parametrize("problem", [THREE_MASS, JEFFCOTT], ids=lambda p: p.name)
+@pytest.mark.parametrize("method", ["batch", "ml"])
+def test_both_methods_state_the_same(problem, method):
+    found = rid.identify(problem.model, problem.records, method).unbalance
+    exact = unbalance_of(problem.model, truth_of(problem))
+    assert [u.plane for u in found] == [u.plane for u in exact]
+    for one, other in zip(found, exact, strict=True):
+        assert one.amount == pytest.approx(other.amount, rel=1e-6)
+        assert one.angle_rad == pytest.approx(other.angle_rad, rel=1e-6)
+
+
+def truth_of(problem) -> rid.Estimate:
+    names = problem.model.parameter_names
+    parameters = tuple(rid.Value(name, "", problem.truth[name], 0.0) for name in names)
+    return rid.Estimate("truth", "ml", "ok", parameters)
+
+
+def test_what_is_not_told_has_no_unbalance():
+    model, estimate = made("three-mass", 1e-3)
+    unknown = tuple(rid.Value(v.name, v.unit, np.nan) for v in estimate.parameters)
+    assert unbalance_of(model, estimate.with_(parameters=unknown)) == ()
+    assert unbalance_of(model, estimate.with_(parameters=estimate.parameters[1:])) == ()
+    bare = estimate.with_(covariance=np.full((13, 13), np.nan))
+    assert unbalance_of(model, bare)[0].std is None
+    emps = rid.load_model("emps")
+    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1.0) for p in emps.parameters)
+    assert unbalance_of(emps, rid.Estimate("emps", "ls", "ok", values)) == ()
+
+
+def test_a_load_of_one_axis_stands_alone():
+    model = rid.parse_model("""
+title = "one axis"
+equations = ["m*x'' + k*x = F + u*Omega^2*sin(phi)"]
+coordinates = { x = "m" }
+inputs = { F = "N" }
+[parameters]
+m = { unit = "kg" }
+k = { unit = "N/m" }
+u = { unit = "kg m" }""")
+    values = [rid.Value("m", "kg", 2.0), rid.Value("k", "N/m", 1e4), rid.Value("u", "kg m", 3e-5)]
+    (only,) = unbalance_of(model, rid.Estimate("m", "ml", "ok", tuple(values)))
+    assert only.plane == "x"
+    assert only.amount == pytest.approx(3e-5)
+    assert only.angle_rad == pytest.approx(-np.pi / 2)
