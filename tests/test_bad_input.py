@@ -329,6 +329,8 @@ def test_no_input_is_written_over(
     Case("").write(tmp_path)
     before = (tmp_path / target).read_bytes()
     assert run(["identify", "experiment.toml", option, target]) == 2
+    assert "did not write" in capsys.readouterr().err
+    assert run(["identify", "experiment.toml", option, target, "--force"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"rotorid: {target}: found an input of this run")
     assert (tmp_path / target).read_bytes() == before

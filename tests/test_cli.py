@@ -398,9 +398,9 @@ def test_the_report_of_a_result_made_in_python(folder: Path) -> None:
 def test_export(folder: Path, capsys: pytest.CaptureFixture[str], ending: str) -> None:
     assert cli.run(["identify", "run.toml", "--method", "batch", "--json", "run.json"]) == 0
     capsys.readouterr()
-    assert cli.run(["export", "run.json", "--to", f"run{ending}"]) == 0
-    assert capsys.readouterr().out == f"run{ending}: 5 parameters, 0 nuisance\n"
-    assert (folder / f"run{ending}").stat().st_size > 100
+    assert cli.run(["export", "run.json", "--to", f"out{ending}"]) == 0
+    assert capsys.readouterr().out == f"out{ending}: 5 parameters, 0 nuisance\n"
+    assert (folder / f"out{ending}").stat().st_size > 100
 
 
 def test_a_validation_that_fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

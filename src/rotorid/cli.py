@@ -6,9 +6,14 @@ Nothing here does work or loads what works: each command is handed to the module
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import logging
+import os
 import shlex
+import signal
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -17,8 +22,13 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from rotorid.commands import INTERRUPTED, NO_ANSWER, OK, WRONG_INPUT
+from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
+from rotorid.commands.console import STDOUT, put, silence
+from rotorid.errors import InputError, UnfinishedError
+from rotorid.screen import LINE, one_line
 
+MAX_RUNS = 100_000  # of the demonstration: a day's work
+MAX_SEED = 2**128 - 1  # what a generator keeps of it
 _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
@@ -27,8 +37,6 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
-    from rotorid.commands.console import STDOUT, silence
-
     work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
     with silence(quiet or STDOUT in options.values()):
         return work(**options)
@@ -56,8 +64,14 @@ def _debug_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
+def _force_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    told = "Replace files that the command did not write itself."
+    return click.option("--force", is_flag=True, help=told)(command)
+
+
 def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
     command = _quiet_option(command)
+    command = _force_option(command)
     command = click.option("--report", type=_FILE, help="Write a report (HTML).")(command)
     told = "Write the result (JSON); - writes it, and nothing else, to the standard output."
     return click.option("--json", type=_FILE, help=told)(command)
@@ -94,7 +108,7 @@ def cli() -> None:
 @cli.command(epilog=_example("rotorid demo --report demo.html"))
 @click.option(
     "--runs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(min=1, max=MAX_RUNS),
     default=60,
     show_default=True,
     help="Records, each with its own noise.",
@@ -142,6 +156,7 @@ def validate(**options: Any) -> int:
 @click.argument("result", type=_FILE)
 @click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")
 @_quiet_option
+@_force_option
 @_debug_option
 def report(**options: Any) -> int:
     """Write the report of RESULT again, a file of identify --json."""
@@ -152,6 +167,7 @@ def report(**options: Any) -> int:
 @click.argument("result", type=_FILE)
 @click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat or .tex.")
 @_quiet_option
+@_force_option
 @_debug_option
 def export(**options: Any) -> int:
     """Write the parameters of RESULT, and their covariance, for other programs."""
@@ -161,11 +177,13 @@ def export(**options: Any) -> int:
 @cli.command(epilog=_example("rotorid simulate three-mass --out run.h5"))
 @click.argument("rig", required=False, shell_complete=_names_in("rig"))
 @click.option("--out", type=_FILE, help="The record to write (.h5).")
-@click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
+@click.option(
+    "--seed", type=click.IntRange(min=0, max=MAX_SEED), help="Of the noise, in place of the file's."
+)
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
 @click.option("--faults", is_flag=True, help="List the faults.")
-@click.option("--force", is_flag=True, help="Replace files that simulate did not write itself.")
 @_quiet_option
+@_force_option
 @_debug_option
 def simulate(**options: Any) -> int:
     """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
@@ -180,6 +198,7 @@ def simulate(**options: Any) -> int:
     shell_complete=_names_in("models"),
 )
 @click.option("--out", type=_FILE, help="The experiment file to write; else it is printed.")
+@_force_option
 @_debug_option
 def new(**options: Any) -> int:
     """Write a draft experiment file for the records in FILE, with what is left to say."""
@@ -198,41 +217,99 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit code; errors become one line on stderr."""
     given = shlex.join(["rotorid", *arguments])
     try:
-        code = cli.main(args=list(arguments), prog_name="rotorid", standalone_mode=False, obj=given)
-        sys.stdout.flush()
+        code = cli.main(list(arguments), "rotorid", standalone_mode=False, obj=given)
+        put("", sys.stdout)  # what click has printed may wait in a buffer
         return int(code or OK)
     except (click.Abort, KeyboardInterrupt):
         return _say("interrupted", INTERRUPTED)
+    except Stopped as stopped:
+        return _say("terminated", SIGNALLED + stopped.signal)
+    except click.exceptions.Exit as end:  # the reader of the output has gone
+        return end.exit_code
     except Exception as error:
+        with contextlib.suppress(OSError):
+            put("", sys.stdout)
+        if isinstance(error, BrokenPipeError):  # of click's: as where we print ourselves
+            return BROKEN_PIPE
         if "--debug" in arguments:
             raise
-        return _explain(error)
+        return _say(*_explained(error))
 
 
-def _explain(error: Exception) -> int:
-    """Say in one line what went wrong, and return the exit code."""
+def _explained(error: Exception) -> tuple[str, int]:
+    """Return what went wrong in words, and the exit code.
+
+    What users meet is an `InputError` or an error of the machine with the name of a file.
+    Anything else is a fault of the program, whatever its class.
+    """
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "rotorid"
-        return _say(f"{error.format_message()} See {path} --help.", WRONG_INPUT)
+        return f"{one_line(error.format_message(), LINE - 60)} See {path} --help.", WRONG_INPUT
     if isinstance(error, click.ClickException):
-        return _say(error.format_message(), WRONG_INPUT)
+        return error.format_message(), WRONG_INPUT
+    if isinstance(error, InputError):
+        return str(error), WRONG_INPUT
+    if isinstance(error, UnfinishedError):
+        return str(error), NO_ANSWER
     if isinstance(error, OSError) and error.filename is not None:
-        return _say(f"{error.filename}: {error.strerror}", WRONG_INPUT)
-    if isinstance(error, ValueError | OSError):
-        return _say(str(error), WRONG_INPUT)
+        return f"{one_line(str(error.filename))}: {error.strerror}", WRONG_INPUT
+    if isinstance(error, OSError):
+        return error.strerror or str(error), WRONG_INPUT
     if isinstance(error, MemoryError):
-        return _say("out of memory; use a shorter record or fewer lines", WRONG_INPUT)
-    name = type(error).__name__
-    return _say(f"internal error, {name}: {error}; --debug shows where", NO_ANSWER)
+        return "out of memory; use a shorter record or fewer lines", WRONG_INPUT
+    name, said = type(error).__name__, one_line(str(error))
+    if isinstance(error, OverflowError | FloatingPointError) or name == "LinAlgError":
+        found = "numbers that cannot be computed with"
+        cure = "check units and scales; --debug shows where"
+        return f"{found} ({name}: {said}); expected columns of ordinary size; {cure}", NO_ANSWER
+    return f"internal error, {name}: {said}; --debug shows where", NO_ANSWER
 
 
 def _say(message: str, code: int) -> int:
-    print("rotorid:", " ".join(message.split()), file=sys.stderr)
+    """Print one line on stderr, if anyone reads it."""
+    with contextlib.suppress(OSError):
+        put(f"rotorid: {one_line(message, LINE)}\n", sys.stderr)
     return code
+
+
+class Stopped(BaseException):
+    """SIGTERM or SIGHUP: what is half done is cleared away, as it is by an interrupt."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.signal = number
+
+
+def _stop(number: int, _: object) -> None:
+    raise Stopped(number)
+
+
+def _prepare(arguments: Sequence[str]) -> None:
+    """Make a process fit for a terminal, a pipe and a supervisor."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # What is ignored stays so, as under nohup.
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _stop)
+    for stream in range(3):
+        try:
+            os.fstat(stream)
+        except OSError:  # closed: the next file to be opened would take its place
+            os.open(os.devnull, os.O_RDWR)
+    if "--debug" not in arguments and not sys.warnoptions:
+        # What libraries have to say is for developers; what users must know stands in the answer.
+        warnings.simplefilter("ignore")
+        logging.lastResort = None
+    # What a command loads stays until its end: to search it for garbage takes a tenth of a start.
+    gc.set_threshold(100_000)
 
 
 def main() -> None:
     """Run the command line of this process."""
-    # What a command loads stays until its end: to search it for garbage takes a tenth of a start.
-    gc.set_threshold(100_000)
-    sys.exit(run(sys.argv[1:]))
+    arguments = sys.argv[1:]
+    try:
+        _prepare(arguments)
+        code = run(arguments)
+    except Stopped as stopped:  # before or after the work
+        code = SIGNALLED + stopped.signal
+    sys.exit(code)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rotorid.screen import one_line
+
 
 class InputError(ValueError):
     """Input that cannot be used, said in one line.
@@ -29,9 +31,9 @@ class InputError(ValueError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        where = [part for part in (self.file, self.place) if part]
-        text = f"found {self.found}; expected {self.expected}; {self.cure}"
-        return " ".join(": ".join([*where, text]).split())
+        where = [one_line(part) for part in (self.file, self.place) if part]
+        found, expected, cure = map(one_line, (self.found, self.expected, self.cure))
+        return ": ".join([*where, f"found {found}; expected {expected}; {cure}"])
 
     def at(self, *, file: str = "", place: str = "") -> InputError:
         """Return the same error with the file and the outer place that the caller knows."""
@@ -45,6 +47,10 @@ class ReadError(InputError):
 
 class ModelError(InputError):
     """Equations, names or units that make no model."""
+
+
+class UnfinishedError(Exception):
+    """What was asked for beside the answer, and could not be made; the answer stands."""
 
 
 class NotConvergedError(Exception):

@@ -30,6 +30,7 @@ from rotorid.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.record import Check, Floats
 from rotorid.tables import Page, Table, page_html, page_text, table
 from rotorid.values import ByContent, read_only
+from rotorid.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -499,8 +500,11 @@ class Estimate(ByContent):
         OSError
             Where the file cannot be written.
         """
-        text = TypeAdapter(dict[str, Any]).dump_json(self.to_dict(), indent=2)
-        Path(path).write_bytes(text + b"\n")
+        write_whole(path, self.to_json())
+
+    def to_json(self) -> bytes:
+        """Return the content of the result file."""
+        return TypeAdapter(dict[str, Any]).dump_json(self.to_dict(), indent=2) + b"\n"
 
 
 _TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds

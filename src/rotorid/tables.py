@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from html import escape
 from textwrap import fill
 
+from rotorid.screen import CELL, SENTENCE, one_line, printable, shortened
+
 GAP = "  "
 NARROW = 20  # characters, below which sentences are not broken any further
 LONG = 30  # characters, from which a cell of words may be broken
@@ -35,7 +37,7 @@ class Table:
     def text(self, width: int | None = None) -> str:
         """Return aligned columns; those that do not fit a width follow below, with the names."""
         columns = [
-            _aligned(cells, right)
+            _aligned([one_line(cell, CELL) for cell in cells], right)
             for cells, right in zip(
                 zip(self.headings, *self.rows, strict=True), self.numeric, strict=True
             )
@@ -84,7 +86,8 @@ def page_text(page: Page, width: int | None = None) -> str:
                 parts.append("")
             parts += [part.text(width), ""]
         else:
-            parts.append(part if width is None else _wrapped(part, width))
+            text = shortened(printable(part), SENTENCE)
+            parts.append(text if width is None else _wrapped(text, width))
     return "\n".join(parts).rstrip("\n")
 
 
@@ -100,7 +103,9 @@ def _wrapped(sentence: str, width: int) -> str:
 
 def page_html(page: Page) -> str:
     """Return sentences and tables as HTML."""
-    return "".join(p.html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in page)
+    return "".join(
+        part.html() if isinstance(part, Table) else f"<p>{_escaped(part)}</p>" for part in page
+    )
 
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
@@ -123,4 +128,10 @@ def _aligned(cells: Sequence[str], right: bool) -> list[str]:
 
 
 def _cell(tag: str, text: str, mark: str) -> str:
-    return f"<{tag} {mark}>{escape(text)}</{tag}>" if mark else f"<{tag}>{escape(text)}</{tag}>"
+    said = _escaped(text)
+    return f"<{tag} {mark}>{said}</{tag}>" if mark else f"<{tag}>{said}</{tag}>"
+
+
+def _escaped(text: str) -> str:
+    """Return a text for a page, where a newline is a blank like any other."""
+    return escape(printable(text, keep="\n"))

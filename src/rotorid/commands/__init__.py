@@ -1,7 +1,10 @@
 """What each command does, a module each with one function `run`; and the exit codes."""
 
 OK = 0  # done; the data may reject the model, which a warning says
-NO_ANSWER = 1  # not identifiable, not converged, a validation that fails, rejected with --strict
+# Not identifiable, not converged, a validation that fails, rejected with --strict; or the answer
+# stands, but its report could not be made.
+NO_ANSWER = 1
 WRONG_INPUT = 2  # wrong usage or unreadable input: one line, nothing written
 INTERRUPTED = 130  # as a shell has it for SIGINT
 BROKEN_PIPE = 141  # and for SIGPIPE
+SIGNALLED = 128  # plus the number of any other signal

@@ -1,7 +1,10 @@
-"""What commands share: printing, progress, files written whole or not at all."""
+"""What commands share: printing, progress, and what is written in which order."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import math
 import os
 import re
 import shutil
@@ -10,14 +13,27 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any, TextIO
 
 import click
 
 from rotorid.commands import BROKEN_PIPE
-from rotorid.io.output import check_target, write_files
+from rotorid.errors import InputError, UnfinishedError
+from rotorid.screen import one_line
 from rotorid.tables import Page, page_text
+from rotorid.writing import Content, Kind, check_target, write_files
 
+Output = tuple[Path | None, Content]
+RESULT = Kind("rotorid identify --json", rb'\{\s*"schema": "rotorid-estimate/')
+INSPECTION = Kind("rotorid inspect --json", rb'\{\s*"verdict": "\w+",\s*"checks": \[')
+VALIDATION = Kind("rotorid validate --json", rb'\{\s*"verdict": "\w+",\s*"channels": \[')
+FIGURES = Kind("rotorid demo --json", rb'\{\s*"runs": \d+,\s*"noise": \{')
+REPORT = Kind(
+    "rotorid ... --report",
+    rb'<!DOCTYPE html>[^>]*>\s*<head>\s*<meta name="generator" content="rotorid ',
+)
+# A draft is made to be edited, and names nothing that a hand would not write.
+DRAFT = Kind("rotorid new", rb"(?!)")
 _COLOURS = {
     "rejected": "yellow",
     "ok": "green",
@@ -53,18 +69,44 @@ def show(page: Page) -> None:
     if _SILENT.get():
         return
     text = page_text(page)
-    if sys.stdout.isatty():
+    if sys.stdout is not None and sys.stdout.isatty():
         text = page_text(page, shutil.get_terminal_size().columns)
         text = _COLOURED.sub(_coloured, text)
-    _print(text)
+    say(text + "\n")
 
 
-def _print(text: str) -> None:
+def say(text: str) -> None:
+    """Print a text as it is.
+
+    Raises
+    ------
+    click.exceptions.Exit
+        Where its reader has had enough, as with ``rotorid models | head -1``.
+    OSError
+        Where it cannot be printed, as on a full disk.
+    """
     try:
-        print(text, flush=True)
-    except BrokenPipeError:  # the reader has had enough, as with `rotorid models | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        put(text, sys.stdout)
+    except BrokenPipeError:
         raise click.exceptions.Exit(BROKEN_PIPE) from None
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "standard output") from None
+
+
+def put(text: str, stream: TextIO | None) -> None:
+    """Write a text to a stream that may be closed, and say nothing more there if it fails."""
+    if stream is None:  # closed before the process began: nobody wants to read it
+        return
+    try:
+        # Not what the stream's encoding lacks, as in a terminal without UTF-8, is a reason to fail.
+        encoding = stream.encoding or "utf-8"
+        stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        stream.flush()
+    except OSError:
+        # What is left in its buffer would be tried again at the end, and fail there.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        raise
 
 
 def _coloured(found: re.Match[str]) -> str:
@@ -75,7 +117,7 @@ def _coloured(found: re.Match[str]) -> str:
 @contextmanager
 def progress(description: str) -> Iterator[Callable[[int, int], None]]:
     """Show the progress of long work on a terminal; nothing where the output is a pipe."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda done, total: None
         return
     from rich.console import Console  # for terminals only
@@ -86,25 +128,80 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bars.update(task, completed=done, total=total)
 
 
-def check_outputs(*targets: Path | None) -> list[Path]:
+def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> list[Path]:
     """Refuse what cannot be written before the work begins; return the targets there are."""
-    given = [path for path in targets if path is not None and path != STDOUT]
-    for path in given:
-        check_target(path)
-    return given
+    given = [(path, kind) for path, kind in targets if path is not None and path != STDOUT]
+    for path, kind in given:
+        check_target(path, kind, force=force)
+    return [path for path, _ in given]
 
 
-def write(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
+def write(*outputs: Output) -> None:
     """Write the outputs that are asked for, all or none; then those to the standard output."""
-    given = [(path, write) for path, write in outputs if path is not None]
-    write_files({path: write for path, write in given if path != STDOUT})
-    for write in (write for path, write in given if path == STDOUT):
-        with TemporaryDirectory() as folder:
-            file = Path(folder) / "output"
-            write(file)
-            _print(file.read_text(encoding="utf-8").rstrip("\n"))
+    given = [(path, content) for path, content in outputs if path is not None]
+    try:
+        write_files({path: content for path, content in given if path != STDOUT})
+    except OSError as error:
+        raise InputError(
+            str(error.strerror),
+            "a file that can be written",
+            "make room there, or write elsewhere",
+            file=str(error.filename or ""),
+        ) from error
+    for content in (content for path, content in given if path == STDOUT):
+        say(content().decode())
 
 
-def write_text(text: Callable[[], str]) -> Callable[[Path], object]:
-    """Return a writer of a text that is made when it is needed."""
-    return lambda path: path.write_text(text(), encoding="utf-8")
+def answer(page: Page, *, json: Output, report: Output) -> None:
+    """Write the figures, show the page, and make the report last.
+
+    Each is done whatever becomes of the others: the work before may have taken hours, and a
+    report has pictures, fonts and settings that can fail.
+    """
+    faults: list[Exception] = []
+    try:
+        write(json)
+    except (InputError, click.exceptions.Exit, OSError) as error:
+        faults.append(error)
+    try:
+        show(page)
+    except (click.exceptions.Exit, OSError) as error:
+        faults.append(error)
+    if not any(isinstance(fault, InputError) for fault in faults):
+        try:
+            write(report)
+        except Exception as error:
+            faults.insert(0, _unfinished(report, error))
+    if faults:
+        raise faults[0]
+
+
+def _unfinished(report: Output, error: Exception) -> UnfinishedError:
+    """Say that the report is missing, and only that."""
+    if isinstance(error, InputError):
+        found = error.found
+    else:
+        found = f"{type(error).__name__}: {error}; --debug shows where"
+    told = UnfinishedError(
+        f"{one_line(str(report[0]))}: no report: {one_line(found)}; the answer stands"
+    )
+    told.__cause__ = error
+    return told
+
+
+def as_text(text: Callable[[], str]) -> Content:
+    """Return the content of a file that holds a text, made when it is needed."""
+    return lambda: text().encode("utf-8", "backslashreplace")
+
+
+def as_json(data: Any) -> Content:
+    """Return the content of a file that holds plain data; null stands for what is not finite."""
+    return as_text(lambda: json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -7,16 +7,24 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.commands import OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import (
+    FIGURES,
+    REPORT,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
 from rotorid.demo import run_demo
 from rotorid.report.demo_page import demo_page
 
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
 
 
-def run(runs: int, json: Path | None, report: Path | None) -> int:
+def run(runs: int, json: Path | None, report: Path | None, force: bool) -> int:
     """Run the example and show its table beside the paper's."""
-    check_outputs(json, report)
+    check_outputs((json, FIGURES), (report, REPORT), force=force)
     with progress("simulating and identifying") as told:
         result = run_demo(runs, rng=np.random.default_rng(NOISE), progress=told)
 
@@ -25,6 +33,6 @@ def run(runs: int, json: Path | None, report: Path | None) -> int:
 
         return demo_report(result)
 
-    write((json, result.save), (report, write_text(html)))
-    show(demo_page(result))
+    figures = as_json(result.to_dict())
+    answer(demo_page(result), json=(json, figures), report=(report, as_text(html)))
     return OK

@@ -7,15 +7,15 @@ from pathlib import Path
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, show, write
 from rotorid.estimate import load_estimate
-from rotorid.io.output import check_apart
-from rotorid.results.export import export
+from rotorid.results.export import exported, kind_of
+from rotorid.writing import check_apart
 
 
-def run(result: Path, target: Path) -> int:
+def run(result: Path, target: Path, force: bool) -> int:
     """Write a result for another program."""
-    targets = check_outputs(target)
+    targets = check_outputs((target, kind_of(target)), force=force)
     estimate = load_estimate(result)
     check_apart(targets, [result])
-    write((target, lambda path: export(estimate, path, ending=target.suffix)))
+    write((target, lambda: exported(estimate, target)))
     show([f"{target}: {len(estimate.parameters)} parameters, {len(estimate.nuisance)} nuisance"])
     return OK

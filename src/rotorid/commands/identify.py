@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
 from rotorid.errors import InputError
 from rotorid.estimate import Provenance, SourceFile
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
-from rotorid.io.output import check_apart
+from rotorid.writing import check_apart
 
 
 def run(
@@ -22,10 +22,11 @@ def run(
     json: Path | None,
     report: Path | None,
     intervals: bool,
+    force: bool,
     given: str,
 ) -> int:
     """Identify what an experiment file describes; the exit code says whether there is an answer."""
-    targets = check_outputs(json, report)
+    targets = check_outputs((json, RESULT), (report, REPORT), force=force)
     with progress("reading"):
         plan = load_experiment(experiment)
         check_apart(targets, plan.files)
@@ -43,8 +44,8 @@ def run(
 
         return estimate_report(estimate, plan.model, records)
 
-    write((json, estimate.save), (report, write_text(html)))
-    show(estimate.summary(intervals=intervals))
+    page = estimate.summary(intervals=intervals)
+    answer(page, json=(json, estimate.to_json), report=(report, as_text(html)))
     answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
     return OK if answered else NO_ANSWER
 

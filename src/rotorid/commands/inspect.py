@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-import json as json_format
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import (
+    INSPECTION,
+    REPORT,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
 from rotorid.experiment.inspecting import inspect_experiment
 from rotorid.line_inspection import LineInspection
 from rotorid.record import Check
@@ -17,9 +24,9 @@ from rotorid.signals.checks import worst
 from rotorid.signals.inspection import Inspection
 
 
-def run(experiment: Path, json: Path | None, report: Path | None) -> int:
+def run(experiment: Path, json: Path | None, report: Path | None, force: bool) -> int:
     """Say what is in the records of an experiment, before identifying."""
-    check_outputs(json, report)
+    check_outputs((json, INSPECTION), (report, REPORT), force=force)
     with progress("reading"):
         found, told = inspect_experiment(experiment)
     page = [part for one in found for part in inspection_page(one)]
@@ -31,13 +38,11 @@ def run(experiment: Path, json: Path | None, report: Path | None) -> int:
 
         return inspection_report(experiment.name, found, told)
 
-    text = json_format.dumps(as_json(found), indent=2, allow_nan=False)
-    write((json, write_text(lambda: text + "\n")), (report, write_text(html)))
-    show(page)
+    answer(page, json=(json, as_json(content_of(found))), report=(report, as_text(html)))
     return OK
 
 
-def as_json(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
+def content_of(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
     """Return what was found, as the interface has it; several records side by side."""
     parts = [_one(one) if isinstance(one, Inspection) else _table(one) for one in found]
     first = dict(parts[0])

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from rotorid.commands import OK
-from rotorid.commands.console import check_outputs, progress, write, write_text
-from rotorid.errors import InputError
+from rotorid.commands.console import DRAFT, as_text, check_outputs, progress, say, write
 from rotorid.experiment.draft import draft
+from rotorid.screen import printable
 
 
-def run(files: tuple[Path, ...], model: str | None, out: Path | None) -> int:
+def run(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:
     """Write a draft experiment file for some records."""
-    check_outputs(out)
-    if out is not None and out.exists():
-        raise InputError("a file", "a new one", "choose another name, or delete it", file=str(out))
+    check_outputs((out, DRAFT), force=force)
     with progress("reading"):
-        text = draft(files, model, Path() if out is None else out.parent)
+        folder = Path() if out is None else out.parent
+        text = printable(draft(files, model, folder), keep="\n")
     if out is None:
-        click.echo(text, nl=False)
+        say(text)
     else:
-        write((out, write_text(lambda: text)))
+        write((out, as_text(lambda: text)))
     return OK

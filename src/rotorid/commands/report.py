@@ -8,20 +8,20 @@ from hashlib import file_digest
 from pathlib import Path
 
 from rotorid.commands import OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import REPORT, as_text, check_outputs, progress, show, write
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.experiment import load_experiment
-from rotorid.io.output import check_apart
 from rotorid.models import Model
 from rotorid.observation import Measured
 from rotorid.report.estimate import estimate_report
+from rotorid.writing import check_apart
 
 
-def run(result: Path, out: Path | None) -> int:
+def run(result: Path, out: Path | None, force: bool) -> int:
     """Write the report of a result again, with its records where they are still as they were."""
     target = result.with_suffix(".html") if out is None else out
-    targets = check_outputs(target)
+    targets = check_outputs((target, REPORT), force=force)
     estimate = load_estimate(result)
     files = [] if estimate.provenance is None else estimate.provenance.files
     check_apart(
@@ -31,7 +31,7 @@ def run(result: Path, out: Path | None) -> int:
         missing = moved(estimate)
         model, records = (None, ()) if missing else read_again(estimate)
     notes = [f"{missing}: the records are left out"] if missing else []
-    write((target, write_text(lambda: estimate_report(estimate, model, records, notes))))
+    write((target, as_text(lambda: estimate_report(estimate, model, records, notes))))
     show([*notes, f"report: {target}"])
     return OK
 

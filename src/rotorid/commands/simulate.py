@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from rotorid.commands import OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import as_text, check_outputs, progress, show, write
 from rotorid.errors import InputError
 from rotorid.report.rig import fault_page, record_page
-from rotorid.rig.export import experiment_path, experiment_text, require_own, write_record
+from rotorid.rig.export import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
 from rotorid.rig.file import load_rig
 
 
@@ -32,16 +31,13 @@ def run(
             "name both: a rig, such as three-mass, and the record to write, such as run.h5",
         )
     experiment = experiment_path(out, rig)
-    check_outputs(out, experiment)
-    if not force:
-        require_own(out)
-        require_own(experiment)
+    check_outputs((out, RECORD), (experiment, EXPERIMENT), force=force)
     plan = load_rig(rig).with_faults(fault)
     with progress("running"):
         record = plan.record(seed)
     write(
-        (out, partial(write_record, record, rig_text=plan.text, faults=fault)),
-        (experiment, write_text(lambda: experiment_text(plan, record, out.name))),
+        (out, lambda: record_bytes(record, rig_text=plan.text, faults=fault)),
+        (experiment, as_text(lambda: experiment_text(plan, record, out.name))),
     )
     show(record_page(record, str(out), str(experiment)))
     return OK

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
-import json as json_format
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import check_outputs, progress, show, write, write_text
+from rotorid.commands.console import (
+    REPORT,
+    VALIDATION,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
 from rotorid.errors import InputError
 from rotorid.estimate import Prediction, load_estimate
 from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
-from rotorid.io.output import check_apart
 from rotorid.report.text import information_lines, prediction_table
 from rotorid.tables import Page
 from rotorid.validation import ChannelError, channel_errors, verdict_of
+from rotorid.writing import check_apart
 
 
-def run(result: Path, experiment: Path, json: Path | None, report: Path | None) -> int:
+def run(result: Path, experiment: Path, json: Path | None, report: Path | None, force: bool) -> int:
     """Predict the records of an experiment with a result."""
-    targets = check_outputs(json, report)
+    targets = check_outputs((json, VALIDATION), (report, REPORT), force=force)
     estimate = load_estimate(result)
     with progress("reading"):
         plan = load_experiment(experiment)
@@ -47,9 +54,7 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None) 
         return validation_report(estimate, plan.model, records, page)
 
     content = {"verdict": verdict, "channels": channels(found)}
-    text = json_format.dumps(content, indent=2, allow_nan=False)
-    write((json, write_text(lambda: text + "\n")), (report, write_text(html)))
-    show(page)
+    answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
     return OK if verdict == "predicts" else NO_ANSWER
 
 

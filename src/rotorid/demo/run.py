@@ -36,6 +36,7 @@ from rotorid.models import Model, load_model
 from rotorid.record import Floats, PeriodicRecord, Record
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
+from rotorid.writing import write_whole
 
 SPEED = 2 * np.pi * 140.0  # rad/s
 FUNDAMENTAL = 20.0  # Hz
@@ -157,7 +158,7 @@ class DemoResult:
     def save(self, path: str | Path) -> None:
         """Write the figures (JSON)."""
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        write_whole(path, f"{text}\n".encode())
 
 
 def excitation(model: Model) -> Floats:

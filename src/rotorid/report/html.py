@@ -7,9 +7,11 @@ from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from rotorid.plots.style import data_uri
+from rotorid.screen import printable
 
 
 @dataclass(frozen=True)
@@ -26,11 +28,18 @@ def picture(figure: Figure, title: str, caption: str) -> Picture:
     return Picture(data_uri(figure), title, caption)
 
 
+def _printable(value: Any) -> Any:
+    """Return what a page shows of a value; what is already HTML stays as it is."""
+    plain = isinstance(value, str) and not isinstance(value, Markup)
+    return printable(value, keep="\n\t") if plain else value
+
+
 @cache
 def _environment() -> Environment:
     return Environment(
         loader=PackageLoader("rotorid.report"),
         autoescape=True,
+        finalize=_printable,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

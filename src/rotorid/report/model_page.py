@@ -30,7 +30,7 @@ def model_page(model: Model) -> Page:
         f"{model.name}: {model.title}",
         *([f"source: {model.source}"] if model.source else []),
         "",
-        *(f"{i + 1}. {text}" for i, text in enumerate(model.texts)),
+        *(f"{i + 1}. {' '.join(text.split())}" for i, text in enumerate(model.texts)),
         table(("signal", "kind", "unit"), signals),
         table(("parameter", "unit", "nominal"), map(_parameter, model.parameters)),
         table(("base parameter", "unit"), zip(model.base.names, model.base.units, strict=True)),

@@ -5,13 +5,20 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterable
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Value
+from rotorid.screen import one_line, printable
+from rotorid.writing import Kind, write_whole
 
+_COLUMNS = ("kind", "name", "unit", "value", "std", "std_inflated", "fixed")
+_MAT_TEXT = b"MATLAB 5.0 MAT-file, written by rotorid export"
+_MAT_TEXT_BYTES = 116
+_TEX_MARK = "% Written by rotorid export: "
 _LATEX = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _LATEX |= {c: "\\" + c for c in "&%$#_{}"}
 
@@ -45,6 +52,20 @@ def export(estimate: Estimate, path: str | Path, *, ending: str | None = None) -
     >>> print(path.read_text().splitlines()[1])
     parameter,m,kg,2.0,0.01,,False,0.0001
     """
+    write_whole(path, exported(estimate, path, ending=ending))
+
+
+def exported(estimate: Estimate, path: str | Path, *, ending: str | None = None) -> bytes:
+    """Return the content of the file that `export` writes."""
+    return WRITERS[_known_ending(path, ending)](estimate)
+
+
+def kind_of(path: str | Path) -> Kind:
+    """Return how a file of this name is known as written by `export`."""
+    return Kind("rotorid export", _BEGINS[_known_ending(path)])
+
+
+def _known_ending(path: str | Path, ending: str | None = None) -> str:
     ending = (ending or Path(path).suffix).lower()
     if ending not in WRITERS:
         raise InputError(
@@ -53,7 +74,7 @@ def export(estimate: Estimate, path: str | Path, *, ending: str | None = None) -
             "name the file so, for example result.csv",
             file=str(path),
         )
-    WRITERS[ending](estimate, Path(path))
+    return ending
 
 
 def _quantities(estimate: Estimate) -> Iterable[tuple[str, Value]]:
@@ -71,19 +92,19 @@ def _covariance_names(estimate: Estimate) -> list[str]:
     return names if len(names) == len(estimate.covariance) else []
 
 
-def _write_csv(estimate: Estimate, path: Path) -> None:
+def _csv(estimate: Estimate) -> bytes:
     names = _covariance_names(estimate)
     covariance = iter(estimate.covariance.tolist() if names else [])
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        columns = ["kind", "name", "unit", "value", "std", "std_inflated", "fixed"]
-        writer.writerow([*columns, *(f"cov[{name}]" for name in names)])
-        for kind, v in _quantities(estimate):
-            row: list[float] = next(covariance, []) if kind != "derived" and not v.fixed else []
-            writer.writerow([kind, v.name, v.unit, v.value, v.std, v.std_inflated, v.fixed, *row])
+    stream = StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([*_COLUMNS, *(f"cov[{name}]" for name in names)])
+    for kind, v in _quantities(estimate):
+        row: list[float] = next(covariance, []) if kind != "derived" and not v.fixed else []
+        writer.writerow([kind, v.name, v.unit, v.value, v.std, v.std_inflated, v.fixed, *row])
+    return _encoded(stream.getvalue())
 
 
-def _write_mat(estimate: Estimate, path: Path) -> None:
+def _mat(estimate: Estimate) -> bytes:
     from scipy.io import savemat  # only here
 
     def cells(texts: Iterable[str]) -> np.ndarray:
@@ -106,10 +127,13 @@ def _write_mat(estimate: Estimate, path: Path) -> None:
         "covariance": estimate.covariance,
         "covariance_name": cells(_covariance_names(estimate)),
     }
-    savemat(str(path), {"estimate": content}, appendmat=False, oned_as="column")
+    stream = BytesIO()
+    savemat(stream, {"estimate": content}, oned_as="column")  # type: ignore[arg-type]
+    # The text at its beginning is free; with the date that stands there no two files are alike.
+    return _MAT_TEXT.ljust(_MAT_TEXT_BYTES) + stream.getvalue()[_MAT_TEXT_BYTES:]
 
 
-def _write_tex(estimate: Estimate, path: Path) -> None:
+def _tex(estimate: Estimate) -> bytes:
     tables = [(t.headings, t.rows, t.numeric) for t in estimate.value_tables]
     names = _covariance_names(estimate)
     if names:
@@ -118,25 +142,31 @@ def _write_tex(estimate: Estimate, path: Path) -> None:
             for name, row in zip(names, estimate.covariance, strict=True)
         )
         tables.append((("covariance", *names), rows, (False, *[True] * len(names))))
-    title = f"% {estimate.model}, {estimate.method}: {estimate.status}".replace("\n", " ")
-    lines = [title]
+    title = f"{estimate.model}, {estimate.method}: {estimate.status}"
+    lines = [_TEX_MARK + one_line(title)]
     for headings, body, numeric in tables:
         lines += [rf"\begin{{tabular}}{{{''.join('r' if n else 'l' for n in numeric)}}}", r"\hline"]
         lines += [_tex_row(headings), r"\hline", *map(_tex_row, body)]
         lines += [r"\hline", r"\end{tabular}", ""]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    return _encoded("\n".join(lines))
 
 
 def _tex_row(cells: Iterable[str]) -> str:
-    return " & ".join(re.sub(r"[\\^~&%$#_{}]", _escaped, cell) for cell in cells) + r" \\"
+    said = (re.sub(r"[\\^~&%$#_{}]", _escaped, printable(cell)) for cell in cells)
+    return " & ".join(said) + r" \\"
 
 
 def _escaped(found: re.Match[str]) -> str:
     return _LATEX[found.group()]
 
 
-WRITERS: dict[str, Callable[[Estimate, Path], None]] = {
-    ".csv": _write_csv,
-    ".mat": _write_mat,
-    ".tex": _write_tex,
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "backslashreplace")
+
+
+WRITERS: dict[str, Callable[[Estimate], bytes]] = {".csv": _csv, ".mat": _mat, ".tex": _tex}
+_BEGINS = {
+    ".csv": re.escape(",".join(_COLUMNS).encode()),
+    ".mat": re.escape(_MAT_TEXT),
+    ".tex": re.escape(_TEX_MARK.encode()),
 }

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +18,15 @@ from scipy.io import wavfile
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.limits import TOML_BYTES
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Column, Logged, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import sensor_unit
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
+from rotorid.screen import one_line, printable
 from rotorid.signals.multisine import Multisine
+from rotorid.writing import Kind, write_whole
 
 _WRITER = "rotorid simulate"
 _MARK = f"Written by `{_WRITER}`"
@@ -35,7 +41,15 @@ def write_record(
     One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
     and a group ``truth``, which no logger would write.
     """
-    with h5py.File(path, "w") as data:
+    write_whole(path, record_bytes(record, rig_text=rig_text, faults=faults))
+
+
+def record_bytes(
+    record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
+) -> bytes:
+    """Return the content of the file that `write_record` writes."""
+
+    def fill(data: h5py.File) -> None:
         data.attrs["written_by"] = _WRITER
         time = np.arange(record.count) / record.sample_rate
         _dataset(data, Column("t", "s", time))
@@ -45,12 +59,25 @@ def write_record(
             _write_truth(data.create_group("truth"), record.truth)
             data["truth"].attrs.update(rig=rig_text, faults=list(faults))
 
+    return _in_memory(fill)
 
-def write_columns(path: Path, columns: Sequence[Column]) -> None:
-    """Write columns as datasets of an HDF5 file, their units in the attribute ``units``."""
-    with h5py.File(path, "w") as data:
+
+def _columns(columns: Sequence[Column]) -> bytes:
+    """Return columns as datasets of an HDF5 file, their units in the attribute ``units``."""
+
+    def fill(data: h5py.File) -> None:
         for column in columns:
             _dataset(data, column)
+
+    return _in_memory(fill)
+
+
+def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
+    """Return an HDF5 file as bytes: on a disk that fills while it writes, the library crashes."""
+    with h5py.File("in memory", "w", driver="core", backing_store=False) as data:
+        fill(data)
+        data.flush()
+        return bytes(data.id.get_file_image())
 
 
 def _dataset(group: h5py.Group, column: Column) -> None:
@@ -105,8 +132,6 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
             "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
         )
     text = tomlkit.document()
-    title = "".join(c if c.isprintable() else " " for c in plan.title)
-    text.add(tomlkit.comment(f"{_MARK}, from the rig {plan.name}: {title}"))
     text["model"] = plan.model
     entry = tomlkit.table()
     for key, value in _record_entry(rig, file).items():
@@ -118,7 +143,14 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
     if known := _known_parameters(rig):
         text["parameters"] = _table(known)
         text["parameters"].comment("they multiply forces: a ruler gives them")
-    return tomlkit.dumps(text)
+    said = printable(tomlkit.dumps(text), keep="\n")
+    source = f"{one_line(plan.name)}: {one_line(plan.title)}"
+    return f"# {_MARK}, from the rig {source}\n{_sum(said)}{said}"
+
+
+def _sum(text: str) -> str:
+    """Return the comment by which a file is known that nobody edited since it was written."""
+    return f"# as written: {sha256(text.encode()).hexdigest()}\n"
 
 
 def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
@@ -295,27 +327,31 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
     }
 
 
-def require_own(path: Path) -> None:
-    """Refuse to replace a file that `simulate` did not write itself.
+@dataclass(frozen=True)
+class _Record(Kind):
+    """A record of `simulate`, which has the attribute ``written_by``."""
 
-    Its record has the attribute ``written_by``, its experiment file begins with its own comment.
-    """
-    if not path.is_file():
-        return
-    if h5py.is_hdf5(path):
+    def wrote(self, path: Path) -> bool:
         with h5py.File(path) as data:
-            own = data.attrs.get("written_by") == _WRITER
-    else:
-        with path.open("rb") as stream:
-            own = stream.read(200).startswith(f"# {_MARK}".encode())
-    if not own:
-        raise InputError(
-            "a file that `rotorid simulate` did not write",
-            "a new name, or a file of its own",
-            "name the record otherwise, or replace the file with --force",
-            file=str(path),
-            place="--out",
-        )
+            return bool(data.attrs.get("written_by") == _WRITER)
+
+
+@dataclass(frozen=True)
+class _Experiment(Kind):
+    """An experiment file of `simulate`, as long as it is as it was written.
+
+    People complete these files by hand: the comment alone would give their work away.
+    """
+
+    def wrote(self, path: Path) -> bool:
+        if path.stat().st_size > TOML_BYTES:
+            return False
+        mark, said, text = path.read_text(encoding="utf-8").split("\n", 2)
+        return mark.startswith(f"# {_MARK}") and f"{said}\n" == _sum(text)
+
+
+RECORD = _Record(_WRITER, b"")
+EXPERIMENT = _Experiment(_WRITER, b"")
 
 
 def write_excitation(
@@ -326,31 +362,29 @@ def write_excitation(
     samples = signals.samples(sample_rate)
     match path.suffix.lower():
         case ".csv":
-            _write_csv(signals, samples, path, sample_rate)
+            write_whole(path, _csv(signals, samples, sample_rate))
         case ".h5" | ".hdf5":
             time = np.arange(len(samples)) / sample_rate
             columns = [Column("t", "s", time)]
             for name, column in zip(signals.names, samples.T, strict=True):
                 columns.append(Column(name, signals.unit, column))
-            write_columns(path, columns)
+            write_whole(path, _columns(columns))
         case ".wav":
-            _write_wav(samples, path, sample_rate, full_scale)
+            write_whole(path, _wav(samples, path, sample_rate, full_scale))
         case ending:
             raise InputError(
                 f"the ending {ending!r}", ".csv, .h5, .hdf5 or .wav", "name it so", file=str(path)
             )
 
 
-def _write_csv(signals: Multisine, samples: np.ndarray, path: Path, sample_rate: float) -> None:
+def _csv(signals: Multisine, samples: np.ndarray, sample_rate: float) -> bytes:
     time = np.arange(len(samples)) / sample_rate
     heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
     rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([time, samples]).tolist())
-    path.write_text(f"{heading}\n{rows}\n", encoding="utf-8")
+    return f"{heading}\n{rows}\n".encode()
 
 
-def _write_wav(
-    samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None
-) -> None:
+def _wav(samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None) -> bytes:
     peak = float(np.abs(samples).max())
     if full_scale is None or not full_scale > 0:
         raise InputError(
@@ -370,4 +404,6 @@ def _write_wav(
         raise InputError(
             f"{sample_rate} Hz", "a whole number of Hz in a WAV file", "use CSV", file=str(path)
         )
-    wavfile.write(path, int(sample_rate), (samples / full_scale).astype(np.float32))
+    stream = BytesIO()
+    wavfile.write(stream, int(sample_rate), (samples / full_scale).astype(np.float32))
+    return stream.getvalue()

@@ -1,0 +1,234 @@
+"""Files written whole or not at all, and never over what the program did not write.
+
+Every file that rotorid writes is written here. Its content is made in memory first; it is then
+written beside its target and moved there, so that at any moment the old file or the new one is
+there, whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from rotorid.errors import InputError
+
+Content = Callable[[], bytes]
+_HEAD = 4096  # bytes at the beginning of a file that say who wrote it
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file that a command writes, and how a file of it is known again.
+
+    Parameters
+    ----------
+    writer : str
+        The command, for messages.
+    begins : bytes
+        A regular expression that the beginning of such a file matches.
+    """
+
+    writer: str
+    begins: bytes
+
+    def wrote(self, path: Path) -> bool:
+        """Tell whether a file is of this kind."""
+        with path.open("rb") as stream:
+            return re.match(self.begins, stream.read(_HEAD)) is not None
+
+
+def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -> None:
+    """Refuse a path that cannot be written, or holds what is not the program's.
+
+    Parameters
+    ----------
+    path : Path
+    kind : Kind, optional
+        What is to be written there; a file of another kind is not replaced.
+    force : bool
+        Replace it all the same.
+
+    Raises
+    ------
+    InputError
+        Before the work that leads to the file.
+    """
+    try:
+        mode = _mode(path)
+    except (OSError, ValueError) as error:
+        raise _refusal(path, str(getattr(error, "strerror", None) or error)) from None
+    if mode is None:
+        folder = os.path.dirname(os.path.realpath(path))
+        if not os.path.isdir(folder):
+            raise InputError(
+                "no such folder", "a folder to write into", "create it", file=str(path)
+            )
+    elif stat.S_ISDIR(mode):
+        raise InputError("a folder", "a file to write", "add a file name", file=str(path))
+    elif stat.S_ISSOCK(mode):
+        raise _refusal(path, "a socket")
+    elif stat.S_ISREG(mode) and _standard(path) is None:
+        if not os.access(path, os.W_OK):
+            raise _refusal(path, "a file that may not be written")
+        if kind is not None and not force:
+            _require_own(path, kind)
+
+
+def _refusal(path: Path, found: str) -> InputError:
+    return InputError(found, "a file to write", "write elsewhere", file=str(path))
+
+
+def _mode(path: Path) -> int | None:
+    """Return the mode of what a path leads to; ``None`` where there is nothing yet."""
+    try:
+        return os.stat(path).st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _require_own(path: Path, kind: Kind) -> None:
+    """Refuse to replace a file that is not of this kind; one without content is nobody's."""
+    try:
+        mine = os.path.getsize(path) == 0 or kind.wrote(path)
+    except Exception:  # whatever is wrong with it, it is not what was written
+        mine = False
+    if not mine:
+        raise InputError(
+            f"a file that `{kind.writer}` did not write, or that was edited since",
+            "a new name, or a file of its own",
+            "choose another name, or replace the file with --force",
+            file=str(path),
+        )
+
+
+def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """Refuse to write over what a run reads, or twice into one file."""
+    taken = {os.path.realpath(path): "an input of this run" for path in inputs}
+    for target in targets:
+        if target.is_file() or not target.exists():  # devices and pipes take all
+            place = os.path.realpath(target)
+            found = taken.get(place)
+            if found is not None:
+                raise InputError(found, "a file of its own", "write elsewhere", file=str(target))
+            taken[place] = "another output of this run"
+
+
+def write_whole(path: str | Path, content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be written, with its name; what was there before is there still.
+    """
+    write_files({Path(path): lambda: content})
+
+
+def write_files(contents: Mapping[Path, Content]) -> None:
+    """Make all contents, write them beside their targets, and move them there.
+
+    Raises
+    ------
+    OSError
+        Where one cannot be written, with its name; no file is changed then.
+    """
+    made = {path: content() for path, content in contents.items()}
+    parts: dict[str, tuple[Path, str]] = {}
+    try:
+        for path, data in made.items():
+            with _named(path):
+                if (stream := _stream(path)) is not None:
+                    _write_all(stream, data)
+                    continue
+                target = os.path.realpath(path)
+                part = _free_name(target)
+                parts[part] = path, target
+                _write_part(part, target, data)
+        for part, (path, target) in parts.items():
+            with _named(path):
+                os.replace(part, target)
+    finally:
+        for part in parts:
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Give an error of the machine the name that the user gave the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from None
+
+
+def _free_name(target: str) -> str:
+    """Return a name beside a target that nothing has; a killed process may have left some."""
+    folder, name = os.path.split(target)
+    for number in count():
+        # 80 characters of the name: with all of a long one the name may be too long.
+        part = os.path.join(folder, f".{name[:80]}.{os.getpid()}-{number}.part")
+        if not os.path.lexists(part):
+            return part
+    raise AssertionError
+
+
+def _write_part(part: str, target: str, data: bytes) -> None:
+    """Write a new file with the mode of the one that it is to replace."""
+    mode = _mode(Path(target))
+    # From its first byte on, nobody reads it who may not read what it replaces.
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    file = os.open(part, flags, 0o666 if mode is None else 0o600)
+    try:
+        if mode is not None and hasattr(os, "fchmod"):
+            os.fchmod(file, stat.S_IMODE(mode))
+    except OSError:
+        os.close(file)
+        raise
+    _write_all(file, data)
+
+
+def _write_all(file: int, data: bytes) -> None:
+    """Write all bytes to an open file, down to the disk where there is one, and close it."""
+    try:
+        left = memoryview(data)
+        while left:
+            left = left[os.write(file, left) :]
+        if stat.S_ISREG(os.fstat(file).st_mode):
+            os.fsync(file)  # a full disk or quota may show only now
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.close(file)
+        raise
+    os.close(file)
+
+
+def _standard(path: Path) -> int | None:
+    """Return which of the process's own outputs a path is, as /dev/stdout in `> file`."""
+    found = os.stat(path)
+    for stream in (1, 2):
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, os.fstat(stream)):
+                return stream
+    return None
+
+
+def _stream(path: Path) -> int | None:
+    """Open a device, a pipe, or an output of the process's own; ``None`` for a file."""
+    mode = _mode(path)
+    if mode is None:
+        return None
+    if stat.S_ISREG(mode):
+        own = _standard(path)
+        return None if own is None else os.dup(own)
+    # Without waiting: a pipe that nobody reads would keep the answer for ever.
+    file = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
+    os.set_blocking(file, True)
+    return file
