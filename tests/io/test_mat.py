@@ -1,3 +1,6 @@
+import io
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +9,7 @@ import scipy.io
 
 from rotorid.errors import ReadError
 from rotorid.io.mat import open_mat
+from rotorid.limits import DEPTH, NODES
 
 
 @pytest.fixture
@@ -90,3 +94,165 @@ def test_tags_that_scipy_would_trust(tmp_path: Path) -> None:
         path.write_bytes(data[:place] + bytes([value]) + data[place + 1 :])
         with pytest.raises(ReadError, match="damaged MAT data"):
             open_mat(path)
+
+
+def element(kind: int, content: bytes, order: str = "<") -> bytes:
+    """Return an element of a file of version 5, filled up to eight bytes."""
+    return struct.pack(order + "II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matrix(
+    name: str, values: np.ndarray, *, kind: int = 6, stored: int = 9, order: str = "<"
+) -> bytes:
+    """Return a matrix as version 5 has it."""
+    shape = struct.pack(f"{order}{max(values.ndim, 2)}i", *values.shape, *[1] * (2 - values.ndim))
+    parts = [(6, struct.pack(order + "II", kind, 0)), (5, shape), (1, name.encode())]
+    content = b"".join(element(*part, order) for part in parts)
+    data = values.astype(np.dtype(values.dtype).newbyteorder(order)).tobytes(order="F")
+    return element(14, content + element(stored, data, order), order)
+
+
+def mat5(*elements: bytes, order: str = "<") -> bytes:
+    return (
+        b"MATLAB 5.0 MAT-file".ljust(124)
+        + struct.pack(order + "HH", 256, 0x4D49)
+        + b"".join(elements)
+    )
+
+
+def packed(data: bytes) -> bytes:
+    """Return an element as version 7 packs it: not filled up."""
+    small = zlib.compress(data, 9)
+    return struct.pack("<II", 15, len(small)) + small
+
+
+VALUES = np.arange(12.0).reshape(4, 3)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_byte_orders_and_stored_types(order: str, tmp_path: Path) -> None:
+    """A double may be stored as any whole number that holds it, whatever the machine's order."""
+    stored = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
+    path = tmp_path / "c.mat"
+    for number, kind in (stored | {12: "i8", 13: "u8"}).items():
+        one = matrix("adc", VALUES.astype(kind), stored=number, order=order)
+        path.write_bytes(mat5(one, order=order))
+        assert open_mat(path).read(["adc[2]"])["adc[2]"].values.tolist() == [2, 5, 8, 11]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_version_4(order: str, tmp_path: Path) -> None:
+    path, big = tmp_path / "c.mat", 1000 * (order == ">")
+    words = [(0, "f8", "adc"), (30, "i2", "n"), (50, "u1", "m")]
+    parts = []
+    for word, kind, name in words:
+        head = struct.pack(order + "5I", big + word, *VALUES.shape, 0, len(name) + 1)
+        data = VALUES.astype(np.dtype(kind).newbyteorder(order)).tobytes(order="F")
+        parts.append(head + name.encode() + b"\0" + data)
+    path.write_bytes(b"".join(parts))
+    for _, _, name in words:
+        column = f"{name}[1]"
+        assert open_mat(path).read([column])[column].values.tolist() == [1, 4, 7, 10]
+    path.write_bytes(b"".join(parts)[:-1])
+    with pytest.raises(ReadError, match=r"damaged MAT data \(a matrix cut short\)"):
+        open_mat(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("label", "text"),
+        ("complex", "complex numbers"),
+        ("cells", "cells"),
+        ("several", "an array of structures"),
+    ],
+)
+def test_what_holds_no_real_numbers_is_named(name: str, kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "c.mat"
+    several = np.zeros(3, dtype=[("a", float)])
+    values = {"label": "run", "complex": np.ones(4) * 1j, "cells": np.array([1, "a"], object)}
+    scipy.io.savemat(path, {**values, "several": several, "x": np.ones(4)})
+    with pytest.raises(ReadError, match=f"found '{name}' of {kind}; expected real numbers"):
+        open_mat(path).find(name)
+
+
+def test_a_name_twice(tmp_path: Path) -> None:
+    path = tmp_path / "c.mat"
+    path.write_bytes(mat5(matrix("x", np.ones(4)), matrix("x", np.zeros(4)), matrix("y", VALUES)))
+    with pytest.raises(ReadError, match="found 'x' of two variables of that name"):
+        open_mat(path).find("x")
+    assert open_mat(path).find("y[0]") == "y[0]"
+
+
+def test_only_what_is_wanted_is_unpacked(tmp_path: Path) -> None:
+    """Damage elsewhere does not matter; in the wanted variable the sum of its bytes tells it."""
+    path = tmp_path / "c.mat"
+    whole = packed(matrix("x", np.arange(4000.0)))
+    bad = whole[:-1] + bytes([whole[-1] ^ 1])
+    path.write_bytes(mat5(bad, packed(matrix("y", np.arange(9.0)))))
+    opened = open_mat(path)
+    assert opened.read(["y"])["y"].values[-1] == 8
+    with pytest.raises(ReadError, match="damaged MAT data"):
+        opened.read(["x"])
+
+
+def test_packed_elements_that_stand_for_too_much(tmp_path: Path) -> None:
+    """Zeros pack a thousandfold: 64 MB are nothing, more is too much, in one or in many."""
+    path = tmp_path / "c.mat"
+    path.write_bytes(mat5(packed(matrix("x", np.zeros(7_900_000)))))
+    assert len(open_mat(path).read(["x"])["x"].values) == 7_900_000
+    path.write_bytes(mat5(packed(matrix("x", np.zeros(8_100_000)))))
+    with pytest.raises(ReadError, match="numbers declared in"):
+        open_mat(path)
+    one = scipy_structure(np.zeros(1_500_000))
+    path.write_bytes(mat5(*[packed(one)] * 8))
+    with pytest.raises(ReadError, match="numbers declared in"):
+        open_mat(path)
+
+
+def scipy_structure(values: np.ndarray) -> bytes:
+    """Return the element of a structure whose last field lies behind many numbers."""
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, {"log": {"a": values, "b": 1.0}})
+    return stream.getvalue()[128:]
+
+
+def test_bounds_of_structure(tmp_path: Path) -> None:
+    path = tmp_path / "c.mat"
+    for depth, fine in ((DEPTH, True), (DEPTH + 2, False)):
+        inner: object = np.arange(4.0)
+        for _ in range(depth):
+            inner = {"s": inner}
+        scipy.io.savemat(path, {"s": inner})
+        if fine:
+            assert open_mat(path).find("s/" * depth + "s")
+        else:
+            with pytest.raises(ReadError, match="structures too deep"):
+                open_mat(path)
+    path.write_bytes(mat5(*[element(14, b"")] * (10 * NODES + 1)))
+    with pytest.raises(ReadError, match="more than 10000 variables"):
+        open_mat(path)
+
+
+@pytest.mark.parametrize(("each", "form"), [(700, "5"), (700, "7"), (300, "4")])
+def test_damaged_files_do_not_end_the_process(each: int, form: str, tmp_path: Path) -> None:
+    """A reader that trusts the tags of a file ends the process on one damaged byte in seventy."""
+    rng, stream = np.random.default_rng(20261122), io.BytesIO()
+    values = {"fx": np.arange(60.0), "n": np.arange(5, dtype=np.int16), "label": "run"}
+    more = {} if form == "4" else {"log": {"y": 1.0, "sub": {"z": VALUES}}, "c": [1, "a"]}
+    scipy.io.savemat(
+        stream, values | more, format="4" if form == "4" else "5", do_compression=form == "7"
+    )
+    whole, path, refused = stream.getvalue(), tmp_path / "c.mat", 0
+    for _ in range(each):
+        damaged = bytearray(whole)
+        for place in rng.integers(len(whole), size=rng.choice([1, 1, 1, 4])):
+            damaged[place] = rng.choice([0, 1, 0x7F, 0xFF, rng.integers(256)])
+        path.write_bytes(damaged)
+        try:
+            opened = open_mat(path)
+            for name in opened.names:
+                opened.read([opened.find(name)])
+        except ReadError as error:
+            refused += "\n" not in str(error)
+    assert each / 8 < refused < each

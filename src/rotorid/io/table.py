@@ -7,7 +7,7 @@ import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,8 +19,9 @@ from rotorid.limits import COMPRESSION, UNPACKED_BYTES
 from rotorid.record import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 _SIGNATURES = {
-    b"\x89HDF\r\n\x1a\n": "HDF5 data",
+    _HDF5: "HDF5 data",
     b"MATLAB 7.3 MAT-file": "a MAT v7.3 file",
     b"MATLAB 5.0 MAT-file": "a MAT v5 file",
     b"PK\x03\x04": "a zip archive or a spreadsheet",
@@ -97,6 +98,8 @@ def content(start: bytes) -> str:
     for signature, name in _SIGNATURES.items():
         if start.startswith(signature):
             return name
+    if any(start.startswith(_HDF5, 512 << i) for i in range(8)):  # behind a block of the user's
+        return "HDF5 data"
     return "binary data" if b"\0" in start else "text"
 
 
@@ -205,10 +208,13 @@ class NamedArrays:
         The path of the file, for messages.
     shapes : mapping of path to shape
         Its numeric arrays.
+    others : mapping of path to str
+        What else is in it, and what that is, as far as that is known.
     """
 
     file: str
     shapes: Mapping[str, tuple[int, ...]]
+    others: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     @property
     def names(self) -> list[str]:
@@ -239,6 +245,8 @@ class NamedArrays:
         indexed = _INDEXED.fullmatch(name)
         base = None if indexed is None else _path(indexed["name"], self.shapes, self.file)
         if indexed is None or base is None:
+            if (kind := self.others.get(name.strip("/"))) is not None:
+                raise _no_numbers(name, kind, self.file)
             flat = [p for p, shape in self.shapes.items() if len(shape) == 2 and 1 not in shape]
             raise no_column(name, [*self.names, *flat], self.file)
         shape, index = self.shapes[base], int(indexed["index"])
@@ -306,6 +314,15 @@ def _path(name: str, paths: Iterable[str], file: str) -> str | None:
 
 def _is_column(shape: tuple[int, ...]) -> bool:
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
+
+
+def _no_numbers(name: str, kind: str, file: str) -> ReadError:
+    return ReadError(
+        f"{name!r} of {kind}",
+        "real numbers",
+        "name a column of numbers, or export it so",
+        file=file,
+    )
 
 
 def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
