@@ -516,14 +516,15 @@ _RESULT_COMMANDS = (
 )
 
 
-def _good_csv() -> bytes:
+def good_csv() -> bytes:
+    """Return the record as a table."""
     return _columns_of(writers.write_csv, "run.csv")
 
 
 def _formats() -> list[Format]:
     text, record = mutations.reworded, _columns_of
     return [
-        Format("csv", "run.csv", lambda: (_good_csv(), _timed_csv(), _timed_csv(";", ",")), text,
+        Format("csv", "run.csv", lambda: (good_csv(), _timed_csv(), _timed_csv(";", ",")), text,
                commands=_drafted("run.csv")),
         Format("txt", "run.txt", lambda: (_timed_csv("\t", preamble=PREAMBLE),
                _timed_csv(";", ",", PREAMBLE)), text, commands=_drafted("run.txt")),
@@ -540,12 +541,12 @@ def _formats() -> list[Format]:
         Format("equations", "model.toml", lambda: (MODEL, EQUATIONS + SPRINGS), text,
                commands=((1, ("models", "model.toml"), ()),)),
         Format("model", "model.toml", lambda: (MODEL,), text,
-               beside=lambda: {"run.csv": _good_csv()}, experiment=OF_CSV,
+               beside=lambda: {"run.csv": good_csv()}, experiment=OF_CSV,
                commands=((3, ("models", "model.toml"), ()), *_EXPERIMENT_COMMANDS)),
         Format("rig", "rig.toml", lambda: (RIG,), text,
                commands=_RIG_COMMANDS),
         Format("result", "result.json", lambda: (_result("ls"), _result("ml")), text,
-               beside=lambda: {"run.csv": _good_csv()}, experiment=OF_CSV,
+               beside=lambda: {"run.csv": good_csv()}, experiment=OF_CSV,
                commands=_RESULT_COMMANDS),
         Format("hdf5", "run.h5", lambda: (_hdf5(), _hdf5(chunks=(16,), compression="gzip"),
                _hdf5(libver="latest", chunks=(16,), maxshape=(None,), shuffle=True),

@@ -3,6 +3,7 @@
     python tests/fuzz_run.py --each 1000                 every format
     python tests/fuzz_run.py --each 50 csv mat5          some
     python tests/fuzz_run.py --seed 123 --only mat5:17   one case again
+    python tests/fuzz_run.py --corpus out.json hdf5      the cases of the corpus, of these words
 
 With `--keep FOLDER` that case's files are written there instead, and its command is printed.
 
@@ -15,12 +16,15 @@ from __future__ import annotations
 import argparse
 import collections
 import hashlib
+import json
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
+from corpus import CASES
 from fuzz_files import FORMATS
 from fuzz_harness import Build, Case, Outcome, run_cases
 
@@ -35,11 +39,17 @@ def seed_of_sources() -> int:
     return int.from_bytes(told.digest()[:4], "big")
 
 
+def _group(outcome: Outcome) -> str:
+    """Return the format, or what stands for all of the corpus."""
+    name, _, number = outcome.name.partition(":")
+    return name if number.isdigit() else "corpus"
+
+
 def table(outcomes: Iterable[Outcome]) -> str:
     """Return how many files of each format came to what, with the worst time and memory."""
     groups: dict[str, list[Outcome]] = collections.defaultdict(list)
     for outcome in outcomes:
-        groups[outcome.name.partition(":")[0]].append(outcome)
+        groups[_group(outcome)].append(outcome)
     every = [o for group in groups.values() for o in group]
     rows = [f"{'format':14}{'files':>7}{'exit 0':>8}{'1':>6}{'2':>7}{'found':>7}{'s':>7}{'MB':>7}"]
     for name, group in [*groups.items(), ("all", every)]:
@@ -58,7 +68,7 @@ def findings(outcomes: Iterable[Outcome], most: int = 40) -> str:
     for outcome in outcomes:
         if outcome.faults:
             last = outcome.told.strip().rpartition("\n")[2]
-            groups[outcome.name.partition(":")[0], outcome.faults, last[:40]].append(outcome)
+            groups[_group(outcome), outcome.faults, last[:40]].append(outcome)
     rows = []
     for (_, faults, _), group in list(groups.items())[:most]:
         first = group[0]
@@ -72,23 +82,43 @@ def run(builds: Sequence[Build], workers: int, warm: Sequence[Case] = ()) -> lis
     started = time.monotonic()
     outcomes = list(run_cases(builds, workers=workers, warm=warm))
     order = {name: number for number, name in enumerate(FORMATS)}
-    outcomes.sort(key=lambda o: order.get(o.name.partition(":")[0], -1))
+    outcomes.sort(key=lambda o: order.get(_group(o), -1))
     print(table(outcomes))
     print(findings(outcomes) or "nothing found")
     print(f"{len(outcomes)} files in {time.monotonic() - started:.0f} s")
     return outcomes
 
 
+def run_corpus(target: Path, words: Sequence[str], but: Sequence[str], workers: int) -> int:
+    """Run the cases of the corpus whose names hold these words, and write what came of each."""
+    builds = [
+        partial(_named, name, make)
+        for name, make in CASES.items()
+        if name not in but and all(word in name for word in words)
+    ]
+    outcomes = run(builds, workers)
+    target.write_text(json.dumps([asdict(outcome) for outcome in outcomes]))
+    return any(o.faults for o in outcomes)
+
+
+def _named(name: str, make: Build) -> Case:
+    return replace(make(), name=name)
+
+
 def main() -> int:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("formats", nargs="*", metavar="FORMAT", help=", ".join(FORMATS))
+    parser.add_argument("formats", nargs="*", help=f"{', '.join(FORMATS)}; or words of the corpus")
     parser.add_argument("--each", type=int, default=50, help="files of every format")
     parser.add_argument("--seed", type=int, help="in place of that of the sources")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", metavar="FORMAT:NUMBER", help="one case")
+    parser.add_argument("--corpus", type=Path, help="run the corpus, and write its outcomes there")
+    parser.add_argument("--but", action="append", default=[], help="a case of the corpus to leave")
     parser.add_argument("--keep", type=Path, help="a folder for the files of that case")
     asked = parser.parse_args()
+    if asked.corpus:
+        return run_corpus(asked.corpus, asked.formats, asked.but, asked.workers)
     seed = seed_of_sources() if asked.seed is None else asked.seed
     print(f"--seed {seed}")
     if asked.only:
