@@ -31,6 +31,7 @@ from .identify import identify as identify
 from .io import read_record as read_record
 from .lines import Lines as Lines
 from .models import Model as Model
+from .models import from_ross as from_ross
 from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models

@@ -43,6 +43,16 @@ def read_bytes(path: str | Path) -> bytes:
     return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
 
 
+def holds_key(data: bytes, key: str) -> bool:
+    """Tell whether TOML text has a key at its top; text that is no TOML has none."""
+    if _LONG_KEY.search(data):
+        return False
+    try:
+        return key in tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError):
+        return False
+
+
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
     """Parse TOML text into a schema."""
     data = data.removeprefix(BOM_UTF8)  # Windows' editors put it there

@@ -200,7 +200,7 @@ def test_fifty_megabytes_are_not_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("three_mass", "found no model 'three_mass'; expected one of emps, jeffcott"),
+        ("three_mass", "found no model 'three_mass'; expected one of emps, flexible"),
         ("three-mass.toml", "three-mass.toml: found no such file"),
         ("a" * 5000, "found no model 'aaa"),
         ("a" * 5000 + ".toml", "found file name too long"),

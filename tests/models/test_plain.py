@@ -60,7 +60,7 @@ def test_plain_equations_are_what_the_grammar_makes_of_them(left, right):
     assert found == {key: coefficient for key, coefficient in expected.items() if coefficient}
 
 
-@pytest.mark.parametrize("name", shipped_models())
+@pytest.mark.parametrize("name", [n for n in shipped_models() if n != "flexible"])  # a drawing
 def test_shipped_models_need_no_algebra(name):
     model = load_model(name)
     for text in model.texts:

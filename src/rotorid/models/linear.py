@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +15,7 @@ from rotorid.errors import InputError, ModelError
 from rotorid.models.evaluation import evaluate, is_usable
 from rotorid.models.expression import RESERVED, Expression, product, symbol
 from rotorid.models.terms import DERIVATIVES
-from rotorid.record import Complexes, Floats
+from rotorid.record import Complexes, Floats, Integers
 
 
 @dataclass(frozen=True)
@@ -38,9 +40,10 @@ class InputTerm:
 
 @dataclass(frozen=True)
 class Matrices:
-    """M, D, G (row, coordinate), K likewise and B (row, input), in SI units.
+    """M, D, G, K (row, coordinate), B (row, input), and H (row, coordinate), in SI units.
 
     What depends on the speed otherwise than as Omega G is in D and K, at the speed asked for.
+    H is structural damping: on lines above 0 Hz the stiffness is ``K + i H``.
     """
 
     M: Floats
@@ -48,11 +51,15 @@ class Matrices:
     G: Floats
     K: Floats
     B: Floats
+    H: Floats
 
 
 @dataclass(frozen=True)
 class StiffnessTerm:
-    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``."""
+    """``coefficient * monomial * factor(Omega) * d^order q / dt^order``.
+
+    Structural damping, a stiffness that lags, is turned by i on lines above 0 Hz.
+    """
 
     row: int
     column: int
@@ -60,6 +67,7 @@ class StiffnessTerm:
     monomial: int
     coefficient: float
     factor: Expression
+    structural: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,13 +104,32 @@ class LinearForm:
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
         """Return M, D, G, K and B."""
         mu = self.monomial_values(np.asarray(values, dtype=float))
-        blocks = {name: np.zeros((self.rows, self.coordinates)) for name in "MDGK"}
-        for term in self.stiffness:
-            gyroscopic = term.order == 1 and term.factor == symbol("Omega")
-            name = "G" if gyroscopic else "KDM"[term.order]
-            factor = 1.0 if gyroscopic else speed_factor(term.factor, speed)
-            blocks[name][term.row, term.column] += term.coefficient * factor * mu[term.monomial]
-        return Matrices(**blocks, B=self.input_matrix(mu))
+        blocks = {name: np.zeros(self.rows * self.coordinates) for name in "MDGKH"}
+        for (name, factor), (where, monomial, coefficient) in self._stacked.items():
+            scale = 1.0 if name == "G" else speed_factor(factor, speed)
+            weights = scale * coefficient * mu[monomial]
+            blocks[name] += np.bincount(where, weights, minlength=len(blocks[name]))
+        shaped = {name: b.reshape(self.rows, self.coordinates) for name, b in blocks.items()}
+        return Matrices(**shaped, B=self.input_matrix(mu))
+
+    @cached_property
+    def _stacked(self) -> dict[tuple[str, Expression], tuple[Integers, Integers, Floats]]:
+        """Place, monomial and coefficient of the terms, by matrix and factor."""
+        gathered: dict[tuple[str, Expression], list[tuple[int, int, float]]] = defaultdict(list)
+        names: dict[tuple[int, Expression, bool], tuple[str, Expression]] = {}
+        for t in self.stiffness:
+            kind = (t.order, t.factor, t.structural)
+            if kind not in names:
+                gyroscopic = t.order == 1 and t.factor == symbol("Omega")
+                name = "H" if t.structural else "G" if gyroscopic else "KDM"[t.order]
+                names[kind] = (name, t.factor)
+            where = t.row * self.coordinates + t.column
+            gathered[names[kind]].append((where, t.monomial, t.coefficient))
+        found = {}
+        for key, terms in gathered.items():
+            places, monomials, coefficients = zip(*terms, strict=True)
+            found[key] = (np.array(places), np.array(monomials), np.array(coefficients))
+        return found
 
     def input_matrix(self, mu: Floats) -> Floats:
         """Return B, shape (row, input), from the values of the monomials."""
@@ -115,7 +142,7 @@ class LinearForm:
         """Return Z of each line, shape (line, row, coordinate)."""
         m = self.matrices(values, speed)
         s = 1j * np.asarray(omega, dtype=float)[:, None, None]
-        return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K)
+        return np.asarray(s**2 * m.M + s * (m.D + speed * m.G) + m.K + 1j * (s.imag > 0) * m.H)
 
     def response(
         self, omega: ArrayLike, values: ArrayLike, speed: float, right: Complexes

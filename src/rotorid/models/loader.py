@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable
 from dataclasses import replace
 from importlib.resources import files
@@ -13,20 +12,13 @@ import numpy as np
 from pydantic import Field
 
 from rotorid.errors import InputError, ModelError, ReadError
-from rotorid.models.expression import FUNCTIONS, RESERVED
-from rotorid.models.model import Model, Parameter, build_model
+from rotorid.models.model import Model, build_model
+from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
+from rotorid.models.rotor.file import RotorFile, read_rotor
+from rotorid.models.rotor.model import rotor_model
 from rotorid.models.terms import Names
-from rotorid.toml import Schema, parse_toml, read_bytes
-from rotorid.units import check_unit, si_factor
-
-MAX_NAMES = 500
-_NAME = re.compile(r"[^\W\d]\w{0,63}")
-
-
-class _ParameterEntry(Schema):
-    unit: str
-    nominal: float | None = Field(None, allow_inf_nan=False)
-    positive: bool = False
+from rotorid.toml import Schema, holds_key, parse_toml, read_bytes
+from rotorid.units import check_unit
 
 
 class _ModelFile(Schema):
@@ -35,7 +27,7 @@ class _ModelFile(Schema):
     equations: list[str] = Field(min_length=1, max_length=MAX_NAMES)
     coordinates: dict[str, str] = Field(min_length=1, max_length=MAX_NAMES)
     inputs: dict[str, str] = Field(default_factory=dict, max_length=MAX_NAMES)
-    parameters: dict[str, _ParameterEntry] = Field(min_length=1, max_length=MAX_NAMES)
+    parameters: dict[str, ParameterEntry] = Field(min_length=1, max_length=MAX_NAMES)
 
 
 def shipped_models() -> tuple[str, ...]:
@@ -53,7 +45,7 @@ def shipped_models() -> tuple[str, ...]:
     Examples
     --------
     >>> shipped_models()
-    ('emps', 'jeffcott', 'rigid', 'three-mass')
+    ('emps', 'flexible', 'jeffcott', 'rigid', 'three-mass')
     """
     library = files("rotorid.models").joinpath("library")
     return tuple(
@@ -62,7 +54,7 @@ def shipped_models() -> tuple[str, ...]:
 
 
 def load_model(name: str | Path, *, folder: str | Path = ".") -> Model:
-    """Load a shipped model by its name, or a model file by its path.
+    """Load a shipped model by its name, or a model or rotor file by its path.
 
     Parameters
     ----------
@@ -134,20 +126,57 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     (('m', 'k'), ('kg', 'N/m'))
     """
     raw = data.encode() if isinstance(data, str) else data
-    model = _build(parse_toml(raw, _ModelFile, file=file), name, file)
+    if holds_key(raw, "sections"):
+        model = _build_rotor(parse_toml(raw, RotorFile, file=file), name, file)
+    else:
+        model = _build(parse_toml(raw, _ModelFile, file=file), name, file)
     return replace(model, file_text=raw.decode())
+
+
+def _build_rotor(entry: RotorFile, name: str, file: str) -> Model:
+    """Return the model of a rotor file."""
+    try:
+        parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
+        check_names({"parameters": entry.parameters})
+        units = {p.name: p.unit for p in parameters}
+        nominal = {p.name: p.nominal for p in parameters if p.nominal is not None}
+        rotor = read_rotor(entry, units, nominal)
+        model = rotor_model(rotor, parameters, name=name, title=entry.title, source=entry.source)
+        check_names(
+            {
+                "places": model.coordinates,
+                "actuators": model.inputs,
+                "parameters": model.parameter_names,
+            }
+        )
+        for key in set(model.parameter_names).difference(model.used):
+            raise ModelError(
+                f"{key!r} in no quantity",
+                "every declared parameter in a quantity of the rotor",
+                "use it or remove it; G follows E, and holds none of its own",
+                place=f"parameters.{key}",
+            )
+    except InputError as error:
+        raise error.at(file=file) from None
+    return model
 
 
 def _build(entry: _ModelFile, name: str, file: str) -> Model:
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     try:
-        _check_names(names)
+        check_names(
+            {
+                "coordinates": names.coordinates,
+                "inputs": names.inputs,
+                "parameters": names.parameters,
+            }
+        )
         units = {
             key: check_unit(unit, place=f"{table}.{key}")
             for table, rows in (("coordinates", entry.coordinates), ("inputs", entry.inputs))
             for key, unit in rows.items()
         }
-        parameters = [_parameter(key, row) for key, row in entry.parameters.items()]
+        parameters = [row.parameter(key) for key, row in entry.parameters.items()]
         model = build_model(
             name, entry.title, entry.source, entry.equations, names, units, parameters
         )
@@ -155,48 +184,6 @@ def _build(entry: _ModelFile, name: str, file: str) -> Model:
     except InputError as error:
         raise error.at(file=file) from None
     return model
-
-
-def _parameter(name: str, entry: _ParameterEntry) -> Parameter:
-    place = f"parameters.{name}.unit"
-    unit = check_unit(entry.unit, place=place)
-    factor = si_factor(entry.unit, place=place)
-    nominal = None if entry.nominal is None else entry.nominal * factor
-    if entry.positive and nominal is not None and nominal <= 0:
-        raise ModelError(
-            f"{entry.nominal}",
-            "a positive number, since positive = true",
-            "give a nominal above 0, or leave out positive",
-            place=f"parameters.{name}.nominal",
-        )
-    return Parameter(name, unit, nominal, entry.positive)
-
-
-def _check_names(names: Names) -> None:
-    taken = {*RESERVED, "pi", *FUNCTIONS}
-    tables = {
-        "coordinates": names.coordinates,
-        "inputs": names.inputs,
-        "parameters": names.parameters,
-    }
-    for table, members in tables.items():
-        for name in members:
-            if not _NAME.fullmatch(name):
-                raise ModelError(
-                    f"the name {name[:60]!r}",
-                    "a letter, then letters, digits and _, 64 in all at most",
-                    "rename it",
-                    place=table,
-                )
-            if name in taken:
-                raise ModelError(
-                    f"the name {name!r} again",
-                    "a name used once and not reserved "
-                    f"({', '.join([*RESERVED, 'pi', *FUNCTIONS])})",
-                    "rename it",
-                    place=table,
-                )
-            taken.add(name)
 
 
 def _check_use(model: Model) -> None:

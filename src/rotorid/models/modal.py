@@ -49,8 +49,12 @@ class Eigenmodes:
         return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
 
 
-def eigenmodes(mass: Floats, damping: Floats, stiffness: Floats) -> Eigenmodes:
+def eigenmodes(
+    mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
+) -> Eigenmodes:
     """Return the oscillating modes of ``M q'' + D q' + K q = 0``; D holds gyroscopic terms too.
+
+    Structural damping makes K complex: it is that of positive frequencies, as the modes are.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def eigenmodes(mass: Floats, damping: Floats, stiffness: Floats) -> Eigenmodes:
     row, column = _scales(np.sum(sizes, axis=0))
     k, d, m = (row[:, None] * each * column * unit**p for p, each in enumerate(matrices))
     n = len(k)
-    pencil = np.zeros((2, 2 * n, 2 * n))
+    pencil = np.zeros((2, 2 * n, 2 * n), dtype=np.result_type(k, d, m))
     pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
     pencil[0, n:, :n], pencil[0, n:, n:], pencil[1, n:, n:] = -k, -d, m
     if not np.isfinite(pencil).all():
@@ -86,7 +90,7 @@ def eigenmodes(mass: Floats, damping: Floats, stiffness: Floats) -> Eigenmodes:
     )
 
 
-def _frequency(mass: Floats, stiffness: Floats) -> float:
+def _frequency(mass: Floats | Complexes, stiffness: Floats | Complexes) -> float:
     """Return a frequency of the machine, from entries that M and K both have."""
     both = (mass != 0) & (stiffness != 0)
     if not both.any():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ class Term:
     column: int
     order: int
     factors: Factors
-    coefficient: Floats | float
+    coefficient: Complexes | Floats | float
 
 
 def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
@@ -61,11 +62,12 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
     linear = linear_form(model)
     terms, scale = [], _scale(layout)
     factor = {t.factor: _at_speeds(t.factor, speed) for t in linear.stiffness}
+    lag: dict[bool, Any] = {False: 1.0, True: 1j * (observation.lines.omega > 0)}
     for t in linear.stiffness:
         factors = layout.monomial_factors[t.monomial]
         if factors is not None and np.any(factor[t.factor]):
             value = -t.coefficient * factor[t.factor]
-            terms.append(Term(t.row, t.column, t.order, factors, value))
+            terms.append(Term(t.row, t.column, t.order, factors, value * lag[t.structural]))
     for b in linear.input_terms:
         factors = layout.monomial_factors[b.monomial]
         assert factors is not None

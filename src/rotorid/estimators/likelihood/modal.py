@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ class Pencil:
     ----------
     row, column, order, monomial : int array, shape (term,)
     weight : array, shape (term,)
+        Complex with structural damping.
     monomials : Monomials
         Of all unknowns.
     held : mapping of int to float
@@ -46,7 +48,7 @@ class Pencil:
     column: Integers
     order: Integers
     monomial: Integers
-    weight: Floats
+    weight: Floats | Complexes
     monomials: Monomials
     held: dict[int, float]
     size: int
@@ -57,12 +59,12 @@ class Pencil:
         x[list(self.held)] = list(self.held.values())
         return x
 
-    def matrices(self, unknowns: Floats) -> Floats:
+    def matrices(self, unknowns: Floats) -> Floats | Complexes:
         """Return K, D + Omega G and M, shape (3, row, coordinate)."""
-        found = np.zeros((3, self.size, self.size))
+        found: Any = np.zeros((3, self.size, self.size), dtype=self.weight.dtype)
         values = self.weight * self.monomials.values(self.put(unknowns))[self.monomial]
         np.add.at(found, (self.order, self.row, self.column), values)
-        return found
+        return np.asarray(found)
 
     def slopes(self, value: complex, left: Complexes, right: Complexes, at: Floats) -> Complexes:
         """Return ``Y^H dL X`` by every unknown, (mode, mode, unknown); vectors as rows."""
@@ -79,8 +81,8 @@ class Pencil:
 class Solved:
     """The machine of one configuration at one point: M, D + Omega G, its modes, which are one."""
 
-    mass: Floats
-    damping: Floats
+    mass: Floats | Complexes
+    damping: Floats | Complexes
     modes: Eigenmodes
     groups: list[Integers]
 
@@ -329,7 +331,7 @@ def _refuse_idle(layout: Layout, used: set[int]) -> None:
 
 def _entries(
     layout: Layout, speed: float
-) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[float]]:
+) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[complex]]:
     """Return row, column and order, factors, and weight of each entry, what is freed included."""
     places, products, weights = [], [], []
     for t in linear_form(layout.model).stiffness:
@@ -337,7 +339,8 @@ def _entries(
         if factors is not None:
             places.append((t.row, t.column, t.order))
             products.append(tuple(sorted(factors)))
-            weights.append(t.coefficient * speed_factor(t.factor, speed))
+            real = t.coefficient * speed_factor(t.factor, speed)
+            weights.append(1j * real if t.structural else real)
     for nuisance, at in layout.places():
         if isinstance(nuisance, Missing):
             for e in nuisance.entries:

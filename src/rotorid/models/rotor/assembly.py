@@ -1,0 +1,158 @@
+"""From a drawing to constant matrices, one for each product of unknowns."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+
+from rotorid.models.rotor.drawing import AXES, Rotor
+from rotorid.models.rotor.elements import PLANES, both_planes, turned
+from rotorid.models.rotor.quantity import SPEED, Factors, Quantity
+from rotorid.record import Floats
+
+Sparse = scipy.sparse.csr_array
+Key = tuple[Factors, int, int, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """``factors * Omega^power * matrix @ d^order q / dt^order``, turned by i where structural.
+
+    Parameters
+    ----------
+    factors : tuple of (str, int)
+        Names of parameters and their powers.
+    order, power : int
+    structural : bool
+    matrix : sparse array, shape (row, coordinate)
+    """
+
+    factors: Factors
+    order: int
+    power: int
+    structural: bool
+    matrix: Sparse
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """``factors * Omega^2 (cosine cos(phi) + sine sin(phi))``, (row,) each, on the right side."""
+
+    factors: Factors
+    cosine: Floats
+    sine: Floats
+
+
+class _Gatherer:
+    """Blocks of matrices, by what multiplies them."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.blocks: dict[Key, list[tuple[int, Floats]]] = defaultdict(list)
+
+    def add(
+        self, quantity: Quantity, order: int, first: int, block: Floats, *, structural: bool = False
+    ) -> None:
+        """Add a block whose first coordinate is `first`, times a quantity."""
+        for factors, coefficient in quantity.terms:
+            kept = tuple((name, n) for name, n in factors if name != SPEED)
+            power = dict(factors).get(SPEED, 0)
+            self.blocks[kept, order, power, structural].append((first, coefficient * block))
+
+    def pieces(self) -> tuple[Piece, ...]:
+        """Return what was gathered."""
+        return tuple(Piece(*key, self._matrix(blocks)) for key, blocks in self.blocks.items())
+
+    def _matrix(self, blocks: list[tuple[int, Floats]]) -> Sparse:
+        rows, columns, values = [], [], []
+        for first, block in blocks:
+            r, c = np.nonzero(block)
+            rows.append(r + first)
+            columns.append(c + first)
+            values.append(block[r, c])
+        where = (np.concatenate(rows), np.concatenate(columns))
+        shape = (self.size, self.size)
+        return Sparse(scipy.sparse.coo_array((np.concatenate(values), where), shape=shape))
+
+
+def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
+    """Return the matrices of a rotor, in the coordinates of its nodes."""
+    gathered = _Gatherer(PLANES * len(rotor.nodes))
+    _add_shaft(gathered, rotor)
+    for disc in rotor.discs.values():
+        first = PLANES * rotor.node(disc.at)
+        gathered.add(disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]))
+        gathered.add(disc.I_t, 2, first, np.diag([0.0, 0.0, 1.0, 1.0]))
+        spin = np.zeros((PLANES, PLANES))
+        spin[2, 3], spin[3, 2] = 1.0, -1.0
+        gathered.add(disc.I_p.times(_SPEED), 1, first, spin)
+    for support in rotor.supports.values():
+        first = PLANES * rotor.node(support.at)
+        for order, table in ((0, support.stiffness), (1, support.damping)):
+            for (row, column), quantity in zip(np.ndindex(2, 2), table, strict=True):
+                block = np.zeros((2, 2))
+                block[row, column] = 1.0
+                gathered.add(quantity, order, first, block)
+    return gathered.pieces()
+
+
+_SPEED = Quantity(((((SPEED, 1),), 1.0),))
+
+
+def _add_shaft(gathered: _Gatherer, rotor: Rotor) -> None:
+    """Add the elements, with the damping of the shaft."""
+    turn = turned(2)
+    for node, section, beam in rotor.spans():
+        first = PLANES * node
+        stiffness = both_planes(beam.stiffness()) / section.modulus
+        elastic = section.E.times(section.stiffness)
+        gathered.add(elastic, 0, first, stiffness)
+        spun = elastic.times(rotor.internal)
+        gathered.add(spun, 1, first, stiffness)
+        gathered.add(spun.times(_SPEED), 0, first, stiffness @ turn)
+        gathered.add(elastic.times(rotor.structural), 0, first, stiffness, structural=True)
+        mass = both_planes(beam.translation() + beam.rotation())
+        gathered.add(section.density, 2, first, mass)
+        gathered.add(section.density.times(rotor.external), 1, first, mass)
+        polar = both_planes(2 * beam.rotation()) @ turn
+        gathered.add(section.density.times(_SPEED), 1, first, polar)
+
+
+def loads_of(rotor: Rotor) -> tuple[Load, ...]:
+    """Return the unbalance loads."""
+    found = []
+    size = PLANES * len(rotor.nodes)
+    for plane in rotor.unbalance.values():
+        first = PLANES * rotor.node(plane.at)
+        along, across = np.zeros(size), np.zeros(size)
+        along[first], across[first + 1] = 1.0, 1.0
+        found += [Load(f, c * along, c * across) for f, c in plane.x.terms]
+        found += [Load(f, c * across, -c * along) for f, c in plane.y.terms]
+    return tuple(found)
+
+
+def inputs_of(rotor: Rotor) -> Floats:
+    """Return B, shape (row, input)."""
+    matrix = np.zeros((PLANES * len(rotor.nodes), 2 * len(rotor.actuators)))
+    for k, at in enumerate(rotor.actuators.values()):
+        first = PLANES * rotor.node(at)
+        matrix[first, 2 * k] = matrix[first + 1, 2 * k + 1] = 1.0
+    return matrix
+
+
+def coordinates_of(rotor: Rotor) -> tuple[str, ...]:
+    """Return the names of the coordinates."""
+    return tuple(name for node in rotor.nodes for name in node.coordinates)
+
+
+def aliases_of(rotor: Rotor) -> dict[str, str]:
+    """Return the coordinates that have a second name: of places that share a node."""
+    return {
+        f"{axis}_{name}": own
+        for node in rotor.nodes
+        for name in node.names[1:]
+        for axis, own in zip(AXES, node.coordinates, strict=True)
+    }

@@ -1,0 +1,319 @@
+"""Rotor files: TOML to a rotor and its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from rotorid.errors import ModelError
+from rotorid.models.names import ParameterEntry, check_names
+from rotorid.models.rotor.drawing import Disc, Rotor, Section, Support, Unbalance
+from rotorid.models.rotor.mesh import divided
+from rotorid.models.rotor.quantity import Quantity, read_quantity
+from rotorid.toml import Schema
+from rotorid.units import to_si
+
+MAX_SECTIONS = 500
+MAX_ELEMENTS = 500
+Text = str | float | int
+Metres = Annotated[float, BeforeValidator(lambda value: to_si(value, "m"))]
+
+
+class SectionEntry(Schema):
+    """A cylinder of the shaft."""
+
+    length: Metres
+    outer: Metres
+    inner: Metres = 0.0
+    material: str
+    stiffness: Text = 1.0
+    elements: Annotated[int, Field(ge=1, le=MAX_ELEMENTS, strict=True)] | None = None
+
+
+class MaterialEntry(Schema):
+    """A material."""
+
+    E: Text
+    G: Text
+    density: Text
+
+
+class DiscEntry(Schema):
+    """A rigid disc."""
+
+    at: Metres
+    mass: Text
+    I_t: Text = "0 kg m^2"
+    I_p: Text = "0 kg m^2"
+
+
+class PlaceEntry(Schema):
+    """An actuator or a sensor."""
+
+    at: Metres
+
+
+class SupportEntry(Schema):
+    """A spring and a damper to ground."""
+
+    at: Metres
+    k: Text | None = None
+    c: Text | None = None
+    kxx: Text | None = None
+    kxy: Text | None = None
+    kyx: Text | None = None
+    kyy: Text | None = None
+    cxx: Text | None = None
+    cxy: Text | None = None
+    cyx: Text | None = None
+    cyy: Text | None = None
+
+
+class UnbalanceEntry(Schema):
+    """An unbalance, in the rotor's frame."""
+
+    at: Metres
+    x: Text = "0 kg m"
+    y: Text = "0 kg m"
+
+
+class DampingEntry(Schema):
+    """Damping of the shaft."""
+
+    internal: Text = "0 s"
+    external: Text = "0 1/s"
+    structural: Text = 0.0
+
+
+class RotorFile(Schema):
+    """A rotor file."""
+
+    title: str = ""
+    source: str = ""
+    sections: list[SectionEntry] = Field(min_length=1, max_length=MAX_SECTIONS)
+    materials: dict[str, MaterialEntry] = Field(min_length=1, max_length=MAX_SECTIONS)
+    discs: dict[str, DiscEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    actuators: dict[str, PlaceEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    sensors: dict[str, PlaceEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    supports: dict[str, SupportEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    unbalance: dict[str, UnbalanceEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    damping: DampingEntry = Field(default_factory=DampingEntry)
+    parameters: dict[str, ParameterEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """What quantities are read with: units and nominal values of the parameters."""
+
+    units: Mapping[str, str]
+    nominal: Mapping[str, float]
+
+    def read(self, text: Text, unit: str, place: str) -> Quantity:
+        """Return a quantity; its place is for the message."""
+        return read_quantity(text, unit, self.units, place=place)
+
+    def constant(self, text: Text, unit: str, place: str) -> Quantity:
+        """Return a quantity that does not depend on the speed."""
+        found = self.read(text, unit, place)
+        if any(name == "Omega" for factors, _ in found.terms for name, _ in factors):
+            raise ModelError(
+                f"{text!r}, which depends on the speed",
+                "a quantity of the rotor itself",
+                "let the speed stand in [supports] only",
+                place=place,
+            )
+        return found
+
+    def at_nominal(self, quantity: Quantity, place: str) -> float:
+        """Return the positive value at the nominal values."""
+        missing = [name for name in quantity.names if name not in self.nominal]
+        if missing:
+            raise ModelError(
+                f"{missing[0]} without nominal",
+                "a nominal value, for which the shaft is divided into elements",
+                "give nominal, about right",
+                place=f"parameters.{missing[0]}",
+            )
+        value = quantity.value(self.nominal)
+        if not 0 < value < float("inf"):
+            raise ModelError(
+                f"{value:g} at the nominal values",
+                "a quantity above 0",
+                "look at its unit and its sign, and at nominal of what it holds",
+                place=place,
+            )
+        return value
+
+
+def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str, float]) -> Rotor:
+    """Return the rotor of a file; `units` and `nominal` are those of its parameters, in SI."""
+    reader = _Reader(units, nominal)
+    sections = tuple(_section(k, entry, reader) for k in range(len(entry.sections)))
+    discs = {
+        name: Disc(
+            disc.at,
+            reader.constant(disc.mass, "kg", f"discs.{name}.mass"),
+            reader.constant(disc.I_t, "kg m^2", f"discs.{name}.I_t"),
+            reader.constant(disc.I_p, "kg m^2", f"discs.{name}.I_p"),
+        )
+        for name, disc in entry.discs.items()
+    }
+    damping = {
+        name: reader.constant(getattr(entry.damping, name), unit, f"damping.{name}")
+        for name, unit in (("internal", "s"), ("external", "1/s"), ("structural", "1"))
+    }
+    rotor = Rotor(
+        sections,
+        discs,
+        {name: _support(name, support, reader) for name, support in entry.supports.items()},
+        {
+            name: Unbalance(
+                plane.at,
+                reader.constant(plane.x, "kg m", f"unbalance.{name}.x"),
+                reader.constant(plane.y, "kg m", f"unbalance.{name}.y"),
+            )
+            for name, plane in entry.unbalance.items()
+        },
+        {name: place.at for name, place in entry.actuators.items()},
+        {name: place.at for name, place in entry.sensors.items()},
+        **damping,
+    )
+    _check_places(rotor, entry)
+    _check_numbers(rotor)
+    return divided(rotor, [section.elements for section in entry.sections], MAX_ELEMENTS)
+
+
+def _section(number: int, entry: RotorFile, reader: _Reader) -> Section:
+    drawn, place = entry.sections[number], f"sections.{number}"
+    for name, value in (("length", drawn.length), ("outer", drawn.outer)):
+        if value <= 0:
+            raise ModelError(
+                f"{value:g} m",
+                "a length above 0",
+                "take it from the drawing again",
+                place=f"{place}.{name}",
+            )
+    if not 0 <= drawn.inner < drawn.outer:
+        raise ModelError(
+            f"inner {drawn.inner:g} m in outer {drawn.outer:g} m",
+            "an inner diameter from 0 to less than the outer one",
+            "give diameters, not radii; leave inner out where the section is solid",
+            place=f"{place}.inner",
+        )
+    if drawn.material not in entry.materials:
+        raise ModelError(
+            f"the material {drawn.material[:60]!r}",
+            f"one of [materials]: {', '.join(entry.materials)}",
+            "take a name from there, or add it",
+            place=f"{place}.material",
+        )
+    material, where = entry.materials[drawn.material], f"materials.{drawn.material}"
+    E = reader.constant(material.E, "Pa", f"{where}.E")
+    modulus = reader.at_nominal(E, f"{where}.E")
+    shear = reader.at_nominal(reader.constant(material.G, "Pa", f"{where}.G"), f"{where}.G")
+    density = reader.constant(material.density, "kg/m^3", f"{where}.density")
+    heaviness = reader.at_nominal(density, f"{where}.density")
+    if not 2.0 <= modulus / shear <= 3.0:
+        raise ModelError(
+            f"E = {modulus:.4g} Pa with G = {shear:.4g} Pa, Poisson's ratio "
+            f"{modulus / shear / 2 - 1:.3g}",
+            "a ratio from 0 to 0.5, E from 2 to 3 times G",
+            "look at the units of E and G",
+            place=where,
+        )
+    stiffness = reader.constant(drawn.stiffness, "1", f"{place}.stiffness")
+    reader.at_nominal(stiffness, f"{place}.stiffness")
+    return Section(
+        drawn.length,
+        drawn.outer,
+        drawn.inner,
+        E,
+        density,
+        modulus / shear,
+        modulus,
+        heaviness,
+        stiffness,
+    )
+
+
+def _support(name: str, entry: SupportEntry, reader: _Reader) -> Support:
+    tables = []
+    for kind, unit in (("k", "N/m"), ("c", "N s/m")):
+        both = getattr(entry, kind)
+        single = {axes: getattr(entry, kind + axes) for axes in ("xx", "xy", "yx", "yy")}
+        given = [kind + axes for axes, value in single.items() if value is not None]
+        if both is not None and given:
+            raise ModelError(
+                f"{kind} beside {given[0]}",
+                f"{kind}, the same in x and y, or the four of {kind}xx to {kind}yy",
+                "leave one out",
+                place=f"supports.{name}",
+            )
+        if both is not None:
+            single["xx"] = single["yy"] = both
+        tables.append(
+            tuple(
+                Quantity(())
+                if value is None
+                else reader.read(value, unit, f"supports.{name}.{kind}{axes}")
+                for axes, value in single.items()
+            )
+        )
+    if not any(quantity.terms for table in tables for quantity in table):
+        raise ModelError(
+            "neither stiffness nor damping",
+            "k, c, or kxx to cyy",
+            "give one of them, or leave the support out",
+            place=f"supports.{name}",
+        )
+    stiffness, damping = tables
+    return Support(entry.at, stiffness, damping)  # type: ignore[arg-type]
+
+
+def _check_places(rotor: Rotor, entry: RotorFile) -> None:
+    """Refuse places off the shaft, and names that stand for two."""
+    first: dict[str, tuple[str, float]] = {}
+    for table in ("sensors", "actuators", "discs", "supports", "unbalance"):
+        check_names({table: getattr(entry, table)})
+        for name, member in getattr(entry, table).items():
+            place = f"{table}.{name}"
+            if name.startswith("node"):
+                raise ModelError(
+                    f"the place {name!r}",
+                    "a name that no node has: node1, node2 are those without a name",
+                    "rename it",
+                    place=place,
+                )
+            if not -1e-9 * rotor.length <= member.at <= rotor.length * (1 + 1e-9):
+                raise ModelError(
+                    f"a place at {member.at:g} m",
+                    f"one on the shaft, which is {rotor.length:g} m long",
+                    "measure from the left end",
+                    place=f"{place}.at",
+                )
+            known, at = first.setdefault(name, (table, member.at))
+            if abs(at - member.at) > 1e-9 * rotor.length:
+                raise ModelError(
+                    f"{name!r} at {member.at:g} m and, in [{known}], at {at:g} m",
+                    "one place of that name",
+                    "give the other another name",
+                    place=f"{place}.at",
+                )
+
+
+def _check_numbers(rotor: Rotor) -> None:
+    """Refuse discs and damping that are numbers below zero."""
+    for name, disc in rotor.discs.items():
+        for what in ("mass", "I_t", "I_p"):
+            number = getattr(disc, what).number
+            if number is not None and number < 0:
+                raise ModelError(
+                    f"{number:g}", "0 or more", "drop the sign", place=f"discs.{name}.{what}"
+                )
+    for what in ("internal", "external", "structural"):
+        number = getattr(rotor, what).number
+        if number is not None and number < 0:
+            raise ModelError(f"{number:g}", "0 or more", "drop the sign", place=f"damping.{what}")

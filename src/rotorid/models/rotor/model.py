@@ -1,0 +1,331 @@
+"""`RotorModel`: the model of a drawing, a `Model` whose matrices are constant pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rotorid.errors import InputError, ModelError
+from rotorid.models.base import BaseParameters, monomial_name
+from rotorid.models.expression import Expression, Monomial, product, symbol
+from rotorid.models.linear import InputTerm, LinearForm, StiffnessTerm, Term
+from rotorid.models.model import Model, Motion, Parameter
+from rotorid.models.rotor.assembly import (
+    Load,
+    Piece,
+    aliases_of,
+    coordinates_of,
+    inputs_of,
+    loads_of,
+    pieces_of,
+)
+from rotorid.models.rotor.drawing import Rotor
+from rotorid.models.rotor.quantity import Factors
+from rotorid.models.terms import DERIVATIVES, Equations, Names, sort_monomials
+from rotorid.record import Floats
+from rotorid.units import multiply_units
+
+DEPENDENT = 1e-9
+"""What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
+LAGGING = "lagging"
+"""Kind of a signal that structural damping multiplies: it is a quarter turn ahead on every line."""
+_TURNING = {
+    name: product(
+        [(symbol("Omega"), Fraction(2)), (Expression(name, (symbol("phi"),)), Fraction(1))]
+    )
+    for name in ("cos", "sin")
+}
+
+
+@dataclass(frozen=True)
+class RotorModel(Model):
+    """A model from a drawing: M, D, G, K are sums of constant matrices times monomials.
+
+    Parameters
+    ----------
+    rotor : Rotor
+        The drawing.
+    fixed : mapping of str to float
+        Parameters that were replaced by numbers.
+    pieces, loads : sequence of Piece and of Load
+    push : array, shape (row, input)
+        B.
+    readings : mapping of str to mapping of str to float
+        Names that channels may read besides the coordinates, as combinations of these.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> load_model("flexible").inputs
+    ('F_xA', 'F_yA', 'F_xB', 'F_yB')
+    """
+
+    rotor: Rotor = field(kw_only=True)
+    fixed: Mapping[str, float] = field(kw_only=True, default_factory=dict)
+    pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
+    loads: tuple[Load, ...] = field(kw_only=True, compare=False, repr=False)
+    push: Floats = field(kw_only=True, compare=False, repr=False)
+    readings: Mapping[str, Mapping[str, float]] = field(kw_only=True, compare=False, repr=False)
+
+    @property
+    def used(self) -> frozenset[str]:
+        """The parameters that a matrix or a load holds."""
+        return frozenset(name for factors in self._every for name, _ in factors)
+
+    @cached_property
+    def _every(self) -> tuple[Factors, ...]:
+        """What multiplies each piece and each load."""
+        return (*(p.factors for p in self.pieces), *(load.factors for load in self.loads))
+
+    def _monomial(self, factors: Factors) -> Monomial:
+        powers = dict(factors)
+        return tuple(powers.get(name, 0) for name in self.parameter_names)
+
+    @cached_property
+    def _monomials(self) -> list[Monomial]:
+        held = {self._monomial(factors) for factors in self._every}
+        return sort_monomials(held | {(0,) * len(self.parameters)})
+
+    @cached_property
+    def _numbers(self) -> dict[Factors, int]:
+        """The number of the monomial that factors make."""
+        where = {monomial: i for i, monomial in enumerate(self._monomials)}
+        return {factors: where[self._monomial(factors)] for factors in self._every}
+
+    @cached_property
+    def input_terms(self) -> tuple[InputTerm, ...]:
+        """The right sides."""
+        one = self._monomials.index((0,) * len(self.parameters))
+        entries = np.argwhere(self.push).tolist()
+        return tuple(InputTerm(r, c, one, float(self.push[r, c])) for r, c in entries)
+
+    @cached_property
+    def _stiffness(self) -> tuple[StiffnessTerm, ...]:
+        found = []
+        for piece in self.pieces:
+            speed = symbol("Omega")
+            factor = product([(speed, Fraction(piece.power))] if piece.power else [])
+            number = self._numbers[piece.factors]
+            entries = piece.matrix.tocoo()
+            places = zip(
+                entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), strict=True
+            )
+            found += [
+                StiffnessTerm(r, c, piece.order, number, value, factor, piece.structural)
+                for r, c, value in places
+            ]
+        return tuple(found)
+
+    @cached_property
+    def _load_terms(self) -> tuple[Term, ...]:
+        found = []
+        for load in self.loads:
+            number = self._numbers[load.factors]
+            for part, signal in ((load.cosine, _TURNING["cos"]), (load.sine, _TURNING["sin"])):
+                rows = np.flatnonzero(part).tolist()
+                found += [Term(row, number, float(part[row]), signal) for row in rows]
+        return tuple(found)
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """The left sides, for what takes them one by one."""
+        moving = [Term(t.row, t.monomial, t.coefficient, self._signal(t)) for t in self._stiffness]
+        return (*moving, *(replace(t, coefficient=-t.coefficient) for t in self._load_terms))
+
+    def _signal(self, term: StiffnessTerm) -> Expression:
+        """Return what a term multiplies; what lags has no value at an instant."""
+        moved = symbol(self.coordinates[term.column] + DERIVATIVES[term.order])
+        held = Expression(LAGGING, (moved,)) if term.structural else moved
+        return product([*term.factor.factors, (held, Fraction(1))])
+
+    def signal_value(self, index: int, motion: Motion) -> Floats:
+        """Evaluate a signal; structural damping has none.
+
+        Raises
+        ------
+        ModelError
+            For structural damping.
+        """
+        if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
+            raise ModelError(
+                "structural damping",
+                "damping that has a value at each instant, or estimates on lines",
+                "use ml, or give internal and external damping in its place",
+                place="damping.structural",
+            )
+        return super().signal_value(index, motion)
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether a signal is not linear in the motion: never."""
+        return False
+
+    @cached_property
+    def unit_faults(self) -> tuple[str, ...]:
+        """None: units are checked where the drawing is read."""
+        return ()
+
+    def require_linear(self) -> LinearForm:
+        """Return the linear form."""
+        return LinearForm(
+            rows=len(self.texts),
+            coordinates=len(self.coordinates),
+            inputs=len(self.inputs),
+            stiffness=self._stiffness,
+            input_terms=self.input_terms,
+            load_terms=self._load_terms,
+            monomial_values=self.monomial_values,
+            monomials=len(self._monomials),
+        )
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """The base parameters: monomials whose matrices are no combination of the others'."""
+        columns = self._columns()
+        size = np.linalg.norm(columns, axis=0)
+        scaled = columns / np.where(size > 0, size, 1.0)
+        kept: list[int] = []
+        gather: list[Floats] = []
+        merged: dict[int, tuple[list[int], Floats]] = {}
+        for number, monomial in enumerate(self._monomials):
+            if not any(monomial) or not size[number]:
+                continue
+            found, *_ = np.linalg.lstsq(scaled[:, kept], scaled[:, number], rcond=None)
+            rest = scaled[:, number] - scaled[:, kept] @ found
+            if np.linalg.norm(rest) > DEPENDENT:
+                kept.append(number)
+            else:
+                merged[number] = (list(range(len(kept))), found * size[number] / size[kept])
+        for place, number in enumerate(kept):
+            row = np.zeros(len(self._monomials))
+            row[number] = 1.0
+            for other, (places, shares) in merged.items():
+                if place in places and abs(shares[place]) > DEPENDENT:
+                    row[other] = shares[place]
+            gather.append(row)
+        units = {p.name: p.unit for p in self.parameters}
+        named = [self._monomials[number] for number in kept]
+        return BaseParameters(
+            tuple(monomial_name(monomial, self.parameter_names) for monomial in named),
+            tuple(_unit(monomial, self.parameter_names, units) for monomial in named),
+            np.array(gather).reshape(len(kept), len(self._monomials)),
+            tuple(kept),
+        )
+
+    def _columns(self) -> Floats:
+        """Return the entries of all matrices and loads, a column for each monomial."""
+        places: dict[tuple[object, ...], int] = {}
+        entries = [
+            ((t.order, t.factor, t.structural, t.row, t.column), t.monomial, t.coefficient)
+            for t in self._stiffness
+        ] + [((t.signal, t.row), t.monomial, t.coefficient) for t in self._load_terms]
+        rows = [places.setdefault(place, len(places)) for place, _, _ in entries]
+        columns = np.zeros((len(places), len(self._monomials)))
+        for row, (_, monomial, coefficient) in zip(rows, entries, strict=True):
+            columns[row, monomial] += coefficient
+        return columns
+
+    def substitute(self, fixed: Mapping[str, float]) -> RotorModel:
+        """Return the model with some parameters replaced by numbers (SI).
+
+        Raises
+        ------
+        InputError
+            For names that are no parameters, and values that are not finite.
+        """
+        for name, value in fixed.items():
+            if name not in self.parameter_names:
+                raise InputError(
+                    f"no parameter {name!r}",
+                    f"one of {', '.join(self.parameter_names)}",
+                    "take a name from there",
+                )
+            if not np.isfinite(value):
+                raise InputError(
+                    f"{value} for {name}", "a finite number", "give its value, or leave it out"
+                )
+        kept = tuple(p for p in self.parameters if p.name not in fixed)
+        pieces, loads = [], []
+        for piece in self.pieces:
+            size, left = _split(piece.factors, fixed)
+            pieces.append(replace(piece, factors=left, matrix=size * piece.matrix))
+        for load in self.loads:
+            size, left = _split(load.factors, fixed)
+            loads.append(Load(left, size * load.cosine, size * load.sine))
+        return replace(
+            self,
+            names=replace(self.names, parameters=tuple(p.name for p in kept)),
+            parameters=kept,
+            fixed={**self.fixed, **fixed},
+            pieces=tuple(pieces),
+            loads=tuple(loads),
+        )
+
+    def to_ross(self, values: Mapping[str, float], *, speed: float = 0.0) -> Any:
+        """Return the rotor as ROSS has it.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Of the parameters, in SI.
+        speed : float
+            rad/s, where the supports depend on it.
+
+        Returns
+        -------
+        ross.Rotor
+
+        Raises
+        ------
+        ModelError
+            Without ROSS, and for damping of the shaft, which ROSS does not have.
+
+        Examples
+        --------
+        >>> from rotorid.models import load_model
+        >>> model = load_model("flexible")
+        >>> model.to_ross(model.nominal | {"c_i": 0.0})  # doctest: +SKIP
+        """
+        from rotorid.models.rotor.ross_rotor import to_ross
+
+        return to_ross(self.rotor, {**self.fixed, **values, "Omega": speed})
+
+
+def _split(factors: Factors, fixed: Mapping[str, float]) -> tuple[float, Factors]:
+    """Return the number that fixed values make of factors, and what is left."""
+    size = float(np.prod([fixed[name] ** power for name, power in factors if name in fixed]))
+    return size, tuple(factor for factor in factors if factor[0] not in fixed)
+
+
+def _unit(monomial: Monomial, names: Sequence[str], units: Mapping[str, str]) -> str:
+    powers = zip(names, monomial, strict=True)
+    return multiply_units([(units[name], n) for name, n in powers if n])
+
+
+def rotor_model(
+    rotor: Rotor, parameters: Sequence[Parameter], *, name: str, title: str = "", source: str = ""
+) -> RotorModel:
+    """Return the model of a drawing, in the coordinates of its nodes."""
+    coordinates = coordinates_of(rotor)
+    inputs = tuple(f"F_{axis}{place}" for place in rotor.actuators for axis in "xy")
+    units = {q: "rad" if q.startswith("theta") else "m" for q in coordinates}
+    return RotorModel(
+        name,
+        title or name,
+        source,
+        tuple(f"balance of {q}" for q in coordinates),
+        Names(coordinates, inputs, tuple(p.name for p in parameters)),
+        {**units, **dict.fromkeys(inputs, "N")},
+        tuple(parameters),
+        Equations((), ()),
+        rotor=rotor,
+        pieces=pieces_of(rotor),
+        loads=loads_of(rotor),
+        push=inputs_of(rotor),
+        readings={alias: {own: 1.0} for alias, own in aliases_of(rotor).items()},
+    )

@@ -1,0 +1,145 @@
+"""From ROSS, whose elements are these: a model of a rotor that stands there already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.models.model import Parameter
+from rotorid.models.rotor.drawing import Disc, Rotor, Section, Support
+from rotorid.models.rotor.model import RotorModel, rotor_model
+from rotorid.models.rotor.quantity import Quantity
+
+
+def from_ross(
+    rotor: Any,
+    *,
+    actuators: Mapping[str, int] | None = None,
+    sensors: Mapping[str, int] | None = None,
+    unknown: Sequence[str] | None = None,
+) -> RotorModel:
+    """Return the model of a ROSS rotor: its shaft, disks and bearings.
+
+    Parameters
+    ----------
+    rotor : ross.Rotor
+        Of cylindrical elements.
+    actuators, sensors : mapping of str to int
+        Nodes of the actuators, whose inputs are F_x and F_y before the name, and of the sensors.
+    unknown : sequence of str, optional
+        The parameters to keep; the others are put in as ROSS has them. The parameters are
+        ``m_0``, ``I_t_0``, ``I_p_0`` of disk 0; ``kxx_0``, ``cxx_0`` and so on of bearing 0,
+        as far as they are not zero; and ``s_0``, a factor on E of shaft element 0.
+
+    Returns
+    -------
+    RotorModel
+
+    Raises
+    ------
+    InputError
+        For what a model of this package has not: conical elements, bearings that depend on the
+        speed or the frequency, a parameter that is none.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> model = load_model("flexible")
+    >>> ross_rotor = model.to_ross(model.nominal | {"c_i": 0.0})  # doctest: +SKIP
+    >>> from_ross(ross_rotor, unknown=["m_0"]).parameter_names  # doctest: +SKIP
+    ('m_0',)
+    """
+    parameters: list[Parameter] = []
+    at = np.concatenate([[0.0], np.cumsum([float(e.L) for e in _in_order(rotor)])])
+
+    def named(name: str, unit: str, value: float, *, positive: bool = True) -> Quantity:
+        if not value:
+            return Quantity(())
+        parameters.append(Parameter(name, unit, float(value), positive and value > 0))
+        return Quantity(((((name, 1),), 1.0),))
+
+    sections = tuple(
+        _section(element, named(f"s_{k}", "1", 1.0)) for k, element in enumerate(_in_order(rotor))
+    )
+    discs = {
+        f"disc{k}": Disc(
+            float(at[disk.n]),
+            named(f"m_{k}", "kg", disk.m),
+            named(f"I_t_{k}", "kg m^2", disk.Id),
+            named(f"I_p_{k}", "kg m^2", disk.Ip),
+        )
+        for k, disk in enumerate(rotor.disk_elements)
+    }
+    supports = {}
+    for k, bearing in enumerate(rotor.bearing_elements):
+        tables = [
+            [
+                named(f"{kind}{axes}_{k}", unit, _constant(bearing, kind + axes), positive=False)
+                for axes in ("xx", "xy", "yx", "yy")
+            ]
+            for kind, unit in (("k", "N/m"), ("c", "N s/m"))
+        ]
+        supports[f"bearing{k}"] = Support(float(at[bearing.n]), *map(tuple, tables))  # type: ignore[arg-type]
+    pushed, read = (
+        {name: float(at[node]) for name, node in (table or {}).items()}
+        for table in (actuators, sensors)
+    )
+    drawn = Rotor(sections, discs, supports, {}, pushed, read)
+    model = rotor_model(drawn, parameters, name="ross", title=str(getattr(rotor, "tag", "")))
+    kept = () if unknown is None else tuple(unknown)
+    strange = [name for name in kept if name not in model.parameter_names]
+    if strange:
+        raise InputError(
+            f"no parameter {strange[0]!r}",
+            f"one of {', '.join(model.parameter_names)}",
+            "take names from there",
+            place="unknown",
+        )
+    if unknown is None:
+        return model
+    return model.substitute({n: v for n, v in model.nominal.items() if n not in kept})
+
+
+def _in_order(rotor: Any) -> list[Any]:
+    """Return the elements of a shaft from left to right, one after the other."""
+    elements = sorted(rotor.shaft_elements, key=lambda e: int(e.n))
+    if [int(e.n) for e in elements] != list(range(len(elements))):
+        raise InputError(
+            "elements of a shaft side by side",
+            "one element between two nodes",
+            "put layers into one element, or into the stiffness of a section",
+        )
+    return elements
+
+
+def _section(element: Any, stiffness: Quantity) -> Section:
+    if element.odl != element.odr or element.idl != element.idr:
+        raise InputError(
+            f"the conical element {element.n}", "cylinders", "divide it into steps of its mean"
+        )
+    material = element.material
+    return Section(
+        float(element.L),
+        float(element.odl),
+        float(element.idl),
+        Quantity.of(material.E),
+        Quantity.of(material.rho),
+        float(material.E / material.G_s),
+        float(material.E),
+        float(material.rho),
+        stiffness,
+    )
+
+
+def _constant(bearing: Any, name: str) -> float:
+    values = np.atleast_1d(np.asarray(getattr(bearing, name), dtype=float))
+    if (np.abs(values - values[0]) > 0).any():
+        raise InputError(
+            f"{name} of a bearing that depends on the speed",
+            "constants",
+            "write a rotor file, whose supports may hold Omega",
+        )
+    return float(values[0])

@@ -1,0 +1,243 @@
+"""Rotors from drawings: elements against ROSS and closed forms, files, and what they refuse."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from rotor_files import random_rotor, uniform
+
+import rotorid as rid
+import rotorid.models
+from rotorid.models.modal import eigenmodes
+from rotorid.models.rotor.elements import Beam
+from rotorid.models.rotor.mesh import bending
+from rotorid.rig.lines import add_noise, line_record
+
+BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
+SENSORS = ["x_a", "y_a", "x_b", "y_b"]
+FLEXIBLE = Path(rid.models.__file__).parent / "library" / "flexible.toml"
+GOLDEN = Path(__file__).with_name("ross.npz")
+
+
+def frequencies(model, speed=0.0):
+    """Return natural frequencies of the undamped model at rest, rad/s."""
+    m = model.require_linear().matrices(model.values(model.nominal), speed)
+    scale = 1 / np.sqrt(np.diag(m.M))
+    scaled = [scale[:, None] * each * scale for each in (m.K, m.M)]
+    return np.sqrt(np.abs(scipy.linalg.eigh(*scaled, eigvals_only=True)))
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_matrices_equal_those_of_ross(number):
+    model = rid.parse_model(random_rotor(np.random.default_rng(number)))
+    own = model.require_linear().matrices([], 100.0)
+    with np.load(GOLDEN) as golden:
+        for name, matrix in (("M", own.M), ("K", own.K), ("G", own.G), ("C", own.D)):
+            theirs = golden[f"{name}{number}"]
+            np.testing.assert_allclose(
+                matrix, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max() * 1e-3
+            )
+
+
+def test_a_rotor_goes_to_ross_and_back():
+    pytest.importorskip("ross", reason="ROSS is not installed: pip install rotorid[ross]")
+    model = rid.parse_model(random_rotor(np.random.default_rng(3)))
+    again = rid.from_ross(model.to_ross({}))
+    one, other = (m.require_linear().matrices(m.values(m.nominal), 7.0) for m in (model, again))
+    for name in "MDGK":
+        mine, theirs = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(theirs, mine, rtol=1e-12, atol=1e-12 * np.abs(mine).max())
+
+
+def test_shape_functions_of_an_element_give_its_matrices():
+    beam = Beam(0.1, 0.04, 0.02, 200e9, 78e9, 7800.0)
+    length, phi = beam.length, beam.phi
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    s, weights = (nodes + 1) / 2, weights / 2 * length
+    shift = np.array(
+        [
+            1 - 3 * s**2 + 2 * s**3 + phi * (1 - s),
+            length * (s - 2 * s**2 + s**3 + phi / 2 * (s - s**2)),
+            3 * s**2 - 2 * s**3 + phi * s,
+            length * (-(s**2) + s**3 - phi / 2 * (s - s**2)),
+        ]
+    ) / (1 + phi)
+    turn = np.array(
+        [
+            6 / length * (s**2 - s),
+            1 - 4 * s + 3 * s**2 + phi * (1 - s),
+            6 / length * (s - s**2),
+            3 * s**2 - 2 * s + phi * s,
+        ]
+    ) / (1 + phi)
+    mass = beam.density * beam.area * (shift * weights) @ shift.T
+    rotary = beam.density * beam.second_moment * (turn * weights) @ turn.T
+    np.testing.assert_allclose(beam.translation(), mass, rtol=1e-12)
+    np.testing.assert_allclose(beam.rotation(), rotary, rtol=1e-12)
+    # K from bending and shear strain of the same functions.
+    curl = np.array(
+        [
+            6 / length**2 * (2 * s - 1),
+            (6 * s - 4 - phi) / length,
+            6 / length**2 * (1 - 2 * s),
+            (6 * s - 2 + phi) / length,
+        ]
+    ) / (1 + phi)
+    slope = np.array(
+        [
+            (-6 * s + 6 * s**2 - phi) / length,
+            1 - 4 * s + 3 * s**2 + phi / 2 * (1 - 2 * s),
+            (6 * s - 6 * s**2 + phi) / length,
+            -2 * s + 3 * s**2 - phi / 2 * (1 - 2 * s),
+        ]
+    ) / (1 + phi)
+    shear = slope - turn
+    stiffness = beam.E * beam.second_moment * (curl * weights) @ curl.T
+    stiffness += beam.shear_coefficient * beam.G * beam.area * (shear * weights) @ shear.T
+    np.testing.assert_allclose(beam.stiffness(), stiffness, rtol=1e-11)
+
+
+def test_a_thin_free_beam_has_the_frequencies_of_its_closed_form_at_the_rate_of_the_element():
+    speed = np.sqrt(210e9 / 7850) * 0.2e-3 / 4
+    exact = np.array(BETA) ** 2 * speed
+    errors = []
+    for elements in (10, 20):
+        model = rid.parse_model(uniform(outer="0.2 mm", length="1 m", elements=elements))
+        errors.append(frequencies(model)[4:10:2] / exact - 1)
+    assert (errors[1] > 0).all()
+    assert (errors[1] < 5e-4).all()
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1]), 4, atol=0.3)
+
+
+def test_a_simply_supported_beam_has_the_frequencies_of_its_closed_form():
+    more = """
+    [supports]
+    left = { at = "0 m", k = "1e12 N/m" }
+    right = { at = "1 m", k = "1e12 N/m" }
+    """
+    model = rid.parse_model(uniform(outer="5 mm", elements=12, more=more))
+    exact = (np.pi * np.arange(1, 4)) ** 2 * np.sqrt(210e9 / 7850) * 0.005 / 4
+    np.testing.assert_allclose(frequencies(model)[:6:2], exact, rtol=3e-4)
+
+
+def test_elements_that_are_not_given_make_three_bending_frequencies_converge():
+    found = rid.parse_model(uniform(outer="60 mm").replace(", elements = 8", "")).rotor
+    fine = bending(rid.parse_model(uniform(outer="60 mm", elements=120)).rotor)
+    np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)
+    coarse = rid.parse_model(uniform(outer="60 mm", elements=len(found.nodes) // 2)).rotor
+    assert (np.abs(bending(coarse) - fine) > 1.5e-3 * fine).any()
+    drawn = rid.load_model("flexible").rotor
+    assert sum(section.elements for section in drawn.sections) > len(drawn.sections)
+
+
+def test_a_stiff_shaft_is_the_rigid_rotor():
+    text = (
+        uniform(
+            outer="40 mm",
+            length="0.4 m",
+            more="""
+        [discs]
+        wheel = { at = "0.2 m", mass = "3 kg", I_t = "4e-3 kg m^2", I_p = "6e-3 kg m^2" }
+        """,
+        )
+        .replace("210 GPa", "2.1e8 GPa")
+        .replace("80 GPa", "8e7 GPa")
+    )
+    model = rid.parse_model(text)
+    m = model.require_linear().matrices([], 300.0)
+    z = model.rotor.positions - 0.2
+    rigid = np.zeros((len(model.coordinates), 4))
+    rigid[0::4, 0], rigid[1::4, 1], rigid[2::4, 2], rigid[3::4, 3] = 1, 1, 1, 1
+    rigid[0::4, 3], rigid[1::4, 2] = z, -z
+    mass = 7850 * np.pi / 4 * 0.04**2 * 0.4
+    across = mass * (0.4**2 / 12 + 0.04**2 / 16) + 4e-3
+    polar = mass * 0.04**2 / 8 + 6e-3
+    np.testing.assert_allclose(
+        rigid.T @ m.M @ rigid, np.diag([mass + 3, mass + 3, across, across]), atol=1e-12
+    )
+    gyroscopic = np.zeros((4, 4))
+    gyroscopic[2, 3], gyroscopic[3, 2] = polar, -polar
+    np.testing.assert_allclose(rigid.T @ m.G @ rigid, gyroscopic, atol=1e-12)
+    assert np.abs(m.K @ rigid).max() < 1e-9 * np.abs(m.K).max()
+
+
+def drawn_record(model, rng, *, speed=2 * np.pi * 120, lines=range(3, 63, 3), values=None):
+    """Return a periodic record of a model with four sensors, with noise on its lines."""
+    held = model.values(model.nominal if values is None else values)
+    forces = 20 * np.exp(2j * np.pi * rng.random((len(lines), len(model.inputs))))
+    record = line_record(
+        model,
+        held,
+        forces,
+        harmonics=list(lines),
+        fundamental=10.0,
+        sample_rate=20000.0,
+        periods=20,
+        speed=speed,
+        sensors=SENSORS,
+    )
+    noise = dict.fromkeys(model.inputs, 0.5) | dict.fromkeys(SENSORS, 1e-6)
+    return add_noise(record, noise, rng)
+
+
+def recovered(model, record, start):
+    """Return an estimate, held against the nominal values."""
+    estimate = rid.identify(model, record, rid.MaximumLikelihood(start=start))
+    assert estimate.status == "ok"
+    for name, value in model.nominal.items():
+        assert abs(estimate.value(name) - value) < 4 * estimate.std(name)
+    return estimate
+
+
+def test_a_rotor_file_is_identified():
+    model = rid.load_model("flexible")
+    start = {name: value * 1.15 for name, value in model.nominal.items() if value > 0}
+    estimate = recovered(model, drawn_record(model, np.random.default_rng(1)), start)
+    assert estimate.std("s_A") < 0.01
+
+
+def test_internal_external_and_structural_damping_are_told_apart():
+    text = FLEXIBLE.read_text(encoding="utf-8")
+    text = text.replace(
+        'internal = "c_i"', 'internal = "c_i"\nexternal = "c_e"\nstructural = "eta"'
+    )
+    text += 'c_e = { unit = "1/s", nominal = 2.0 }\neta = { unit = "1", nominal = 4e-3 }\n'
+    model = rid.parse_model(text)
+    start = {"c_i": 1e-6, "c_e": 1.0, "eta": 2e-3}
+    estimate = recovered(model, drawn_record(model, np.random.default_rng(2)), start)
+    for name in start:
+        assert estimate.std(name) < 0.2 * model.nominal[name]
+
+
+def test_structural_damping_is_half_the_loss_factor_of_each_mode():
+    text = uniform(more="[damping]\nstructural = 0.02")
+    linear = rid.parse_model(text).require_linear()
+    m = linear.matrices([], 0.0)
+    assert np.allclose(m.H, 0.02 * m.K)
+    modes = eigenmodes(m.M, m.D, m.K + 1j * m.H)
+    ratio = -modes.values.real / np.abs(modes.values)
+    np.testing.assert_allclose(ratio[:6], np.sin(np.arctan(0.02) / 2), rtol=1e-6)
+    # At rest nothing lags: the stiffness of the line at 0 Hz is real.
+    assert not linear.dynamic_stiffness([0.0], [], 0.0).imag.any()
+
+
+def test_a_support_may_depend_on_the_speed():
+    more = """
+    [supports]
+    seal = { at = "0.5 m", kxx = "k_0 + k_2*Omega^2", kxy = "q*Omega", kyx = "-q*Omega", c = "c" }
+    [parameters]
+    k_0 = { unit = "N/m", nominal = 1e5 }
+    k_2 = { unit = "N s^2/m", nominal = 0.5 }
+    q = { unit = "N s/m", nominal = 20.0 }
+    c = { unit = "N s/m", nominal = 40.0 }
+    """
+    model = rid.parse_model(uniform(more=more))
+    bare = rid.parse_model(uniform()).require_linear().matrices([], 0.0)
+    m = model.require_linear().matrices(model.values(model.nominal), 300.0)
+    x, y = (model.coordinates.index(name) for name in ("x_seal", "y_seal"))
+    added = (m.K - bare.K)[np.ix_([x, y], [x, y])]
+    np.testing.assert_allclose(
+        added, [[1e5 + 0.5 * 300**2, 6000], [-6000, 0]], rtol=1e-9, atol=1e-6
+    )
+    assert m.D[x, x] == m.D[y, y] == 40.0
