@@ -43,8 +43,14 @@ from .record import Drive as Drive
 from .record import PeriodicRecord as PeriodicRecord
 from .record import Record as Record
 from .responses import response_lines as response_lines
+from .results.critical import Campbell as Campbell
+from .results.critical import campbell as campbell
 from .results.export import export as export
 from .results.model import own_model as own_model
+from .results.modes import Modes as Modes
+from .results.modes import modes as modes
+from .results.unbalance import UnbalanceResponse as UnbalanceResponse
+from .results.unbalance import unbalance_response as unbalance_response
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state
 from .signals import average as average

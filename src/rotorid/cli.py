@@ -32,6 +32,7 @@ MAX_SEED = 2**128 - 1  # what a generator keeps of it
 _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
+_RECORD = "Of what every record has to itself: whose values to take, from 0."
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -70,10 +71,14 @@ def _force_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    command = _quiet_option(command)
-    command = _force_option(command)
-    command = click.option("--report", type=_FILE, help="Write a report (HTML).")(command)
+    return click.option("--report", type=_FILE, help="Write a report (HTML).")(
+        _json_option(command)
+    )
+
+
+def _json_option(command: Callable[..., Any]) -> Callable[..., Any]:
     told = "Write the result (JSON); - writes it, and nothing else, to the standard output."
+    command = _force_option(_quiet_option(command))
     return click.option("--json", type=_FILE, help=told)(command)
 
 
@@ -150,6 +155,18 @@ def identify(given: str, /, **options: Any) -> int:
 def validate(**options: Any) -> int:
     """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
     return _work("validate", **options)
+
+
+@cli.command(epilog=_example('rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"'))
+@click.argument("source", metavar="RESULT-OR-MODEL", shell_complete=_names_in("models"))
+@click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
+@click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
+@click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
+@_json_option
+@_debug_option
+def modes(**options: Any) -> int:
+    """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
+    return _work("modes", **options)
 
 
 @cli.command(epilog=_example("rotorid report run.json --out run.html"))

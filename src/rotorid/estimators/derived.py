@@ -26,14 +26,26 @@ def base_from_physical(
 
 
 def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[Value, ...]:
-    """Return the physical parameters that base parameters determine.
+    """Return the physical parameters that base parameters determine, as `physical_fit` does."""
+    values, spread, determined = physical_fit(model, base, covariance)
+    std = np.sqrt((spread**2).sum(axis=1))
+    return tuple(
+        Value(p.name, p.unit, float(values[i]), float(std[i]))
+        for i, p in enumerate(model.parameters)
+        if determined[i]
+    )
+
+
+def physical_fit(model: Model, base: Floats, covariance: Floats) -> tuple[Floats, Floats, Booleans]:
+    """Return the physical parameters nearest to base ones, S with covariance SS', and which hold.
 
     The fit ``min (base - base(p))' C^-1 (base - base(p))`` with the covariance C of the base
     parameters; where there are as many of one as of the other it is the exact solution.
     """
     known = np.isfinite(base)
+    count = len(model.parameters)
     if not known.any():
-        return ()
+        return np.full(count, np.nan), np.zeros((count, 0)), np.zeros(count, dtype=bool)
     start = physical_start(model, base)
     whitener = _Whitener(base[known], covariance[np.ix_(known, known)])
     size = np.where(start != 0, np.abs(start), 1.0)
@@ -47,12 +59,8 @@ def physical_from_base(model: Model, base: Floats, covariance: Floats) -> tuple[
     # All parameters move, those too that stay undetermined: held at a start that contradicts
     # the base they would pull at the others.
     scaled = _gauss_newton(residual, jacobian, start / size)
-    determined, std = _deviations(jacobian(scaled))
-    return tuple(
-        Value(p.name, p.unit, float(scaled[i] * size[i]), float(std[i] * size[i]))
-        for i, p in enumerate(model.parameters)
-        if determined[i]
-    )
+    determined, spread = _spread(jacobian(scaled))
+    return scaled * size, spread * size[:, None], determined
 
 
 def _gauss_newton(
@@ -128,14 +136,14 @@ def _root(model: Model, gathered: Floats, value: float, values: Floats, index: i
     return float(real[np.abs(real - values[index]).argmin()])
 
 
-def _deviations(jacobian: Floats) -> tuple[Booleans, Floats]:
-    """Return which parameters a whitened Jacobian determines, and the deviations of all."""
+def _spread(jacobian: Floats) -> tuple[Booleans, Floats]:
+    """Return which parameters a whitened Jacobian determines, and S with covariance SS'."""
     slope, length = _normalized(jacobian)
     _, singular, directions = np.linalg.svd(slope)
     rank = int((singular > RANK_TOLERANCE * singular.max(initial=1e-300)).sum())
     determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
     spread = directions[:rank].T / singular[:rank] / length[:, None]
-    return determined, np.sqrt((spread**2).sum(axis=1))
+    return determined, np.asarray(spread)
 
 
 def _normalized(jacobian: Floats) -> tuple[Floats, Floats]:

@@ -155,21 +155,7 @@ class LinearForm:
                 "as many of one as of the other",
                 "complete the model",
             )
-        # Rows and columns in units of their own size, so that the condition means something.
-        size = np.abs(stiffness)
-        row = 1 / np.maximum(size.max(axis=2), 1e-300)
-        column = 1 / np.maximum((size * row[..., None]).max(axis=1), 1e-300)
-        scaled = stiffness * row[..., None] * column[:, None, :]
-        condition = np.linalg.cond(scaled)
-        if (condition > 1e12).any():
-            where = np.asarray(omega)[int(condition.argmax())] / (2 * np.pi)
-            raise InputError(
-                f"a singular dynamic stiffness at {where:g} Hz",
-                "lines away from undamped resonances and free motion",
-                "leave that line out or give the model damping or support",
-            )
-        solved = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
-        return np.asarray(solved * column)
+        return solved(stiffness, right, np.asarray(omega, dtype=float))
 
     def load_columns(self, time: ArrayLike, angle: ArrayLike, speed: float) -> Floats:
         """Return the columns of g: ``g = load_columns @ mu``."""
@@ -181,6 +167,40 @@ class LinearForm:
                 raise _not_finite(term.signal, speed)
             columns[..., term.row, term.monomial] += term.coefficient * signal
         return columns
+
+
+SINGULAR = 1e12
+"""Condition number of a scaled dynamic stiffness from which on it is singular to rounding."""
+
+
+def solved(
+    stiffness: Complexes, right: Complexes, omega: Floats, size: Floats | None = None
+) -> Complexes:
+    """Solve ``Z_k q_k = right_k`` on each line, shape (line, coordinate).
+
+    `size` is that of the parts that Z is a sum of, where they may cancel: a line exactly on an
+    undamped resonance of one coordinate alone.
+
+    Raises
+    ------
+    InputError
+        Where Z is singular.
+    """
+    # Rows and columns in units of their own size, so that the condition means something.
+    size = np.abs(stiffness) if size is None else size
+    row = 1 / np.maximum(size.max(axis=2), 1e-300)
+    column = 1 / np.maximum((size * row[..., None]).max(axis=1), 1e-300)
+    scaled = stiffness * row[..., None] * column[:, None, :]
+    condition = np.linalg.cond(scaled)
+    if (condition > SINGULAR).any():
+        where = omega[int(condition.argmax())] / (2 * np.pi)
+        raise InputError(
+            f"a singular dynamic stiffness at {where:g} Hz",
+            "lines away from undamped resonances and free motion",
+            "leave that line out or give the model damping or support",
+        )
+    found = np.linalg.solve(scaled, (right * row)[..., None])[..., 0]
+    return np.asarray(found * column)
 
 
 def speed_factor(factor: Expression, speed: float) -> float:

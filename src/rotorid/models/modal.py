@@ -6,7 +6,8 @@ radians and newtons beside newton metres, and lambda by a frequency of the machi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,11 +36,17 @@ class Eigenmodes:
         lambda in rad/s, its imaginary part positive.
     right, left : complex array, shape (mode, coordinate) and (mode, row)
         ``(lambda^2 M + lambda D + K) right = 0`` and ``left^H (...) = 0``.
+    rigid : int
+        Poles at zero: of free motion.
+    real : array
+        Poles that do not oscillate, in rad/s, in ascending order.
     """
 
     values: Complexes
     right: Complexes
     left: Complexes
+    rigid: int = 0
+    real: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def distinct(self) -> list[Integers]:
@@ -47,6 +54,13 @@ class Eigenmodes:
         values = self.values
         near = np.abs(np.diff(values)) <= ALIKE * np.abs(values[1:])
         return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
+
+    def grouped(self, pattern: Sequence[int]) -> list[Integers]:
+        """Return which modes are one, by how many are in general: some coincide by chance."""
+        distinct = self.distinct
+        if len(distinct) == len(pattern) or sum(pattern) != len(self.values):
+            return distinct
+        return np.split(np.arange(len(self.values)), np.cumsum(pattern)[:-1])
 
 
 def eigenmodes(
@@ -81,12 +95,16 @@ def eigenmodes(
     values[finite] = over[finite] / under[finite]
     size = np.abs(values)
     highest = size[finite].max(initial=0.0)
-    kept = finite & (size > RIGID * highest) & (values.imag > OVERDAMPED * size)
+    moving = finite & (size > RIGID * highest)
+    kept = moving & (values.imag > OVERDAMPED * size)
+    real = moving & (np.abs(values.imag) <= OVERDAMPED * size)
     order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
     return Eigenmodes(
         np.asarray(values[order] * unit, dtype=np.complex128),
         np.asarray(right[:n, order].T * column, dtype=np.complex128),
         np.asarray(left[n:, order].T * row, dtype=np.complex128),
+        int((finite & ~moving).sum()),
+        np.sort(values[real].real * unit),
     )
 
 

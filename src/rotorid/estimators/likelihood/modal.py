@@ -110,10 +110,7 @@ class Configuration:
 
     def groups(self, found: Eigenmodes) -> list[Integers]:
         """Return which modes make up each distinct natural frequency."""
-        distinct = found.distinct
-        if len(distinct) == len(self.pattern) or sum(self.pattern) != len(found.values):
-            return distinct
-        return np.split(np.arange(len(found.values)), np.cumsum(self.pattern)[:-1])
+        return found.grouped(self.pattern)
 
     def solved(self, unknowns: Floats) -> Solved:
         """Return matrices and modes; residual and derivative ask for them one after the other."""

@@ -1,0 +1,381 @@
+"""Campbell diagram and critical speeds, with their deviations.
+
+A critical speed is where a free vibration rings with the rotation: ``Im lambda(Omega) = |Omega|``.
+Roots are bracketed on a grid of speeds by the number of modes above the rotation, which is
+continuous where curves cross each other, and no curve is followed for it. The grid holds the speeds
+between the eigenvalues of ``Omega^2 (i G - M) + i Omega D + K``, so that no two roots fall into one
+of its intervals where matrices do not depend on the speed otherwise. Notation as in `modes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.models import Model
+from rotorid.record import Complexes, Floats, Integers
+from rotorid.results.machine import Machine, machine_of
+from rotorid.results.modes import (
+    DRAWS,
+    NORMAL,
+    Eigen,
+    block_of,
+    deviations,
+    eigen_at,
+    eigenmodes_at,
+    finite_speed,
+    pattern_of,
+    whirls_of,
+)
+from rotorid.results.whirl import Whirl
+
+POINTS = 61
+"""Speeds of a diagram."""
+SCAN = 120
+"""Speeds at which modes above the rotation are counted, besides those from the eigenvalues."""
+EXACT = 1e-10
+"""Share of a speed to which a root is found."""
+FALSE = 1e-6
+"""Share of the speed by which a root may miss: more, and the count changed as a mode vanished."""
+ALIKE = 0.7
+"""Overlap of shapes below which a step of the speed is halved to follow a curve."""
+HALVINGS = 6
+"""Halvings of a step at the most: curves that still part then touch one another."""
+CURVES = 24
+"""Curves of a diagram: the lowest."""
+
+
+@dataclass(frozen=True)
+class CriticalSpeed:
+    """A speed at which a natural frequency is that of the rotation.
+
+    Parameters
+    ----------
+    speed_rad_s : float
+        Negative for a rotor that turns backward.
+    std : float or None
+        rad/s; ``None`` where nothing is known of the deviations.
+    whirl : {"forward", "backward", "planar", "mixed"}
+        Unbalance of a machine that is the same in two planes excites forward ones alone.
+    damping_ratio : float
+        Of the mode there.
+    interval : (float, float) or None
+        Holds 95 percent, rad/s.
+    """
+
+    speed_rad_s: float
+    std: float | None
+    whirl: Whirl
+    damping_ratio: float
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Campbell:
+    """Natural frequencies over the speed, and critical speeds.
+
+    Parameters
+    ----------
+    model : str
+    speed : array, shape (speed,)
+        rad/s.
+    frequency_hz, std_hz, damping_ratio : array, shape (speed, curve)
+        NaN where a mode does not oscillate; deviations are NaN where nothing is known of them.
+    whirl : sequence of str
+        Of each curve, at the last speed at which it oscillates.
+    critical : sequence of CriticalSpeed
+    status : str
+    remarks : sequence of str
+    """
+
+    model: str
+    speed: Floats
+    frequency_hz: Floats
+    std_hz: Floats
+    damping_ratio: Floats
+    whirl: tuple[Whirl, ...]
+    critical: tuple[CriticalSpeed, ...]
+    status: str
+    remarks: tuple[str, ...]
+
+
+def campbell(
+    source: Estimate | Model,
+    to: float | str,
+    *,
+    record: int = 0,
+    rng: np.random.Generator | None = None,
+) -> Campbell:
+    """Return natural frequencies from standstill to a speed, and the critical speeds on the way.
+
+    Of the machine that the equations describe, without forces at its inputs, as `modes`. Critical
+    speeds are where ``Im lambda(Omega) = |Omega|``.
+
+    Parameters
+    ----------
+    source : Estimate or Model
+        A model is taken at its nominal values, without deviations.
+    to : float or str
+        rad/s, or a text with unit; negative for a rotor that turns backward.
+    record : int
+        Whose values are taken of what every record has to itself.
+    rng : numpy.random.Generator, optional
+        Of the draws where modes come close.
+
+    Returns
+    -------
+    Campbell
+
+    Raises
+    ------
+    InputError
+        As `modes`, and for a speed of zero.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> found = rid.campbell(rid.load_model("jeffcott"), "6000 rpm")
+    >>> [round(each.speed_rad_s, 2) for each in found.critical]
+    [447.17]
+    """
+    machine = machine_of(source, record)
+    last = finite_speed(to, "to")
+    if last == 0:
+        raise InputError("0", "a speed to go to", "give the highest speed", place="to")
+    speeds = np.linspace(0.0, last, POINTS)
+    eigen = [eigen_at(machine, speed) for speed in speeds.tolist()]
+    order = _curves(machine, speeds, eigen)
+    shape = (len(speeds), order.shape[1])
+    hertz, std, ratio = (np.full(shape, np.nan) for _ in range(3))
+    for k, (speed, at) in enumerate(zip(speeds.tolist(), eigen, strict=True)):
+        there = order[k] >= 0
+        values = at.found.values[order[k, there]]
+        hertz[k, there] = values.imag / (2 * np.pi)
+        ratio[k, there] = -values.real / np.abs(values)
+        spread, _ = deviations(machine, speed, at, rng)
+        if spread is not None:
+            std[k, there] = spread[order[k, there], 0]
+    return Campbell(
+        machine.model.name,
+        speeds,
+        hertz,
+        std,
+        ratio,
+        _whirls(machine, speeds, eigen, order),
+        tuple(critical_speeds(machine, last, rng)),
+        machine.status,
+        machine.remarks,
+    )
+
+
+def _whirls(
+    machine: Machine, speeds: Floats, eigen: Sequence[Eigen], order: Floats
+) -> tuple[Whirl, ...]:
+    """Return the whirl of each curve, at the last speed at which it oscillates."""
+    last = [int(np.flatnonzero(curve >= 0)[-1]) for curve in order.T]
+    at = {k: whirls_of(machine, float(speeds[k]), eigen[k].found) for k in set(last)}
+    return tuple(at[k][int(order[k, curve])] for curve, k in enumerate(last))
+
+
+def _curves(machine: Machine, speeds: Floats, eigen: Sequence[Eigen]) -> Floats:
+    """Return which mode each curve is at each speed, (speed, curve); -1 where it is none."""
+    first = len(eigen[0].found.values)
+    rows = [list(range(first))]
+    for k in range(len(speeds) - 1):
+        found = _followed(machine, speeds[k], speeds[k + 1], eigen[k], eigen[k + 1], HALVINGS)
+        rows.append([found.get(i, -1) for i in rows[-1]])
+        new = [j for j in range(len(eigen[k + 1].found.values)) if j not in found.values()]
+        rows[-1] += new
+    width = max(map(len, rows))
+    table = np.array([[*row, *[-1] * (width - len(row))] for row in rows], dtype=np.int64)
+    table = table[:, (table >= 0).any(axis=0)]
+    height = [
+        min(eigen[k].found.values[i].imag for k, i in enumerate(curve) if i >= 0)
+        for curve in table.T
+    ]
+    return np.asarray(table[:, np.sort(np.argsort(height, kind="stable")[:CURVES])])
+
+
+def _followed(
+    machine: Machine, here: float, there: float, at: Eigen, to: Eigen, left: int
+) -> dict[int, int]:
+    """Return which mode at the next speed each mode is."""
+    overlap = _overlap(machine, here, at, to)
+    if not overlap.size:
+        return {}
+    away = np.abs(at.found.values.imag[:, None] - to.found.values.imag)
+    scale = max(float(np.abs(at.found.values).max()), 1e-300)
+    rows, columns = scipy.optimize.linear_sum_assignment(away / scale - overlap)
+    sure = overlap[rows, columns] > ALIKE
+    for group in (*at.found.distinct,):
+        if len(group) > 1:  # their vectors are any
+            sure |= np.isin(rows, group)
+    for group in to.found.distinct:
+        if len(group) > 1:
+            sure |= np.isin(columns, group)
+    if sure.all() or left == 0:
+        return dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    middle = (here + there) / 2
+    half = eigen_of_values(machine, middle)
+    one = _followed(machine, here, middle, at, half, left - 1)
+    two = _followed(machine, middle, there, half, to, left - 1)
+    return {i: two[j] for i, j in one.items() if j in two}
+
+
+def eigen_of_values(machine: Machine, speed: float) -> Eigen:
+    """Return the modes at a speed, without their derivatives."""
+    found = eigenmodes_at(machine, speed)
+    return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
+
+
+def _overlap(machine: Machine, speed: float, at: Eigen, to: Eigen) -> Floats:
+    """Return how alike the modes of two speeds are, (mode, mode): 1 for the same shape."""
+    _, damping, mass = machine.matrices(speed)
+
+    def product(left: Complexes, right: Complexes, sums: Complexes) -> Complexes:
+        return np.asarray(sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T)
+
+    one, two = at.found, to.found
+    crossed = product(one.left, two.right, one.values[:, None] + two.values)
+    own = [np.diag(product(e.left, e.right, e.values[:, None] + e.values)) for e in (one, two)]
+    back = product(two.left, one.right, two.values[:, None] + one.values).T
+    size = np.outer(*(np.abs(each) for each in own))
+    return np.sqrt(np.abs(crossed * back) / np.where(size > 0, size, np.inf)).clip(0, 1)
+
+
+def critical_speeds(
+    machine: Machine, to: float, rng: np.random.Generator | None = None
+) -> list[CriticalSpeed]:
+    """Return the critical speeds between standstill and a speed, in ascending order."""
+    sign = -1.0 if to < 0 else 1.0
+    grid = _grid(machine, to)
+    above = [_above(machine, sign * speed) for speed in grid]
+    roots: list[float] = []
+    for low, high, one, two in zip(grid[:-1], grid[1:], above[:-1], above[1:], strict=True):
+        # A root of the mode that is number k from the top, for each k that one end counts alone.
+        for k in range(min(len(one), len(two)), max(len(one), len(two))):
+            root = _root(machine, sign, k, low, high)
+            if root is not None:
+                roots.append(root)
+    found: list[CriticalSpeed] = []
+    for root in sorted(roots):
+        if found and root - abs(found[-1].speed_rad_s) < 1e-8 * root:
+            continue  # the other plane of the same mode
+        found += _critical(machine, sign * root, rng)
+    return found
+
+
+def _grid(machine: Machine, to: float) -> list[float]:
+    """Return the speeds, above 0, at which modes above the rotation are counted."""
+    last = abs(to)
+    seeds = _seeds(machine, to)
+    between = (seeds[:-1] + seeds[1:]) / 2
+    beside = np.concatenate([seeds * (1 - 1e-3), seeds * (1 + 1e-3), between])
+    regular = np.linspace(0, last, SCAN + 1)[1:]
+    first = last * 1e-3
+    points = np.concatenate([[first], regular, beside[(beside > first) & (beside < last)]])
+    found: list[float] = np.unique(points).tolist()
+    return found
+
+
+def _seeds(machine: Machine, to: float) -> Floats:
+    """Return approximate critical speeds: those of the matrices as they are half way."""
+    half = to / 2
+    stiffness, damping, mass = machine.matrices(half)
+    gyroscopic = machine.matrices_by_speed(half)[1]
+    constant = damping - half * gyroscopic
+    n = len(mass)
+    pencil = np.zeros((2, 2 * n, 2 * n), dtype=np.complex128)
+    scale = max(abs(half), 1.0)
+    pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
+    pencil[0, n:, :n], pencil[0, n:, n:] = -stiffness, -1j * scale * constant
+    pencil[1, n:, n:] = scale**2 * (1j * gyroscopic - mass)
+    values = scipy.linalg.eigvals(*pencil) * scale
+    values = values[np.isfinite(values)]
+    real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
+    return np.sort(np.concatenate([real[(real > 0) & (real < 2 * abs(to))]]))
+
+
+def _above(machine: Machine, speed: float) -> Floats:
+    """Return by how much modes lie above the rotation, those that do, the highest first."""
+    over = eigenmodes_at(machine, speed).values.imag - abs(speed)
+    return np.sort(over[over > 0])[::-1]
+
+
+def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> float | None:
+    """Return the speed at which the mode that is number k from the top rings with the rotation."""
+
+    def over(speed: float) -> float:
+        values = np.sort(eigenmodes_at(machine, sign * speed).values.imag)[::-1]
+        return float(values[k] - speed) if k < len(values) else -speed
+
+    if over(low) * over(high) > 0:
+        return None
+    root = float(scipy.optimize.brentq(over, low, high, xtol=EXACT * high, rtol=EXACT))
+    return root if abs(over(root)) < FALSE * root else None
+
+
+def _critical(
+    machine: Machine, speed: float, rng: np.random.Generator | None
+) -> list[CriticalSpeed]:
+    """Return what is at a critical speed: one, or those of modes that coincide there by chance."""
+    eigen = eigen_at(machine, speed)
+    values = eigen.found.values
+    found = []
+    for group in eigen.found.grouped(pattern_of(machine, speed)):
+        near = int(group[0])
+        if abs(values[near].imag - abs(speed)) > FALSE * abs(speed):
+            continue
+        whirl = whirls_of(machine, speed, eigen.found)[near]
+        ratio = float(-values[near].real / abs(values[near]))
+        spread: tuple[float | None, tuple[float, float] | None] = (None, None)
+        if machine.covariance is not None:
+            spread = _spread(machine, speed, eigen, near, rng)
+        found.append(CriticalSpeed(speed, spread[0], whirl, ratio, spread[1]))
+    return found
+
+
+def _spread(
+    machine: Machine, speed: float, eigen: Eigen, near: int, rng: np.random.Generator | None
+) -> tuple[float, tuple[float, float]]:
+    """Return the deviation of a critical speed, and the interval that holds 95 percent."""
+    sign = -1.0 if speed < 0 else 1.0
+    group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
+    by_speed = sign * _by_speed(machine, speed, eigen, group)
+    cluster = any(near in c for c in eigen.clusters)
+    if not cluster:
+        slope = complex(np.trace(by_speed)) / len(group)
+        along = -eigen.slopes[near].imag / (slope.imag - 1)
+        std = float(np.linalg.norm(along @ machine.root))
+        reach = NORMAL * std
+        return std, (speed - reach, speed + reach)
+    draws = np.random.default_rng(0) if rng is None else rng
+    moved = draws.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
+    away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))
+    block = block_of(machine, speed, eigen.found, group)
+    matrices = away + np.einsum("iju,du->dij", block, moved)
+    turning = 1j * np.eye(len(group)) - by_speed
+    drawn = np.sort(np.linalg.eigvals(np.linalg.solve(turning, matrices)).real, axis=1)
+    here = np.sort(np.linalg.eigvals(np.linalg.solve(turning, away)).real)
+    off = sign * drawn[:, int(np.abs(here).argmin())]
+    low, high = np.quantile(off, [0.025, 0.975]).tolist()
+    return float(np.sqrt((off**2).mean())), (speed + low, speed + high)
+
+
+def _by_speed(machine: Machine, speed: float, eigen: Eigen, group: Integers) -> Complexes:
+    """Return how the eigenvalues of some modes move with the speed, shape (mode, mode)."""
+    _, damping, mass = machine.matrices(speed)
+    stiffness_by, damping_by, mass_by = machine.matrices_by_speed(speed)
+    found = eigen.found
+    left, right, values = found.left[group], found.right[group], found.values[group]
+    middle = complex(values.mean())
+    sums = values[:, None] + values
+    gram = sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T
+    moved = middle**2 * mass_by + middle * damping_by + stiffness_by
+    return np.asarray(-np.linalg.solve(gram, left.conj() @ moved @ right.T))

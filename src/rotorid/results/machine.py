@@ -1,0 +1,416 @@
+"""A linear machine at its values: matrices, loads, and how both follow from what is uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.errors import InputError, ModelError
+from rotorid.estimate import Estimate
+from rotorid.estimators.derived import physical_fit
+from rotorid.estimators.likelihood.modal import Pencil
+from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.models import LinearForm, Model
+from rotorid.models.expression import Expression
+from rotorid.models.linear import solved, speed_factor
+from rotorid.record import Complexes, Floats, Integers
+from rotorid.results.model import own_model
+
+ANGLES = 64
+"""Angles of a revolution at which loads are evaluated: orders up to 31 are told from the first."""
+STEP = 1e-4
+"""Share of a speed by which it is moved for derivatives: what depends on it is a polynomial of low
+degree, and central differences of a cubic are right to the square of this."""
+NEAR = 0.01
+"""Share by which values are moved to see which modes are one in general, and not by chance."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine that is linear in its coordinates, at its values.
+
+    No force acts at its inputs: neither those of a controller nor the negative stiffness of
+    magnets, which is part of their force law. Bearings are in it where its equations hold them.
+
+    Parameters
+    ----------
+    model : Model
+        With what is fixed substituted.
+    linear : LinearForm
+    names : sequence of str
+        What is not fixed: physical parameters, or base parameters of a least-squares result.
+    values : array, shape (unknown,)
+        SI.
+    covariance : array, shape (unknown, unknown), or None
+        ``None`` where nothing is known of it.
+    monomials : Monomials
+        Of the model's monomials, by the unknowns.
+    used : array, shape (monomial,)
+        0 for those that are part of another one's base parameter, else 1.
+    status : str
+        Of the estimate; "ok" for a model.
+    remarks : sequence of str
+        What is to be said with every answer.
+    """
+
+    model: Model
+    linear: LinearForm
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats | None
+    monomials: Monomials
+    used: Floats
+    status: str = "ok"
+    remarks: tuple[str, ...] = ()
+    _pencils: dict[float, Pencil] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+
+    def pencil(self, speed: float) -> Pencil:
+        """Return M, D + Omega G and K at a speed, by the unknowns."""
+        if speed not in self._pencils:
+            factors, which, weights, places = self._terms
+            sizes = np.array([speed_factor(factor, speed) for factor in factors])
+            self._pencils.clear()
+            row, column, order, monomial = places
+            weight, size = weights * sizes[which], self.linear.coordinates
+            self._pencils[speed] = Pencil(
+                row, column, order, monomial, weight, self.monomials, {}, size
+            )
+        return self._pencils[speed]
+
+    @cached_property
+    def _terms(self) -> tuple[list[Expression], Integers, Floats, Integers]:
+        """Factors of the speed, which each term has, its weight; row, column, order, monomial."""
+        terms = [t for t in self.linear.stiffness if self.used[t.monomial]]
+        factors = list(dict.fromkeys(t.factor for t in terms))
+        number = {factor: k for k, factor in enumerate(factors)}
+        which = np.array([number[t.factor] for t in terms], dtype=np.int64)
+        table = np.array([(t.row, t.column, t.order, t.monomial) for t in terms], dtype=np.int64)
+        weights = np.array([t.coefficient * (1j if t.structural else 1.0) for t in terms])
+        return factors, which, weights, table.reshape(-1, 4).T
+
+    def matrices(self, speed: float) -> Floats | Complexes:
+        """Return K, D + Omega G and M, shape (3, row, coordinate)."""
+        return self.pencil(speed).matrices(self.values)
+
+    def matrices_by_speed(self, speed: float) -> Floats | Complexes:
+        """Return the derivative of `matrices` by the speed."""
+        step = STEP * max(abs(speed), 1.0)
+        above, below = self.matrices(speed + step), self.matrices(speed - step)
+        slopes: Floats | Complexes = (above - below) / (2 * step)
+        return slopes
+
+    def dynamic_stiffness(self, omega: float, speed: float) -> Complexes:
+        """Return Z, shape (row, coordinate)."""
+        s = 1j * omega
+        stiffness, damping, mass = self.matrices(speed)
+        if omega < 0:  # structural damping lags there too
+            stiffness = stiffness.conj()
+        return np.asarray(s**2 * mass + s * damping + stiffness)
+
+    def sizes(self, speed: float) -> Floats:
+        """Return the size of the parts that Z at the rotation is a sum of, (row, coordinate)."""
+        return np.asarray(
+            np.einsum("p,pij->ij", abs(speed) ** np.arange(3), np.abs(self.matrices(speed)))
+        )
+
+    def load_columns(self, speed: float) -> Complexes:
+        """Return the columns of g, of ``Re(g exp(i phi))``; shape (row, monomial)."""
+        angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+        time = angle / speed if speed else np.zeros(ANGLES)
+        columns = self.linear.load_columns(time, angle, speed)
+        turned = 2 * np.tensordot(np.exp(-1j * angle), columns, 1) / ANGLES
+        return np.asarray(turned * self.used)
+
+    def load(self, speed: float) -> tuple[Complexes, Complexes]:
+        """Return g, shape (row,), and its derivative by the unknowns, shape (row, unknown)."""
+        columns = self.load_columns(speed)
+        mu, slopes = self.monomials.values(self.values), self.monomials.jacobian(self.values)
+        return np.asarray(columns @ mu), np.asarray(columns @ slopes)
+
+    def stiffness_slopes(self, omega: float, speed: float, motion: Complexes) -> Complexes:
+        """Return d (Z q) by the unknowns at a motion q, shape (row, unknown)."""
+        pencil = self.pencil(speed)
+        weight = pencil.weight.conj() if omega < 0 else pencil.weight
+        terms = weight * (1j * omega) ** pencil.order * motion[pencil.column]
+        by_monomial = np.zeros((len(motion), len(self.used)), dtype=np.complex128)
+        np.add.at(by_monomial, (pencil.row, pencil.monomial), terms)
+        return np.asarray(by_monomial @ self.monomials.jacobian(self.values))
+
+    def response(self, speed: float) -> tuple[Complexes, Complexes]:
+        """Return the motion that the unbalance makes, ``q = Re(Q exp(i phi))``.
+
+        Shapes (coordinate,) and, its derivative, (coordinate, unknown).
+
+        Raises
+        ------
+        InputError
+            At an undamped critical speed.
+        """
+        load, by_load = self.load(speed)
+        stiffness = self.dynamic_stiffness(speed, speed)[None]
+        omega = np.array([speed])
+        size = self.sizes(speed)[None]
+        motion = solved(stiffness, load[None], omega, size)[0]
+        right = (by_load - self.stiffness_slopes(speed, speed, motion)).T
+        count = len(right)
+        slopes = solved(
+            np.repeat(stiffness, count, 0),
+            right,
+            np.repeat(omega, count),
+            np.repeat(size, count, 0),
+        )
+        return motion, np.asarray(slopes.T)
+
+    def input_matrix(self) -> Floats:
+        """B, shape (row, input)."""
+        return self.linear.input_matrix(self.monomials.values(self.values) * self.used)
+
+    @property
+    def spread(self) -> Floats:
+        """Deviation of each unknown; zeros where nothing is known of it."""
+        if self.covariance is None:
+            return np.zeros(len(self.values))
+        return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
+
+    @property
+    def root(self) -> Floats:
+        """R with ``R R' = covariance``, shape (unknown, unknown)."""
+        scale = np.where(self.spread > 0, self.spread, 1.0)
+        assert self.covariance is not None
+        size, along = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        return np.asarray(scale[:, None] * along * np.sqrt(size.clip(0)))
+
+    @property
+    def elsewhere(self) -> Machine:
+        """The machine at other values, near these, that keep what is certain between them."""
+        rng, values = np.random.default_rng(0), self.values
+        if self.covariance is None:
+            return replace(self, values=values * (1 + NEAR * rng.uniform(-1, 1, len(values))))
+        moved = self.root @ rng.standard_normal(len(values))
+        size = np.where(values != 0, np.abs(values), np.inf)
+        largest = float((np.abs(moved) / size).max(initial=0.0))
+        return replace(self, values=values + (NEAR / largest * moved if largest > 0 else 0.0))
+
+
+def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
+    """Return the machine of an estimate, or of a model at its nominal values.
+
+    `record` says whose values are taken of what every record has to itself.
+
+    Raises
+    ------
+    InputError
+        For an estimate that leaves undetermined what the matrices hold, a model without nominal
+        values, equations that are not linear in the coordinates.
+    """
+    if isinstance(source, Model):
+        return _machine(source, _nominal(source), {}, None, "ok", ())
+    if source.status == "not_converged":
+        raise InputError(
+            "a result that has not converged",
+            "one that is ok, or rejected",
+            "see its warnings, and identify again",
+        )
+    names = [value.name for value in source.free]
+    covariance = source.covariance if len(names) == len(source.covariance) else None
+    remarks = []
+    if covariance is not None and not _usable(source, covariance):
+        covariance = None
+        remarks.append("the result states no deviations, and so does nothing that follows from it")
+    if source.status == "rejected":
+        ratio = _inflation(source)
+        covariance = None if covariance is None else covariance * ratio**2
+        remarks.append(
+            "warning: the data reject the model; deviations are inflated as if all of the "
+            "misfit were noise"
+        )
+    if source.status == "not_identifiable":
+        remarks.append("warning: the result is not_identifiable; others fit as well")
+    model = own_model(source)
+    values = {v.name: v.value for v in source.parameters}
+    fixed = {v.name: v.value for v in source.parameters if v.fixed}
+    values, renamed = _of_record(model, values, record)
+    fixed = {name: values[name] for name in values if renamed.get(name, name) in fixed}
+    free = {renamed.get(n, n): n for n in values if n not in fixed}
+    rows = None if covariance is None else (names, covariance, free)
+    return _machine(model, values, fixed, rows, source.status, tuple(remarks))
+
+
+def _usable(estimate: Estimate, covariance: Floats) -> bool:
+    """Tell whether there are deviations: of what is determined, at least."""
+    known = [np.isfinite(value.value) for value in estimate.free]
+    return bool(np.isfinite(np.diag(covariance)[known]).all())
+
+
+def _inflation(estimate: Estimate) -> float:
+    """Return by how much deviations grow if all of the misfit is noise."""
+    ratios = [v.std_inflated / v.std for v in estimate.parameters if v.std and v.std_inflated]
+    return max([1.0, *(r for r in ratios if np.isfinite(r))])
+
+
+def _of_record(
+    model: Model, values: Mapping[str, float], record: int
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Return the values with those of one record under their own names, and what these were."""
+    found, renamed = dict(values), {}
+    for name in model.parameter_names:
+        own = f"{name}[{record}]"
+        if own in found:
+            found[name], renamed[name] = found[own], own
+        elif name not in found and any(v.startswith(f"{name}[") for v in found):
+            raise InputError(
+                f"record {record}, which has no {name} of its own",
+                f"one that has: {', '.join(v for v in found if v.startswith(name + '['))}",
+                "say which record",
+            )
+    return found, renamed
+
+
+def _nominal(model: Model) -> dict[str, float]:
+    values = dict(model.nominal)
+    missing = [name for name in model.parameter_names if name not in values]
+    if missing:
+        raise InputError(
+            f"no nominal value of {', '.join(missing)}",
+            "a value of every parameter",
+            "give nominal in the model file, or take a result",
+            file=model.name,
+        )
+    return values
+
+
+Rows = tuple[list[str], Floats, dict[str, str]]
+"""Names of the rows of a covariance, the covariance, and which unknown is in which row's name."""
+
+
+def _machine(
+    model: Model,
+    values: Mapping[str, float],
+    fixed: Mapping[str, float],
+    rows: Rows | None,
+    status: str,
+    remarks: tuple[str, ...],
+) -> Machine:
+    physical = {*model.parameter_names} <= values.keys()
+    reduced = model.substitute({n: v for n, v in fixed.items() if n in model.parameter_names})
+    linear = _linear(reduced)
+    names = reduced.parameter_names if physical else reduced.base.names
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise InputError(
+            f"a result without {missing[0]!r}",
+            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
+            f"parameters: {', '.join(reduced.base.names)}",
+            "use a result of this model",
+        )
+    found = np.array([values[name] for name in names], dtype=float)
+    covariance = None if rows is None else _arranged(names, *rows)
+    if not physical:
+        fitted = _fitted(reduced, linear, found, covariance)
+        if fitted is not None:
+            physical, names = True, reduced.parameter_names
+            found, covariance = fitted
+    exponents = reduced.monomials
+    used = np.ones(len(exponents))
+    if not physical:
+        used = np.where(exponents.any(axis=1), 0.0, 1.0)
+        used[list(reduced.base.kept)] = 1.0
+        exponents = np.zeros((len(exponents), len(names)), dtype=np.int64)
+        exponents[list(reduced.base.kept), np.arange(len(names))] = 1
+    machine = Machine(
+        reduced,
+        linear,
+        tuple(names),
+        found,
+        covariance,
+        Monomials.from_exponents(exponents),
+        used,
+        status,
+        remarks,
+    )
+    return _determined(machine)
+
+
+def _fitted(
+    model: Model, linear: LinearForm, base: Floats, covariance: Floats | None
+) -> tuple[Floats, Floats | None] | None:
+    """Return the physical parameters that fit base ones best, where they determine the machine.
+
+    Base parameters that were estimated one by one hold no free motion and no symmetry any more.
+    """
+    weights = np.diag((1e-3 * base) ** 2) if covariance is None else covariance
+    values, spread, determined = physical_fit(model, base, weights)
+    held = sorted({t.monomial for t in linear.stiffness})
+    if not determined[(model.monomials[held] > 0).any(axis=0)].all():
+        return None
+    values = np.where(determined, values, np.nan)
+    return values, None if covariance is None else np.asarray(spread @ spread.T)
+
+
+def _arranged(
+    names: tuple[str, ...], rows: list[str], covariance: Floats, free: dict[str, str]
+) -> Floats:
+    """Return the covariance of the unknowns, in their order."""
+    place = {free[row]: k for k, row in enumerate(rows) if row in free}
+    found = np.zeros((len(names), len(names)))
+    at = [i for i, name in enumerate(names) if name in place]
+    chosen = [place[names[i]] for i in at]
+    found[np.ix_(at, at)] = covariance[np.ix_(chosen, chosen)]
+    return found
+
+
+def _determined(machine: Machine) -> Machine:
+    """Refuse what leaves the matrices undetermined; the rest that is so is put to zero."""
+    bad = ~np.isfinite(machine.values)
+    if not bad.any():
+        return machine
+    held = {t.monomial for t in machine.linear.stiffness if machine.used[t.monomial]}
+    count = len(machine.names)
+    needed = {u for m in held for u in machine.monomials.factors[m].tolist() if u < count}
+    lacking = [machine.names[u] for u in sorted(needed) if bad[u]]
+    if lacking:
+        raise InputError(
+            f"a result that leaves {', '.join(lacking)} undetermined",
+            "a value of every parameter of the machine",
+            "fix one or measure more, then identify again",
+        )
+    covariance = machine.covariance
+    if covariance is not None:
+        covariance = np.where(bad[:, None] | bad, 0.0, covariance)
+    open_ = tuple(name for name, lost in zip(machine.names, bad, strict=True) if lost)
+    return replace(
+        machine,
+        values=np.where(bad, 0.0, machine.values),
+        covariance=covariance,
+        remarks=(*machine.remarks, f"{UNDETERMINED}: {', '.join(open_)}"),
+    )
+
+
+UNDETERMINED = "not determined, and taken as zero"
+
+
+def _linear(model: Model) -> LinearForm:
+    """Return the linear form of a model that has one, with as many equations as coordinates."""
+    try:
+        linear = model.require_linear()
+    except ModelError as error:
+        raise ModelError(
+            error.found,
+            "equations linear in the coordinates with constant coefficients",
+            "modes, balancing and state space are of linear models: leave that term out",
+            file=error.file or model.name,
+            place=error.place,
+        ) from None
+    if linear.rows != linear.coordinates:
+        raise InputError(
+            f"{linear.rows} equations for {linear.coordinates} coordinates",
+            "as many of one as of the other",
+            "complete the model",
+            file=model.name,
+        )
+    return linear

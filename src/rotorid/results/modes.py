@@ -1,0 +1,353 @@
+"""Natural frequencies, damping and whirl of a machine, with their deviations.
+
+Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K`` with right and left vectors x, y;
+``d lambda = - y^H dL x / y^H (2 lambda M + D + Omega G) x`` (delta method). Where modes come so
+close that their order or their shapes are not certain, the eigenvalues of the block
+``diag(lambda) + sum_u A_u dx_u``, with ``A_u = - (Y^H dL_u X) / (Y^H ((lambda_i + lambda_j) M +
+D + Omega G) X)``, are drawn from the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.models import Model
+from rotorid.models.modal import Eigenmodes, eigenmodes, parted
+from rotorid.record import Complexes, Floats, Integers
+from rotorid.results.machine import Machine, machine_of
+from rotorid.results.whirl import Whirl, partners, whirl_of
+from rotorid.units import quantity
+
+CLOSE = 4.0
+"""Modes nearer than this many deviations of their distance, coupling included, are drawn: at 4 the
+second-order term is a sixteenth of the first, and what the delta method states holds again."""
+BESIDE = 3
+"""Neighbours, by frequency, that each mode is held against: two planes of two modes that cross."""
+DRAWS = 4000
+"""Draws of the unknowns: a deviation comes out within 1.1 percent."""
+NORMAL = 1.959964
+"""Deviations to each side that hold 95 percent of a normal distribution."""
+
+
+@dataclass(frozen=True)
+class NaturalMode:
+    """One natural frequency of a machine.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        ``Im lambda / (2 pi)``, with which a free vibration rings.
+    std_hz : float or None
+        ``None`` where nothing is known of the deviations.
+    damping_ratio : float
+        ``- Re lambda / |lambda|``; negative for a mode that grows.
+    damping_std : float or None
+    whirl : {"forward", "backward", "planar", "mixed"}
+        Forward is the way the rotor turns; mixed: forward at some places and backward at others.
+    interval_hz : (float, float) or None
+        Holds 95 percent; not symmetric where modes come close.
+    close : bool
+        Whether another mode is so close that deviations come from draws.
+    count : int
+        2 for a machine that is the same in two planes.
+    eigenvalue : complex
+        lambda in rad/s.
+    shape : sequence of complex
+        Of each coordinate, the largest 1.
+    """
+
+    frequency_hz: float
+    std_hz: float | None
+    damping_ratio: float
+    damping_std: float | None
+    whirl: Whirl
+    interval_hz: tuple[float, float] | None
+    close: bool
+    count: int
+    eigenvalue: complex
+    shape: tuple[complex, ...]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The distinct natural frequencies of a machine at a speed, in ascending order.
+
+    They are counted as measured ones are (`Mode`): without rigid-body modes, and once where the
+    machine is the same in two planes.
+
+    Parameters
+    ----------
+    model : str
+    speed : float
+        rad/s.
+    coordinates : sequence of str
+    modes : sequence of NaturalMode
+    rigid : int
+        Poles at zero: free motion, which is no mode.
+    real_poles : sequence of float
+        Poles that do not oscillate, in rad/s.
+    status : str
+        Of the estimate.
+    remarks : sequence of str
+    """
+
+    model: str
+    speed: float
+    coordinates: tuple[str, ...]
+    modes: tuple[NaturalMode, ...]
+    rigid: int
+    real_poles: tuple[float, ...]
+    status: str
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Eigen:
+    """The modes of a machine at a speed with the derivatives of their eigenvalues.
+
+    Parameters
+    ----------
+    found : Eigenmodes
+    slopes : complex array, shape (mode, unknown)
+        d lambda / d unknown; empty where nothing is known of the unknowns.
+    clusters : sequence of int arrays
+        Modes that come close to one another, by two or more.
+    """
+
+    found: Eigenmodes
+    slopes: Complexes
+    clusters: tuple[Integers, ...]
+
+
+def modes(
+    source: Estimate | Model,
+    *,
+    speed: float | str = 0.0,
+    record: int = 0,
+    rng: np.random.Generator | None = None,
+) -> Modes:
+    """Return natural frequencies, damping and whirl of a result or a model, with deviations.
+
+    Of the machine that the equations describe, without forces at its inputs: what a controller or
+    the negative stiffness of magnets adds is no part of it. Deviations follow by the delta method
+    from the covariance of the parameters, and by draws where modes come close.
+
+    Parameters
+    ----------
+    source : Estimate or Model
+        A model is taken at its nominal values, without deviations.
+    speed : float or str
+        rad/s, or a text with unit; negative turns backward.
+    record : int
+        Whose values are taken of what every record has to itself.
+    rng : numpy.random.Generator, optional
+        Of the draws; by default one that makes the same draws each time.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    InputError
+        For a result that leaves them undetermined, and for models that are not linear.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> found = rid.modes(rid.load_model("three-mass"), speed="8400 rpm")
+    >>> [round(mode.frequency_hz, 2) for mode in found.modes[:3]], found.modes[0].whirl
+    ([175.53, 175.53, 340.32], 'planar')
+    """
+    machine = machine_of(source, record)
+    omega = finite_speed(speed)
+    return modes_at(machine, omega, rng)
+
+
+def finite_speed(speed: float | str, place: str = "speed") -> float:
+    """Return a speed in rad/s."""
+    found = quantity(speed, "rad/s", place=place)
+    if not np.isfinite(found):
+        raise InputError(f"{speed}", "a finite speed", "give 0 at standstill", place=place)
+    return float(found)
+
+
+def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = None) -> Modes:
+    """Return the natural frequencies of a machine at a speed."""
+    eigen = eigen_at(machine, speed)
+    spread, intervals = deviations(machine, speed, eigen, rng)
+    whirls = whirls_of(machine, speed, eigen.found)
+    found = tuple(
+        _mode(eigen, group, whirls, spread, intervals)
+        for group in eigen.found.grouped(pattern_of(machine, speed))
+    )
+    return Modes(
+        machine.model.name,
+        speed,
+        machine.model.coordinates,
+        found,
+        eigen.found.rigid,
+        tuple(eigen.found.real.tolist()),
+        machine.status,
+        machine.remarks,
+    )
+
+
+def pattern_of(machine: Machine, speed: float) -> tuple[int, ...]:
+    """Return how many modes each distinct natural frequency has, in general."""
+    return tuple(len(group) for group in eigenmodes_at(machine.elsewhere, speed).distinct)
+
+
+def eigenmodes_at(machine: Machine, speed: float) -> Eigenmodes:
+    """Return the modes of a machine at a speed."""
+    stiffness, damping, mass = machine.matrices(speed)
+    try:
+        return eigenmodes(mass, damping, stiffness)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            str(error), "a machine with finite values", "check the values and their units"
+        ) from None
+
+
+def _mode(
+    eigen: Eigen,
+    group: Integers,
+    whirls: Sequence[Whirl],
+    spread: Floats | None,
+    intervals: Floats | None,
+) -> NaturalMode:
+    """Return the modes of a group, which are one."""
+    value = complex(eigen.found.values[group].mean())
+    std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
+    first = int(group[0])
+    return NaturalMode(
+        frequency_hz=value.imag / (2 * np.pi),
+        std_hz=std[0],
+        damping_ratio=-value.real / abs(value),
+        damping_std=std[1],
+        whirl=whirls[first],
+        interval_hz=None if intervals is None else tuple(intervals[group].mean(axis=0).tolist()),
+        close=any(first in cluster for cluster in eigen.clusters),
+        count=len(group),
+        eigenvalue=value,
+        shape=tuple(normalized(eigen.found.right[first]).tolist()),
+    )
+
+
+def normalized(shape: Complexes) -> Complexes:
+    """Return a shape whose largest entry is 1."""
+    return np.asarray(shape / shape[int(np.abs(shape).argmax())])
+
+
+def whirls_of(machine: Machine, speed: float, found: Eigenmodes) -> list[Whirl]:
+    """Return how each mode whirls.
+
+    Modes of a machine that is the same in two planes are planar; those that coincide by chance
+    whirl as they do when they part.
+    """
+    pairs = partners(machine.model.coordinates)
+    weight = np.abs(np.diag(machine.matrices(speed)[2]))
+    whirls = [whirl_of(shape, pairs, weight, speed) for shape in found.right]
+    if all(len(group) == 1 for group in found.distinct):
+        return whirls
+    parted_ = eigenmodes_at(machine.elsewhere, speed)
+    apart = [i for group in parted_.distinct if len(group) == 1 for i in group]
+    for group in found.distinct:
+        for i in group if len(group) > 1 else ():
+            alone = i in apart and len(parted_.values) == len(found.values)
+            whirls[i] = whirl_of(parted_.right[i], pairs, weight, speed) if alone else "planar"
+    return whirls
+
+
+def eigen_at(machine: Machine, speed: float) -> Eigen:
+    """Return the modes of a machine at a speed, and how they follow from the unknowns."""
+    found = eigenmodes_at(machine, speed)
+    _, damping, mass = machine.matrices(speed)
+    if machine.covariance is None:
+        return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
+    slopes = np.zeros((len(found.values), len(machine.values)), dtype=np.complex128)
+    pencil = machine.pencil(speed)
+    for group in found.distinct:
+        value = complex(found.values[group].mean())
+        left, right = found.left[group], found.right[group]
+        gram = left.conj() @ (2 * value * mass + damping) @ right.T
+        inner = pencil.slopes(value, left, right, machine.values)
+        slopes[group] = parted(gram, inner, machine.spread)
+    return Eigen(found, slopes, _clusters(machine, speed, found, slopes))
+
+
+def _clusters(
+    machine: Machine, speed: float, found: Eigenmodes, slopes: Complexes
+) -> tuple[Integers, ...]:
+    """Return the modes whose order or shapes are not certain, together."""
+    values, root = found.values, machine.root
+    joined = np.arange(len(values))
+    for i in range(len(values)):
+        for j in range(i + 1, min(i + 1 + BESIDE, len(values))):
+            apart = float(np.linalg.norm((slopes[i] - slopes[j]) @ root))
+            block = block_of(machine, speed, found, np.array([i, j]))
+            coupling = np.sqrt(
+                np.linalg.norm(block[0, 1] @ root) * np.linalg.norm(block[1, 0] @ root)
+            )
+            spread = np.hypot(apart, 2 * coupling)
+            if spread > 1e-9 * abs(values[i]) and abs(values[i] - values[j]) < CLOSE * spread:
+                joined[joined == joined[j]] = joined[i]
+    groups = (np.flatnonzero(joined == k) for k in np.unique(joined))
+    return tuple(group for group in groups if len(group) > 1)
+
+
+def block_of(machine: Machine, speed: float, found: Eigenmodes, group: Integers) -> Complexes:
+    """Return A_u of some modes, shape (mode, mode, unknown)."""
+    _, damping, mass = machine.matrices(speed)
+    left, right, values = found.left[group], found.right[group], found.values[group]
+    middle = complex(values.mean())
+    sums = values[:, None] + values
+    gram = sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T
+    inner = machine.pencil(speed).slopes(middle, left, right, machine.values)
+    return np.asarray(-np.linalg.solve(gram, inner.reshape(len(group), -1)).reshape(inner.shape))
+
+
+def deviations(
+    machine: Machine, speed: float, eigen: Eigen, rng: np.random.Generator | None = None
+) -> tuple[Floats | None, Floats | None]:
+    """Return the deviations of frequency (Hz) and damping ratio, and intervals of 95 percent (Hz).
+
+    Shapes (mode, 2); ``None`` where nothing is known of the unknowns.
+    """
+    if machine.covariance is None:
+        return None, None
+    values, root = eigen.found.values, machine.root
+    hertz = values.imag / (2 * np.pi)
+    frequency = np.linalg.norm((eigen.slopes.imag / (2 * np.pi)) @ root, axis=1)
+    along = (values.conj()[:, None] * eigen.slopes).real / np.abs(values)[:, None] ** 2
+    ratio = (values.real[:, None] * along - eigen.slopes.real) / np.abs(values)[:, None]
+    spread = np.column_stack([frequency, np.linalg.norm(ratio @ root, axis=1)])
+    intervals = hertz[:, None] + np.outer(frequency, [-NORMAL, NORMAL])
+    draws = np.random.default_rng(0) if rng is None else rng
+    for cluster in eigen.clusters:
+        drawn = _drawn(machine, speed, eigen, cluster, draws)
+        off = drawn.imag / (2 * np.pi) - hertz[cluster]
+        spread[cluster, 0] = np.sqrt((off**2).mean(axis=0))
+        damped = -drawn.real / np.abs(drawn)
+        here = -values[cluster].real / np.abs(values[cluster])
+        spread[cluster, 1] = np.sqrt(((damped - here) ** 2).mean(axis=0))
+        low, high = np.quantile(off, [0.025, 0.975], axis=0)
+        intervals[cluster] = hertz[cluster, None] + np.column_stack([low, high])
+    return spread, intervals
+
+
+def _drawn(
+    machine: Machine, speed: float, eigen: Eigen, cluster: Integers, rng: np.random.Generator
+) -> Complexes:
+    """Return draws of the eigenvalues of close modes in ascending order, shape (draw, mode)."""
+    block = block_of(machine, speed, eigen.found, cluster)
+    moved = rng.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
+    matrices = np.diag(eigen.found.values[cluster]) + np.einsum("iju,du->dij", block, moved)
+    drawn = np.linalg.eigvals(matrices)
+    order = np.argsort(drawn.imag, axis=1, kind="stable")
+    return np.asarray(np.take_along_axis(drawn, order, axis=1))

@@ -1,0 +1,283 @@
+"""Natural frequencies, damping, whirl and critical speeds, held against closed forms."""
+
+import numpy as np
+import pytest
+from linear_machines import SUPPORTED, estimate_of, model_of
+
+import rotorid as rid
+from rotorid.results import modes as modes_module
+from rotorid.results.machine import machine_of
+from rotorid.results.modes import modes_at
+from rotorid.results.whirl import partners, whirl_of
+
+RPM = np.pi / 30
+
+
+def test_a_jeffcott_rotor_in_closed_form():
+    found = rid.modes(rid.load_model("jeffcott"), speed="3000 rpm")
+    (mode,) = found.modes
+    omega, ratio = np.sqrt(1e6 / 5), 60 / (2 * np.sqrt(5e6))
+    assert mode.count == 2
+    assert mode.frequency_hz == pytest.approx(omega * np.sqrt(1 - ratio**2) / (2 * np.pi))
+    assert mode.damping_ratio == pytest.approx(ratio)
+    assert (mode.std_hz, mode.damping_std, mode.interval_hz) == (None, None, None)
+    assert found.rigid == 0
+
+
+def test_the_rotor_of_the_paper_at_its_speed():
+    found = rid.modes(rid.load_model("three-mass"), speed="140 Hz")
+    hertz = [mode.frequency_hz for mode in found.modes]
+    assert hertz == pytest.approx([36.85, 175.53, 175.53, 340.32, 569.29], abs=0.006)
+    whirls = [mode.whirl for mode in found.modes]
+    assert whirls == ["forward", "backward", "forward", "backward", "forward"]
+    assert found.rigid == 6
+
+
+@pytest.mark.parametrize("speed", [100.0, -100.0])
+def test_a_free_rigid_rotor_nods_with_the_ratio_of_its_inertias(speed):
+    found = rid.modes(rid.load_model("rigid"), speed=speed)
+    (mode,) = found.modes
+    assert mode.frequency_hz == pytest.approx(100.0 * 0.03 / 0.2 / (2 * np.pi))
+    assert mode.whirl == "forward"
+
+
+def test_a_free_rotor_at_standstill_has_no_modes():
+    found = rid.modes(rid.load_model("rigid"))
+    assert found.modes == ()
+    assert found.rigid == 8
+
+
+def test_whirl_follows_the_direction_of_rotation():
+    model = model_of(SUPPORTED)
+    ahead, back = (rid.modes(model, speed=s * 2000.0) for s in (1, -1))
+    assert [m.whirl for m in ahead.modes] == [m.whirl for m in back.modes]
+    assert "backward" in {m.whirl for m in ahead.modes}
+    assert [m.frequency_hz for m in ahead.modes] == pytest.approx(
+        [m.frequency_hz for m in back.modes]
+    )
+
+
+@pytest.mark.parametrize("speed", [0.0, 700.0, -700.0])
+@pytest.mark.parametrize("fixed", [(), ("m", "L")])
+def test_deviations_are_those_of_differences(speed, fixed):
+    estimate = estimate_of(model_of(SUPPORTED), fixed=fixed, percent=0.1)
+    machine = machine_of(estimate)
+    found = modes_at(machine, speed)
+    slopes = []
+    for i, value in enumerate(machine.values):
+        step = 1e-6 * abs(value)
+        sides = []
+        for sign in (1, -1):
+            moved = dict(
+                zip(
+                    machine.names,
+                    machine.values + sign * step * np.eye(1, len(machine.values), i)[0],
+                    strict=True,
+                )
+            )
+            there = rid.modes(estimate_of(model_of(SUPPORTED), moved), speed=speed)
+            sides.append([(m.frequency_hz, m.damping_ratio) for m in there.modes])
+        slopes.append((np.array(sides[0]) - np.array(sides[1])) / (2 * step))
+    expected = np.sqrt(np.einsum("imk,ij,jmk->mk", slopes, machine.covariance, slopes))
+    stated = [(m.std_hz, m.damping_std) for m in found.modes]
+    assert np.array(stated) == pytest.approx(expected, rel=1e-4)
+    assert not any(m.close for m in found.modes)
+
+
+def base_estimate(model: rid.Model, off: float = 0.0) -> rid.Estimate:
+    """Return an estimate of base parameters, each off by a share of its deviation of 1 percent."""
+    base = model.base_values(machine_of(model).values)
+    away = 1 + 0.01 * off * np.cos(np.arange(len(base)))
+    values = tuple(
+        rid.Value(name, unit, value, std=0.01 * abs(value))
+        for name, unit, value in zip(model.base.names, model.base.units, base * away, strict=True)
+    )
+    covariance = np.diag([(v.std or 0) ** 2 for v in values])
+    return rid.Estimate(model.name, "ls", "ok", values, covariance=covariance)
+
+
+def test_base_parameters_tell_the_same():
+    model = rid.load_model("three-mass")
+    found, direct = rid.modes(base_estimate(model), speed=800.0), rid.modes(model, speed=800.0)
+    hertz = [m.frequency_hz for m in direct.modes]
+    assert [m.frequency_hz for m in found.modes] == pytest.approx(hertz)
+    away = rid.modes(base_estimate(model, 0.5), speed=800.0)
+    assert away.rigid == 6  # the best fit moves freely, as the machine does
+    off = [(m.frequency_hz - f) / m.std_hz for m, f in zip(away.modes, hertz, strict=True)]
+    assert 0 < np.abs(off).max() < 1
+
+
+def test_base_parameters_that_no_physical_ones_follow_from():
+    text = TWO.replace("c*x'", "(c + g)*x'").replace("c*y'", "(c + g)*y'")
+    model = model_of(text.replace("c = {", 'g = { unit = "1/s", nominal = 1.0 }\nc = {'))
+    found = rid.modes(base_estimate(model).with_(provenance=rid.Provenance(model=model.file_text)))
+    (one, two) = found.modes
+    assert (one.damping_ratio, two.damping_ratio) == pytest.approx((3e-3 / 2, 3e-3 / 2), rel=1e-3)
+    assert one.damping_std == pytest.approx(0.01 * one.damping_ratio, rel=0.2)
+
+
+TWO = """
+title = "two planes that hardly touch"
+equations = ["x'' + c*x' + a*x + e*y = F", "y'' + c*y' + b*y + e*x = 0"]
+coordinates = { x = "1", y = "1" }
+inputs = { F = "1/s^2" }
+[parameters]
+a = { unit = "1/s^2", nominal = 1e6 }
+b = { unit = "1/s^2", nominal = 1.0001e6 }
+c = { unit = "1/s", nominal = 2.0 }
+e = { unit = "1/s^2", nominal = 0.0 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("std", "close"),
+    [
+        ((10.0, 10.0, 0.01, 0.0), False),
+        ((200.0, 200.0, 0.01, 0.0), True),
+        ((1e-3, 1e-3, 0.01, 100.0), True),
+    ],
+)
+def test_modes_are_close_by_their_deviations(std, close):
+    """Their distance is 100: certain, uncertain in order, and uncertain in shape."""
+    estimate = estimate_of(model_of(TWO), covariance=np.diag(np.square(std)))
+    found = rid.modes(estimate)
+    assert [m.close for m in found.modes] == [close, close]
+
+
+def test_the_limit_of_close_modes(monkeypatch):
+    """The distance is 100, its deviation 25 less a little, and then a little more."""
+    assert modes_module.CLOSE == 4.0
+    for size, close in ((24.9, False), (25.1, True)):
+        std = np.array([size, size, 1e-9, 0.0]) / np.sqrt(2)
+        found = rid.modes(estimate_of(model_of(TWO), covariance=np.diag(std**2)))
+        assert [m.close for m in found.modes] == [close, close]
+
+
+def test_close_modes_have_the_deviations_of_whole_draws():
+    estimate = estimate_of(model_of(TWO), covariance=np.diag([150.0, 150.0, 0.1, 80.0]) ** 2)
+    found = rid.modes(estimate)
+    rng = np.random.default_rng(5)
+    drawn = rng.multivariate_normal([1e6, 1.0001e6, 2.0, 0.0], estimate.covariance, 20000)
+    a, b, c, e = drawn.T
+    root = np.sqrt(((a - b) / 2) ** 2 + e**2)
+    squares = np.column_stack([(a + b) / 2 - root, (a + b) / 2 + root])
+    hertz = np.sqrt(squares - (c[:, None] / 2) ** 2) / (2 * np.pi)
+    here = np.array([m.frequency_hz for m in found.modes])
+    std = np.sqrt(((hertz - here) ** 2).mean(axis=0))
+    assert [m.std_hz for m in found.modes] == pytest.approx(std, rel=0.05)
+    low, high = np.quantile(hertz, [0.025, 0.975], axis=0)
+    stated = np.array([m.interval_hz for m in found.modes])
+    assert stated - here[:, None] == pytest.approx(
+        np.column_stack([low, high]) - here[:, None], rel=0.06, abs=1e-4
+    )
+
+
+def test_isotropic_pairs_that_move_together_are_not_close():
+    found = rid.modes(estimate_of(rid.load_model("three-mass")), speed=5.0)
+    assert not any(m.close for m in found.modes if m.frequency_hz > 1)
+
+
+def test_modes_that_coincide_by_chance_count_twice():
+    text = SUPPORTED.replace("nominal = 5e5", "nominal = 4e5").replace("I_p*Omega", "0*I_p*Omega")
+    text = text.replace("0*I_p*Omega*theta_y'", "I_p*Omega*theta_y'*0.001")
+    text = text.replace("0*I_p*Omega*theta_x'", "I_p*Omega*theta_x'*0.001")
+    found = rid.modes(model_of(text))
+    assert [m.count for m in found.modes] == [1, 1, 1, 1]
+
+
+def test_unstable_and_overdamped_machines_are_told():
+    grows = rid.modes(model_of(SUPPORTED.replace("nominal = 60.0", "nominal = -60.0")))
+    assert min(m.damping_ratio for m in grows.modes) < 0
+    slow = rid.modes(model_of(SUPPORTED.replace("nominal = 60.0", "nominal = 6e4")))
+    assert len(slow.modes) == 2
+    assert len(slow.real_poles) == 4
+    assert max(slow.real_poles) < 0
+
+
+def test_massless_coordinates_have_no_modes():
+    text = SUPPORTED.replace(
+        "I_t*theta_x'' + d*theta_x' + I_p*Omega*theta_y'",
+        "I_t*theta_x*0 + d*theta_x' + I_p*theta_y*0",
+    )
+    found = rid.modes(model_of(text))
+    assert len(found.modes) == 3
+    assert len(found.real_poles) == 1
+
+
+def test_pairs_by_name_and_orbits():
+    assert partners(["x1", "y1", "theta_x", "theta_y", "q"]) == [(0, 1), (2, 3)]
+    assert partners(["ux_a", "uy_a"]) == [(0, 1)]
+    circle = np.array([1.0, -1j, 1.0, 1j])
+    ones = np.ones(4)
+    pairs = [(0, 1), (2, 3)]
+    assert whirl_of(circle, pairs[:1], ones, 1.0) == "forward"
+    assert whirl_of(circle, pairs[:1], ones, -1.0) == "backward"
+    assert whirl_of(circle, pairs[1:], ones, 0.0) == "backward"
+    assert whirl_of(circle, pairs, ones, 1.0) == "mixed"
+    assert whirl_of(circle, pairs, np.array([1, 1, 0.001, 0.001]), 1.0) == "forward"
+    assert whirl_of(np.array([1.0, 0.5, 0, 0]), pairs, ones, 1.0) == "planar"
+    for tilt, whirl in ((0.019, "planar"), (0.022, "forward")):  # of the axes of the orbit
+        assert whirl_of(np.array([1.0, -1j * tilt]), pairs[:1], ones, 1.0) == whirl
+
+
+def test_values_that_are_not_determined_matter_only_where_they_are_needed():
+    model = model_of(SUPPORTED)
+    base = estimate_of(model)
+
+    def lost(name: str) -> rid.Estimate:
+        parameters = tuple(
+            v if v.name != name else rid.Value(name, v.unit, np.nan, np.nan)
+            for v in base.parameters
+        )
+        bad = np.array([v.name == name for v in base.parameters])
+        covariance = np.where(bad[:, None] | bad, np.nan, base.covariance)
+        return base.with_(parameters=parameters, covariance=covariance, status="not_identifiable")
+
+    found = rid.modes(lost("xi"))
+    assert found.status == "not_identifiable"
+    assert any("xi" in remark for remark in found.remarks)
+    assert found.modes[0].std_hz == pytest.approx(rid.modes(base).modes[0].std_hz)
+    with pytest.raises(rid.InputError, match="leaves k_x undetermined"):
+        rid.modes(lost("k_x"))
+
+
+def test_a_rejected_result_says_so_and_inflates():
+    base = estimate_of(model_of(SUPPORTED))
+    parameters = tuple(
+        rid.Value(v.name, v.unit, v.value, v.std, 3 * (v.std or 0)) for v in base.parameters
+    )
+    found = rid.modes(base.with_(status="rejected", parameters=parameters))
+    assert found.modes[0].std_hz == pytest.approx(3 * rid.modes(base).modes[0].std_hz)
+    assert "reject" in found.remarks[0]
+    with pytest.raises(rid.InputError, match="not converged"):
+        rid.modes(base.with_(status="not_converged"))
+
+
+def test_what_every_record_has_to_itself():
+    model = model_of(SUPPORTED)
+    base = estimate_of(model, fixed=("k_x",))
+    own = (*base.parameters, rid.Value("k_x[1]", "N/m", 8e5, 0.0, fixed=True))
+    estimate = base.with_(parameters=own)
+    first, second = rid.modes(estimate), rid.modes(estimate, record=1)
+    ratio = second.modes[1].frequency_hz / first.modes[0].frequency_hz
+    assert first.modes[0].frequency_hz < second.modes[0].frequency_hz
+    assert ratio == pytest.approx(np.sqrt(2), rel=1e-3)
+
+
+def test_models_that_have_no_modes_are_refused():
+    with pytest.raises(rid.ModelError, match=r"sign\(q'\).*leave that term out"):
+        rid.modes(rid.load_model("emps"))
+    bare = model_of(SUPPORTED.replace(", nominal = 8.0", ""))
+    with pytest.raises(rid.InputError, match="no nominal value of m"):
+        rid.modes(bare)
+    with pytest.raises(rid.InputError, match="a finite speed"):
+        rid.modes(model_of(SUPPORTED), speed=np.inf)
+    fewer = """
+title = "a mass and its sensor"
+equations = ["m*x'' + k*(x - y) = F"]
+coordinates = { x = "m", y = "m" }
+inputs = { F = "N" }
+parameters = { m = { unit = "kg", nominal = 1.0 }, k = { unit = "N/m", nominal = 1.0 } }
+"""
+    with pytest.raises(rid.InputError, match="1 equations for 2 coordinates"):
+        rid.modes(model_of(fewer))
