@@ -61,7 +61,7 @@ def read_regular(path: str | Path, most: int, expected: str, cure: str) -> bytes
 
 def check_beside(name: str, record: str | Path) -> Path:
     """Return the path of a file that a record refers to; it must lie in the record's folder."""
-    folder = Path(record).resolve().parent
+    folder = Path(record).absolute().parent.resolve()  # of a link, where it lies
     path = folder / name
     try:
         inside = path.resolve().is_relative_to(folder)

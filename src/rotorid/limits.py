@@ -53,8 +53,8 @@ that is named by its whole path is found among any number."""
 DEPTH = 64
 """Groups in groups, and structures in structures: loggers nest up to five."""
 
-PARTS = 10_000
-"""Files or selections that one virtual data set may be made of, each of which is opened."""
+PARTS = 5_000
+"""Files of a virtual data set, each of which is opened: one a second, for an hour."""
 
 REFERENCES = 4
 """Files that refer to files: a virtual data set of virtual data sets is two."""

@@ -135,7 +135,7 @@ def test_columns_of_matlab_7_3(tmp_path: Path) -> None:
     WRITERS["run-v73.mat"](path, COLUMNS)
     opened = open_table(path)
     np.testing.assert_array_equal(opened.read(["log/all[1]"])["log/all[1]"].values, 100 * X[::-1])
-    with pytest.raises(ReadError, match="no column 'label'"):
+    with pytest.raises(ReadError, match="'label' of text or cells"):
         opened.find("label")
 
 

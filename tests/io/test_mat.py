@@ -202,11 +202,11 @@ def test_packed_elements_that_stand_for_too_much(tmp_path: Path) -> None:
     path.write_bytes(mat5(packed(matrix("x", np.zeros(7_900_000)))))
     assert len(open_mat(path).read(["x"])["x"].values) == 7_900_000
     path.write_bytes(mat5(packed(matrix("x", np.zeros(8_100_000)))))
-    with pytest.raises(ReadError, match="numbers declared in"):
+    with pytest.raises(ReadError, match="bytes of numbers declared"):
         open_mat(path)
     one = scipy_structure(np.zeros(1_500_000))
     path.write_bytes(mat5(*[packed(one)] * 8))
-    with pytest.raises(ReadError, match="numbers declared in"):
+    with pytest.raises(ReadError, match="bytes of numbers declared"):
         open_mat(path)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,19 +10,21 @@ from typing import Any
 import h5py
 import numpy as np
 
+from rotorid.io.hdf5_nodes import Contents, Node, find, opened
+from rotorid.io.hdf5_storage import check_stored
 from rotorid.io.table import (
     Column,
     NamedArrays,
     Place,
     Rate,
     as_column,
-    check_size,
+    check_held,
     content,
     head,
     is_numeric,
     not_what_it_says,
-    reading,
 )
+from rotorid.limits import COLUMNS
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
@@ -39,27 +40,31 @@ class Hdf5Table(NamedArrays):
         paths = [place.path for place in wanted.values()]
         whole: dict[str, Any] = {}
         columns = {}
-        with _opened(self.file) as data:
+        with opened(self.file) as data:
+            nodes = self._checked(data, paths)
+            held = max((held for _, held in nodes.values()), default=0)
+            check_held(self.bytes_of(list(wanted)), held, self.file)
             for name, place in wanted.items():
                 path = place.path
+                node = nodes[path][0]
                 if path not in whole and (place.index is None or paths.count(path) > 1):
-                    whole[path] = _dataset(data, path, self.file)[()]
+                    whole[path] = _numbers(node)[()]
                 values = (
-                    as_column(whole[path], place)
-                    if path in whole
-                    else _part(_dataset(data, path, self.file), place)
+                    as_column(whole[path], place) if path in whole else _part(_numbers(node), place)
                 )
-                columns[name] = Column(values, *_stated(data, path, place))
+                columns[name] = Column(values, *_stated(node, place))
         return columns
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
         """Yield successive rows of columns, by the names that `find` returned."""
         places = {name: self.place(name) for name in names}
-        with _opened(self.file) as data:
-            datasets = {p: _dataset(data, p.path, self.file) for p in places.values()}
-            stated = {name: _stated(data, p.path, p) for name, p in places.items()}
+        with opened(self.file) as data:
+            nodes = self._checked(data, [place.path for place in places.values()])
+            found = {p: nodes[p.path][0] for p in places.values()}
+            datasets = {p: _numbers(node) for p, node in found.items()}
+            stated = {name: _stated(found[p], p) for name, p in places.items()}
             count = max(max(self.shapes[p.path]) for p in places.values())
-            step = _whole_chunks(data, [p.path for p in datasets], rows)
+            step = _whole_chunks(found.values(), rows)
             for begin in range(0, count, step):
                 parts: dict[tuple[str, int], Any] = {}
                 for place, dataset in datasets.items():
@@ -73,59 +78,38 @@ class Hdf5Table(NamedArrays):
     def scalar(self, name: str) -> float:
         """Return a dataset of one number."""
         path = self.find_scalar(name)
-        with _opened(self.file) as data:
-            return float(np.ravel(data[path][()])[0])
+        with opened(self.file) as data:
+            return float(np.ravel(_numbers(self._checked(data, [path])[path][0])[()])[0])
+
+    def _checked(self, data: h5py.File, paths: Sequence[str]) -> Mapping[str, tuple[Node, int]]:
+        """Return data sets that are there whole, and the bytes of the files that hold them."""
+        nodes = {}
+        for path in dict.fromkeys(paths):
+            node = find(data, path)
+            if node is None:
+                raise ValueError(f"{path!r} is gone")
+            nodes[path] = node, check_stored(node.dataset, self.file)
+        return nodes
 
 
 def open_hdf5(path: Path) -> Hdf5Table:
     """Open an HDF5 file, or a MATLAB file of version 7.3."""
     start = head(path)
-    if content(start) not in ("HDF5 data", "a MAT v7.3 file"):
+    if content(start) not in ("HDF5 data", "a MAT v7.3 file") and not h5py.is_hdf5(path):
         raise not_what_it_says(path, start, "HDF5 data")
-    shapes: dict[str, tuple[int, ...]] = {}
-
-    def note(name: str, node: Any) -> None:
-        if name.startswith("#") or not isinstance(node, h5py.Dataset) or node.shape is None:
-            return  # "#refs#" holds the cells of MATLAB
-        if node.dtype.names:  # a table of records
-            fields = [f for f in node.dtype.names if is_numeric(node.dtype[f])]
-            shapes.update({f"{name}/{field}": tuple(node.shape) for field in fields})
-        elif is_numeric(node.dtype) and not _is_matlab_text(node):
-            shapes[name] = tuple(node.shape)
-
-    with _opened(str(path)) as data:
-        data.visititems(note)
-    return Hdf5Table(str(path), shapes)
+    with opened(str(path)):
+        shapes = Contents(str(path))
+    return Hdf5Table(str(path), shapes, others=shapes.others)
 
 
-@contextmanager
-def _opened(file: str) -> Iterator[h5py.File]:
-    with reading(file, "HDF5 data"), h5py.File(file, "r") as data:
-        yield data
+def _numbers(node: Node) -> Any:
+    """Return a data set, or the field of a table of records."""
+    return node.dataset if node.field is None else node.dataset.fields(node.field)
 
 
-def _is_matlab_text(dataset: h5py.Dataset) -> bool:
-    """Tell whether MATLAB wrote no numbers here: text as codes, or an empty array as its size."""
-    kind = dataset.attrs.get("MATLAB_class", b"")
-    return bytes(kind) in (b"char", b"cell") or "MATLAB_empty" in dataset.attrs
-
-
-def _dataset(data: h5py.File, path: str, file: str) -> Any:
-    """Return a dataset, or the field of a table of records."""
-    parent, _, leaf = path.rpartition("/")
-    table = data.get(parent) if parent else None
-    if isinstance(table, h5py.Dataset):
-        check_size(table.size, file, table.dtype.itemsize)
-        return table.fields(leaf)
-    dataset = data[path]
-    check_size(dataset.size, file, dataset.dtype.itemsize)
-    return dataset
-
-
-def _whole_chunks(data: h5py.File, paths: Sequence[str], rows: int) -> int:
+def _whole_chunks(nodes: Iterable[Node], rows: int) -> int:
     """Return a number of rows near the one asked for that is made of whole chunks of the file."""
-    nodes = [data[path] for path in paths if path in data]
-    longest = max((max(n.chunks) for n in nodes if getattr(n, "chunks", None)), default=1)
+    longest = max((max(n.dataset.chunks) for n in nodes if n.dataset.chunks), default=1)
     return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
 
 
@@ -149,20 +133,25 @@ def _part(dataset: Any, place: Place) -> Any:
     return as_column(part, Place(place.path))
 
 
-def _stated(data: h5py.File, path: str, place: Place) -> tuple[str | None, Rate | None]:
+def _stated(node: Node, place: Place) -> tuple[str | None, Rate | None]:
     """Return the unit and the sample rate in the attributes of a dataset or its groups."""
-    nodes = [path, *(path[:i] for i in range(len(path) - 1, 0, -1) if path[i] == "/"), "/"]
-    found = [data[node].attrs for node in nodes if node in data]
-    units = (_unit(a, place.index) for a in found[:1])
+    found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
     rates = (rate for attributes in found if (rate := _rate(attributes)))
-    return next(units, None), next(rates, None)
+    return _unit(found[0], place.index), next(rates, None)
+
+
+def _attribute(attributes: Any, key: str) -> Any:
+    """Return an attribute as a row of values; None where there is none, or none that we ask for."""
+    if key not in attributes or (shape := attributes.get_id(key).shape) is None:
+        return None
+    return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
 
 
 def _unit(attributes: Any, index: int | None) -> str | None:
     """Return the attribute ``units`` (or ``unit``): one text, or one per column."""
     for key in ("units", "unit"):
-        if key in attributes:
-            texts = np.ravel(attributes[key])
+        texts = _attribute(attributes, key)
+        if texts is not None:
             text = texts[0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)]
             text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
             return text.strip() or None
@@ -172,8 +161,9 @@ def _unit(attributes: Any, index: int | None) -> str | None:
 def _rate(attributes: Any) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
     for key in (*_RATE, *_INTERVAL):
-        if key in attributes and np.size(attributes[key]) == 1:
-            number = np.ravel(attributes[key])[0]
+        found = _attribute(attributes, key)
+        if found is not None and len(found) == 1:
+            number = found[0]
             if is_numeric(np.asarray(number).dtype) and np.isfinite(number) and number > 0:
                 return Rate(float(number) if key in _RATE else 1 / float(number))
     return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import logging
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -154,10 +155,14 @@ def missing_package(package: str, file: str) -> ReadError:
 
 def check_size(values: int, file: str, itemsize: int = 8) -> None:
     """Refuse a file that declares more numbers than its bytes can hold."""
-    held = Path(file).stat().st_size
-    if values * itemsize > max(COMPRESSION * held, UNPACKED_BYTES):
+    check_held(values * itemsize, Path(file).stat().st_size, file)
+
+
+def check_held(size: int, held: int, file: str) -> None:
+    """Refuse to make more bytes of numbers than those can stand for that hold them."""
+    if size > max(COMPRESSION * held, UNPACKED_BYTES):
         raise ReadError(
-            f"{values} numbers declared in {held} bytes",
+            f"{size} bytes of numbers declared in {held} bytes",
             "numbers that the file holds",
             "write it again",
             file=file,
@@ -221,9 +226,9 @@ class NamedArrays:
         """Names of the one-dimensional arrays: leaf names where these are unique."""
         paths = [p for p, shape in self.shapes.items() if _is_column(shape) and max(shape) > 1]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
+        counts = Counter(leaves)
         return [
-            leaf if leaves.count(leaf) == 1 else path
-            for path, leaf in zip(paths, leaves, strict=True)
+            leaf if counts[leaf] == 1 else path for path, leaf in zip(paths, leaves, strict=True)
         ]
 
     def find(self, name: str) -> str:
@@ -296,8 +301,8 @@ def loaded(file: str, arrays: Mapping[str, Column]) -> LoadedArrays:
     return LoadedArrays(file, {name: np.shape(a.values) for name, a in arrays.items()}, arrays)
 
 
-def _path(name: str, paths: Iterable[str], file: str) -> str | None:
-    paths = list(paths)
+def _path(name: str, paths: Mapping[str, Any], file: str) -> str | None:
+    """Return the path of a name: the name itself first, so that no other path is looked at."""
     wanted = name.strip("/")
     if name in paths or wanted in paths:
         return name if name in paths else wanted
