@@ -17,12 +17,13 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics mutants clean
+.PHONY: help demo test statistics docs mutants clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its report ($(REPORT))"
 	@echo "make test         set up, then lint, type check and the fast tests: minutes"
-	@echo "make statistics   the slow tests: coverage of deviations, banks of faults, long examples"
+	@echo "make statistics   the slow tests: coverage of deviations, banks of faults; the documentation"
+	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
 	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
 	@echo "make clean        remove the environment and what the tools leave behind"
 
@@ -31,8 +32,8 @@ demo: $(VENV)/.ready-demo
 	@echo "The report lies in $(CURDIR)/$(REPORT)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test statistics mutants: export OPENBLAS_NUM_THREADS := 1
-test statistics mutants: export OMP_NUM_THREADS := 1
+test statistics docs mutants: export OPENBLAS_NUM_THREADS := 1
+test statistics docs mutants: export OMP_NUM_THREADS := 1
 
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -42,6 +43,10 @@ test: $(VENV)/.ready-test
 
 statistics: $(VENV)/.ready-test
 	$(BIN)/pytest -n auto -m slow $(PYTEST_ARGS)
+	$(MAKE) docs
+
+docs: $(VENV)/.ready-test
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
 
 mutants: $(VENV)/.ready-test
 	$(BIN)/python tests/mutants.py $(ONLY)
@@ -49,6 +54,7 @@ mutants: $(VENV)/.ready-test
 clean:
 	rm -rf $(VENV) build dist src/*.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf docs/_build docs/gallery docs/generated
 	rm -f $(REPORT)
 
 # The environment, renewed where the packages it holds may have changed. An interpreter that no

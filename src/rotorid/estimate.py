@@ -256,7 +256,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Prediction:
-    """How well an estimate predicts one channel: |residual| / |measured| on the lines."""
+    """How well an estimate predicts one channel: ``|residual| / |measured|`` on the lines."""
 
     relative_error: Number
 

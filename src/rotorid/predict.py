@@ -43,7 +43,7 @@ def predict(
     Returns
     -------
     dict of channel name to Prediction
-        |lines(measured - predicted)| / |lines(measured)|; ``None`` for a channel that is zero.
+        ``|lines(measured - predicted)| / |lines(measured)|``; ``None`` for a channel that is zero.
 
     Raises
     ------
