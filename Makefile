@@ -46,6 +46,7 @@ statistics: $(VENV)/.ready-test
 	$(MAKE) docs
 
 docs: $(VENV)/.ready-test
+	rm -rf docs/gallery
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
 
 mutants: $(VENV)/.ready-test

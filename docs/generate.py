@@ -28,9 +28,9 @@ For zsh put `zsh_source` there, and for fish, in a file of `~/.config/fish/compl
 """
 HEAD = """# Commands
 
-What `rotorid COMMAND --help` prints, for every command. Exit codes: 0 done; 1 no answer (or one that
-the data reject, with `--strict`), which is written all the same; 2 wrong usage or unreadable input,
-one line on the standard error, nothing written.
+What `rotorid COMMAND --help` prints, for every command. Exit codes: 0 done; 1 no answer (or one
+that the data reject, with `--strict`), which is written all the same; 2 wrong usage or unreadable
+input, one line on the standard error, nothing written.
 """
 
 

@@ -19,7 +19,7 @@ FORBIDDEN = {
     "unit_text": {"*"},
     "units": {"*", "!errors", "!unit_text"},
     "toml": {"*", "!errors", "!files", "!limits"},
-    "record": {"*", "!errors", "!values", "!plots", "!dynamics"},
+    "record": {"*", "!errors", "!values", "!plots", "!dynamics", "!units"},
     "dynamics": {"*", "!errors", "!values"},
     "values": {"*"},
     "distributions": {"*"},
@@ -43,7 +43,7 @@ FORBIDDEN = {
     "identify": {"io", "experiment", "report", "cli", "rig"},
     "predict": {"io", "experiment", "report", "cli", "rig"},
     "lines": {"*", "!errors", "!record", "!signals", "!values"},
-    "spectra": {"*", "!errors", "!record", "!signals", "!lines"},
+    "spectra": {"*", "!errors", "!record", "!signals", "!lines", "!units"},
     "filtered": {"*", "!errors", "!record", "!signals", "!units", "!values"},
     "linalg": {"*", "!errors", "!record"},
     "observation": {

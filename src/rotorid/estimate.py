@@ -465,6 +465,8 @@ class Estimate(ByContent):
     def to_frame(self) -> pd.DataFrame:
         """Return every quantity as a row of a pandas data frame, indexed by name.
 
+        What is derived by its own name alone is there once, as a parameter.
+
         Raises
         ------
         ImportError
@@ -479,7 +481,7 @@ class Estimate(ByContent):
         kinds = {
             "parameter": self.parameters,
             "nuisance": self.nuisance,
-            "derived": self.derived,
+            "derived": _derived(self)[0][1],
         }
         rows = [{**vars(v), "kind": kind} for kind, values in kinds.items() for v in values]
         columns = ["name", "kind", "unit", "value", "std", "std_inflated", "fixed"]

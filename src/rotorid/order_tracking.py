@@ -27,6 +27,7 @@ from rotorid.lines import Lines
 from rotorid.phasor_lines import lines_at_speeds
 from rotorid.record import Complexes, Floats, Integers, Record
 from rotorid.signals.covariance import LineCovariance
+from rotorid.units import quantity
 
 LENGTHS = (64, 32, 16, 8, 4)
 """Revolutions of a segment that are tried, the longest first."""
@@ -85,7 +86,7 @@ class _Cut:
         return float(np.convolve(square, window, mode="valid").max() / expected)
 
 
-def phasors(record: Record, revolutions: int | None = None, *, skip: float = 0.0) -> Lines:
+def phasors(record: Record, revolutions: int | None = None, *, skip: float | str = 0.0) -> Lines:
     r"""Return a record cut into a table of 1x phasors: order tracking by the rotor angle.
 
     The record is cut at whole revolutions; each segment is a line at its own speed, its phasor that
@@ -100,7 +101,7 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float = 0.0
     revolutions : int, optional
         Of a segment, 4 or more. Without it the longest of 64, 32, 16, 8 and 4 within which no
         phasor bends by more than noise hides, and which leaves 20 segments.
-    skip : float
+    skip : float or str
         What is left out before, in s from the first sample of the file.
 
     Returns
@@ -130,7 +131,7 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float = 0.0
         raise InputError(
             f"{revolutions} revolutions", f"{LENGTHS[-1]} or more", "take longer segments"
         )
-    record = _from(record, skip)
+    record = _from(record, quantity(skip, "s", place="skip"))
     angle = _rotation(record)
     turns = abs(angle[-1] - angle[0]) / (2 * np.pi)
     found: _Cut | None = None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
+from rotorid.units import quantity
 from rotorid.values import Arrays
 
 if TYPE_CHECKING:
@@ -209,9 +210,9 @@ class Record(Arrays):
     channels : sequence of Channel
     samples : array, shape (sample, channel)
     sample_rate : float
-        Hz.
+        Hz, or a text with a unit.
     speed : float
-        Mean speed of rotation in rad/s; 0 at standstill.
+        Mean speed of rotation in rad/s, or a text with a unit; 0 at standstill.
     angle : array, shape (sample,), optional
         Rotor angle phi in rad at each sample; ``None`` means ``speed * t``.
     phase_known : bool
@@ -254,6 +255,8 @@ class Record(Arrays):
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "samples", np.asarray(self.samples, dtype=float))
+        for name, unit in (("sample_rate", "Hz"), ("speed", "rad/s")):
+            object.__setattr__(self, name, quantity(getattr(self, name), unit, place=name))
         super().__post_init__()
         names = self.names
         repeated = sorted({name for name in names if names.count(name) > 1})

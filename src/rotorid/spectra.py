@@ -23,6 +23,7 @@ from rotorid.record import Complexes, Floats, Integers, Record
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.spectrum import transfer_of_recording
+from rotorid.units import quantity
 
 TRANSIENT = 2
 """R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
@@ -65,13 +66,13 @@ class _Window:
 
 def spectra(
     record: Record,
-    band: tuple[float, float],
+    band: tuple[float | str, float | str],
     *,
     references: Sequence[str] = (),
     quiet: Record | None = None,
     inputs: Sequence[str] = (),
-    skip: float = 0.0,
-    until: float | None = None,
+    skip: float | str = 0.0,
+    until: float | str | None = None,
 ) -> Lines:
     r"""Return the lines of a whole record in a band, their noise, and the loads on them.
 
@@ -85,14 +86,14 @@ def spectra(
     ----------
     record : Record
     band : (float, float)
-        Hz; every line in it, both ends included.
+        Hz, or texts with units; every line in it, both ends included.
     references : sequence of str
         Channels of the record that hold the excitation; they are no channels of the model.
     quiet : Record, optional
         The same channels.
     inputs : sequence of str
         Channels of the inputs, used where there are no references and no quiet record.
-    skip, until : float
+    skip, until : float or str
         What is left out before and after, in s from the first sample.
 
     Returns
@@ -120,8 +121,10 @@ def spectra(
     >>> lines.names, lines.covariance.kind, bool(lines.covariance.dof >= 5)
     (('x',), 'references', True)
     """
-    window = _window(record, skip, until)
-    kept = _lines(window, band)
+    ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
+    end = None if until is None else quantity(until, "s", place="until")
+    window = _window(record, quantity(skip, "s", place="skip"), end)
+    kept = _lines(window, ends)
     frequency: Floats = np.asarray(kept * window.spacing)
     names = [name for name in record.names if name not in references]
     _check_references(record, references)

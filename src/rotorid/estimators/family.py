@@ -10,7 +10,13 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
-from rotorid.estimators.knowledge import Constraint, Elimination, eliminate, in_si
+from rotorid.estimators.knowledge import (
+    Constraint,
+    Elimination,
+    constraints_in_si,
+    eliminate,
+    in_si,
+)
 from rotorid.estimators.regression import Regression, driven_rows
 from rotorid.estimators.summary import describe_open_directions, summarize
 from rotorid.estimators.weighted import (
@@ -204,7 +210,7 @@ def substitute(
                 "use ml",
                 file=record.lines.source,
             )
-    elimination = eliminate(reduced, constraints, fixed)
+    elimination = eliminate(reduced, constraints_in_si(constraints, model), fixed)
     if not elimination.kept:
         raise InputError("every parameter constrained", "something to estimate", "free one")
     return Posed(model, dict(fixed), reduced, elimination)

@@ -14,7 +14,9 @@ from rotorid.models import Model
 from rotorid.models.terms import polynomial
 from rotorid.observation import Observation
 from rotorid.record import Floats
-from rotorid.units import quantity
+from rotorid.units import multiply_units, quantity, to_si
+
+Bounds = Mapping[str, tuple[float | str | None, float | str | None]]
 
 
 def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
@@ -61,21 +63,86 @@ class Constraint:
     ----------
     expression : str
         A polynomial in the physical parameters, in the grammar of model files.
-    value, std : float
-        SI; a `std` of 0 means exactly.
+    value, std : float or str
+        SI, or texts with a unit; a `std` of 0 means exactly.
+
+    Examples
+    --------
+    >>> Constraint("m1 + m2 + m3", "12.99 kg", "10 g").std
+    '10 g'
     """
 
     expression: str
-    value: float
-    std: float = 0.0
+    value: float | str
+    std: float | str = 0.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([self.value, self.std]).all() and self.std >= 0):
+        numbers = [n for n in (self.value, self.std) if not isinstance(n, str)]
+        if not np.isfinite(numbers).all() or (not isinstance(self.std, str) and self.std < 0):
             raise InputError(
                 f"value {self.value} and std {self.std} of {self.expression[:60]!r}",
                 "finite numbers, the deviation not negative",
                 "give the value that the expression has, and one standard deviation or none",
             )
+
+    @property
+    def in_si(self) -> tuple[float, float]:
+        """Value and deviation where both are numbers: see `constraints_in_si`."""
+        return float(self.value), float(self.std)
+
+
+def constraints_in_si(constraints: Sequence[Constraint], model: Model) -> tuple[Constraint, ...]:
+    """Return constraints in SI: numbers as they are, texts with the unit of the expression."""
+    return tuple(_constraint_in_si(constraint, model) for constraint in constraints)
+
+
+def _constraint_in_si(constraint: Constraint, model: Model) -> Constraint:
+    if not isinstance(constraint.value, str) and not isinstance(constraint.std, str):
+        return constraint
+    place = f"constraint {constraint.expression[:60]!r}"
+    unit = unit_of_expression(constraint.expression, model, place)
+    value, std = (quantity(n, unit, place=place) for n in (constraint.value, constraint.std))
+    return Constraint(constraint.expression, value, std)
+
+
+def bounds_in_si(bounds: Bounds, model: Model) -> dict[str, tuple[float | None, float | None]]:
+    """Return bounds in SI: numbers as they are, texts with the unit of the expression."""
+
+    def end(expression: str, limit: float | str | None) -> float | None:
+        if not isinstance(limit, str):
+            return limit
+        place = f"bounds of {expression[:60]!r}"
+        return quantity(limit, unit_of_expression(expression, model, place), place=place)
+
+    return {
+        expression: (end(expression, low), end(expression, high))
+        for expression, (low, high) in bounds.items()
+    }
+
+
+def unit_of_expression(expression: str, model: Model, place: str) -> str:
+    """Return the unit of a polynomial in the parameters; refuse sums of unlike units."""
+    try:
+        terms = constraint_polynomial(model, Constraint(expression, 0.0))
+    except InputError as error:
+        raise error.at(place=place) from None
+    units = [parameter.unit for parameter in model.parameters]
+    found = {
+        multiply_units([(unit, power) for unit, power in zip(units, powers, strict=True)])
+        for powers in terms
+        if any(powers)
+    }
+    if not found:
+        raise InputError(
+            repr(expression[:60]),
+            "an expression of parameters",
+            "write parameters of the model, such as k1 - k2",
+            place=place,
+        )
+    first, *others = sorted(found)
+    for other in others:
+        to_si(f"1 {other}", first, place=f"{place}.expression")
+    return first
 
 
 def constraint_polynomial(
@@ -155,9 +222,9 @@ def _base_row(
 ) -> tuple[Floats, float]:
     """Return ``row @ base = value`` for a constraint."""
     shown = f"the constraint {constraint.expression[:60]!r}"
-    if constraint.std > 0:
+    value, std = constraint.in_si
+    if std > 0:
         raise InputError(f"{shown} with a deviation", "exact constraints for this method", "use ml")
-    value = constraint.value
     index = {tuple(int(e) for e in m): i for i, m in enumerate(model.monomials)}
     wanted = np.zeros(len(index))
     linear = True

@@ -10,7 +10,7 @@ from rotorid.errors import InputError, NotConvergedError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
 from rotorid.estimators.by_samples import refuse_filtered
-from rotorid.estimators.knowledge import Constraint, in_si
+from rotorid.estimators.knowledge import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
 from rotorid.estimators.likelihood.exact import exactness
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.left_out import parts_left_out
@@ -84,7 +84,7 @@ class MaximumLikelihood:
     constraints: tuple[Constraint, ...] = ()
     known: Mapping[str, tuple[float | str, float | str]] = field(default_factory=dict)
     start: Mapping[str, float | str] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    bounds: Bounds = field(default_factory=dict)
     runout: bool = False
     gains: tuple[str, ...] = ()
     delays: tuple[str, ...] = ()
@@ -121,8 +121,8 @@ class MaximumLikelihood:
             in_si(self.fixed, model),
             {name: (value, deviations[name]) for name, value in values.items()},
             in_si(self.start, model),
-            self.constraints,
-            self.bounds,
+            constraints_in_si(self.constraints, model),
+            bounds_in_si(self.bounds, model),
             tuple(in_units_of(model, mode) for mode in self.modes),
         )
 

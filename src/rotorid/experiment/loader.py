@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rotorid.errors import InputError, ReadError
+from rotorid.estimate import Estimate
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.methods import Estimator
 from rotorid.experiment.kinds import check_own, check_shared, plan_record, read_table
@@ -205,6 +206,30 @@ class Experiment:
             return build_estimator(
                 self.entry, self.method(method), self.fixed, self.constraints, self.model
             )
+        except InputError as error:
+            raise error.at(file=self.file) from None
+
+    def identify(self, method: Method | None = None) -> Estimate:
+        """Read the records and estimate, as ``rotorid identify`` does.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's.
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        InputError
+            As `records`, `estimator` and `rotorid.identify`.
+        """
+        from rotorid.identify import identify  # to read a file needs none of it
+
+        try:
+            return identify(self.model, self.records(method), self.estimator(method))
         except InputError as error:
             raise error.at(file=self.file) from None
 

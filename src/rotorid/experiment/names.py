@@ -9,7 +9,7 @@ from typing import Any
 
 from rotorid.dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.errors import InputError
-from rotorid.estimators.knowledge import Constraint, constraint_polynomial
+from rotorid.estimators.knowledge import Constraint, unit_of_expression
 from rotorid.estimators.modes import Mode, in_units_of
 from rotorid.experiment.schema import (
     ChannelEntry,
@@ -25,7 +25,7 @@ from rotorid.io import Source, open_table
 from rotorid.models import Model
 from rotorid.models.combination import sensor_terms
 from rotorid.models.terms import DERIVATIVES
-from rotorid.units import multiply_units, to_si
+from rotorid.units import to_si
 
 
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
@@ -194,7 +194,7 @@ def bounds(
     for number, entry in enumerate(entries):
         if entry.value is None:
             place = f"constraints.{number}"
-            unit = _unit_of(entry.expression, model, place)
+            unit = unit_of_expression(entry.expression, model, place)
             lower, upper = (
                 None if limit is None else to_si(limit, unit, place=f"{place}.{key}")
                 for key, limit in (("min", entry.min), ("max", entry.max))
@@ -208,7 +208,7 @@ def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Const
     found = []
     for number, entry in enumerate(entries):
         place = f"constraints.{number}"
-        unit = _unit_of(entry.expression, model, place)
+        unit = unit_of_expression(entry.expression, model, place)
         if entry.value is None:
             continue
         value = to_si(entry.value, unit, place=f"{place}.value")
@@ -238,30 +238,6 @@ def modes(entries: Sequence[ModeEntry], model: Model) -> tuple[Mode, ...]:
         except InputError as error:
             raise error.at(place=place) from None
     return tuple(found)
-
-
-def _unit_of(expression: str, model: Model, place: str) -> str:
-    try:
-        terms = constraint_polynomial(model, Constraint(expression, 0.0))
-    except InputError as error:
-        raise error.at(place=place) from None
-    units = [parameter.unit for parameter in model.parameters]
-    found = {
-        multiply_units([(unit, power) for unit, power in zip(units, powers, strict=True)])
-        for powers in terms
-        if any(powers)
-    }
-    if not found:
-        raise InputError(
-            repr(expression[:60]),
-            "an expression of parameters",
-            "write parameters of the model, such as k1 - k2",
-            place=place,
-        )
-    first, *others = sorted(found)
-    for other in others:
-        to_si(f"1 {other}", first, place=f"{place}.expression")
-    return first
 
 
 def _check_deviation(std: float, place: str) -> None:

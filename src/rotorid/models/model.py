@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from textwrap import shorten
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,7 @@ from rotorid.models.terms import (
     split_equations,
 )
 from rotorid.record import Floats, Integers
+from rotorid.tables import page_html, table
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Motion:
     speed: float | Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """Equations of motion as text, with what follows from them.
 
@@ -331,6 +333,19 @@ class Model:
             monomial_values=self.monomial_values,
             monomials=len(self._monomials),
         )
+
+    def __repr__(self) -> str:
+        inputs = ", ".join(self.inputs) or "none"
+        found = f"coordinates {', '.join(self.coordinates)}; inputs {inputs}"
+        return f"<Model {shorten(self.name, 40)}: {shorten(found, 160, placeholder='...')}>"
+
+    def _repr_html_(self) -> str:
+        """Return title, equations, and what stands in them, for a notebook."""
+        rows = [(p.name, "parameter", p.unit) for p in self.parameters]
+        rows += [(name, "coordinate", self.units[name]) for name in self.coordinates]
+        rows += [(name, "input", self.units[name]) for name in self.inputs]
+        numbered = [f"{i + 1}. {' '.join(text.split())}" for i, text in enumerate(self.texts)]
+        return page_html([self.title, *numbered, table(("name", "what", "unit"), rows)])
 
     @cached_property
     def linear(self) -> LinearForm | None:

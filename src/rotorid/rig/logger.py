@@ -86,7 +86,7 @@ class Logged:
         return len(self.columns[0].samples)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigRecord(Record):
     """A `Record` from a rig, with the logger's columns and the truth.
 

@@ -11,6 +11,7 @@ from rotorid.errors import InputError
 from rotorid.models import LinearForm, Model
 from rotorid.record import Channel, Complexes, Floats, Record
 from rotorid.signals.spectrum import line_spectra, synthesize
+from rotorid.units import quantity
 
 
 def steady_state(
@@ -18,9 +19,9 @@ def steady_state(
     values: ArrayLike,
     forces: ArrayLike,
     *,
-    sample_rate: float,
-    speed: float = 0.0,
-    phase: float = 0.0,
+    sample_rate: float | str,
+    speed: float | str = 0.0,
+    phase: float | str = 0.0,
 ) -> Floats:
     """Return one period of the coordinates in steady state, to machine precision.
 
@@ -35,11 +36,11 @@ def steady_state(
         SI.
     forces : array, shape (sample, input)
         One period of the inputs in N or N m, band-limited below the Nyquist frequency.
-    sample_rate : float
+    sample_rate : float or str
         Hz.
-    speed : float
+    speed : float or str
         rad/s; a whole number of revolutions fits the period.
-    phase : float
+    phase : float or str
         Rotor angle in rad at the first sample.
 
     Returns
@@ -65,6 +66,7 @@ def steady_state(
     """
     linear = model.require_linear()
     values, forces = np.asarray(values, dtype=float), np.asarray(forces, dtype=float)
+    sample_rate, speed, phase = _in_si(sample_rate, speed, phase)
     _check_numbers(model, values, forces, sample_rate)
     samples = len(forces)
     _check_synchronous(speed, samples, sample_rate)
@@ -84,6 +86,16 @@ def steady_state(
     omega = 2 * np.pi * excited * sample_rate / samples
     lines = linear.response(omega, values, speed, right[excited])
     return synthesize(lines, excited, samples)
+
+
+def _in_si(
+    sample_rate: float | str, speed: float | str, phase: float | str
+) -> tuple[float, float, float]:
+    return (
+        quantity(sample_rate, "Hz", place="sample_rate"),
+        quantity(speed, "rad/s", place="speed"),
+        quantity(phase, "rad", place="phase"),
+    )
 
 
 def _check_numbers(model: Model, values: Floats, forces: Floats, sample_rate: float) -> None:
@@ -143,11 +155,11 @@ def simulate(
     values: ArrayLike,
     forces: ArrayLike,
     *,
-    sample_rate: float,
+    sample_rate: float | str,
     periods: int,
-    speed: float = 0.0,
-    phase: float = 0.0,
-    noise: Mapping[str, float] | None = None,
+    speed: float | str = 0.0,
+    phase: float | str = 0.0,
+    noise: Mapping[str, float | str] | None = None,
     rng: np.random.Generator | None = None,
 ) -> Record:
     """Return a record of a model in steady state, with white noise on its channels.
@@ -157,10 +169,10 @@ def simulate(
     model, values, forces, sample_rate
         As for `steady_state`.
     periods : int
-    speed, phase : float
+    speed, phase : float or str
         As for `steady_state`.
-    noise : mapping of channel name to float, optional
-        Standard deviation per sample, in the unit of the channel; channels left out have none.
+    noise : mapping of channel name to float or str, optional
+        Standard deviation per sample, SI or texts with units; channels left out have none.
     rng : numpy.random.Generator, optional
         Needed where there is noise.
 
@@ -186,11 +198,13 @@ def simulate(
     """
     if periods < 1:
         raise InputError(f"{periods} periods", "1 or more", "ask for one period at least")
+    sample_rate, speed, phase = _in_si(sample_rate, speed, phase)
     position = steady_state(
         model, values, forces, sample_rate=sample_rate, speed=speed, phase=phase
     )
     names = (*model.inputs, *model.coordinates)
-    deviation = _deviations(names, noise or {})
+    told = {n: quantity(v, model.units.get(n, "1"), place=n) for n, v in (noise or {}).items()}
+    deviation = _deviations(names, told)
     samples = np.tile(np.column_stack([np.asarray(forces, dtype=float), position]), (periods, 1))
     if deviation.any():
         if rng is None:

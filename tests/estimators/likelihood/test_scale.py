@@ -56,6 +56,13 @@ def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(levitated, reco
     assert note.found.startswith(f"taken as exact: 1 % of it is 1 % of {FOLLOWING}, beyond")
     weighed = MaximumLikelihood(fixed={**fixed, "m2": levitated.truth["m2"]})
     assert not [c for c in identify(model, record, weighed).checks if c.check == "force scale"]
+    total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
+    for gains in ((), ("ki",), ("ki", "ks")):  # the rotor on a scale, exactly
+        chosen = MaximumLikelihood(
+            fixed=fixed, constraints=(Constraint("m1 + m2 + m3", total),), gains=gains
+        )
+        checks = identify(model, record, chosen).checks
+        assert not [c for c in checks if c.check == "force scale"]
     # Forces that were measured as such have a calibration of their own: gain_std.
     forces = demo.noisy(demo.record(bearings), np.random.default_rng(3))
     plain = identify(demo.model, forces, MaximumLikelihood(fixed=fixed))

@@ -24,6 +24,7 @@ from rotorid.models import Model
 from rotorid.observation import bind
 from rotorid.record import Channel, Drive, Floats, PeriodicRecord
 from rotorid.signals.covariance import KNOWN, LineCovariance
+from rotorid.units import quantity
 
 if TYPE_CHECKING:
     from rotorid.estimators.maximum_likelihood import MaximumLikelihood
@@ -39,13 +40,13 @@ class Plan:
         Lines of the inputs, half the amplitude of a cosine; currents where there are `drives`.
     harmonics : sequence of int
         The multiples of the fundamental that the lines are.
-    fundamental, sample_rate : float
+    fundamental, sample_rate : float or str
         Hz.
     periods : int
     noise : mapping of channel name to float
-        Standard deviation of white noise per sample, in SI; channels left out get a billionth of
-        their size.
-    speed : float
+        Standard deviation of white noise per sample, SI or texts with a unit; channels left out
+        get a billionth of their size.
+    speed : float or str
         rad/s.
     sensors : sequence of Channel or str, optional
         What is read; every coordinate where not given.
@@ -63,11 +64,11 @@ class Plan:
 
     forces: ArrayLike
     harmonics: Sequence[int]
-    fundamental: float
-    sample_rate: float
+    fundamental: float | str
+    sample_rate: float | str
     periods: int
-    noise: Mapping[str, float]
-    speed: float = 0.0
+    noise: Mapping[str, float | str]
+    speed: float | str = 0.0
     sensors: Sequence[Channel | str] | None = None
     drives: Mapping[str, Drive] = field(default_factory=dict)
     phase_known: bool = True
@@ -88,7 +89,9 @@ class Plan:
                 f"({len(lines)}, {len(model.inputs)}): (line, input)",
                 "give one line per harmonic",
             )
-        exact = self.sample_rate / self.fundamental
+        rate = quantity(self.sample_rate, "Hz", place="sample_rate")
+        speed = quantity(self.speed, "rad/s", place="speed")
+        exact = rate / quantity(self.fundamental, "Hz", place="fundamental")
         samples = round(exact)
         if abs(exact - samples) > 1e-6 * exact:
             raise InputError(
@@ -99,27 +102,28 @@ class Plan:
             Channel(name, model.units[name], drive=self.drives.get(name)) for name in model.inputs
         ]
         channels += [Channel(s, model.units.get(s, "")) if isinstance(s, str) else s for s in read]
-        time = np.arange(samples)[None] / self.sample_rate
+        time = np.arange(samples)[None] / rate
         spectra = np.zeros((1, len(lines), len(channels)), dtype=np.complex128)
         spectra[0, :, : len(model.inputs)] = forces
         blank = np.zeros((samples, len(channels)))
         return PeriodicRecord(
             tuple(channels),
-            self.sample_rate,
+            rate,
             lines,
             spectra,
             blank,
             blank,
-            self.speed,
+            speed,
             time,
-            self.speed * time,
+            speed * time,
             self.phase_known,
             source="plan",
         )
 
     def covariance(self, record: PeriodicRecord) -> LineCovariance:
         """Return the covariance of the mean lines, known exactly."""
-        std = np.array([self.noise.get(name, 0.0) for name in record.names])
+        given = ((self.noise.get(c.name, 0.0), c.unit or "1", c.name) for c in record.channels)
+        std = np.array([quantity(n, unit, place=f"noise of {name}") for n, unit, name in given])
         variance = np.diag(std**2 / (record.samples * self.periods)).astype(np.complex128)
         matrices = np.repeat(variance[None], len(record.harmonics), axis=0)
         return LineCovariance(matrices, KNOWN, "white")

@@ -210,10 +210,11 @@ def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relatio
     if layout.base:
         return _base_relations(layout, knowledge), Relations.build(known, count)
     for constraint in knowledge.constraints:
-        text = f"{constraint.expression} = {constraint.value:g}"
+        value, std = constraint.in_si
+        text = f"{constraint.expression} = {value:g}"
         for polynomial in _of_records(layout, _padded(layout, constraint)):
-            if constraint.std > 0:
-                known.append((polynomial, constraint.std, text))
+            if std > 0:
+                known.append((polynomial, std, text))
             else:
                 exact.append((polynomial, 1.0, text))
     return Relations.build(exact, count), Relations.build(known, count)
@@ -230,7 +231,7 @@ def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], flo
     found = constraint_polynomial(layout.model, constraint)
     polynomial = {(*powers, *rest): c for powers, c in found.items()}
     constant = (0,) * len(layout.unknowns)
-    polynomial[constant] = polynomial.get(constant, 0.0) - constraint.value
+    polynomial[constant] = polynomial.get(constant, 0.0) - constraint.in_si[0]
     return polynomial
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.nuisances import Scale
+from rotorid.estimators.likelihood.tangent import tangent
 from rotorid.record import Check, Floats
 
 TAKEN_OVER = 1e-6
@@ -29,7 +30,9 @@ def scale_note(fit: Fit, column: Floats) -> list[Check]:
     layout = fit.prepared.layout
     if not read or any(isinstance(n, Scale) for n in layout.nuisances):
         return []
-    rest = fit.solution.point.jacobian
+    where = tangent(fit.solution.point, fit.problem.exact)  # what is weighed exactly stays
+    directions = np.diag(where.scale) if where.basis is None else where.scale[:, None] * where.basis
+    rest = fit.solution.point.jacobian @ directions
     size = np.sqrt((rest**2).sum(axis=0))
     unit = np.where(size > 0, size, 1.0)
     found = np.linalg.lstsq(rest / unit, column, rcond=1e-10)[0]
@@ -37,7 +40,7 @@ def scale_note(fit: Fit, column: Floats) -> list[Check]:
     if not np.isfinite(found).all() or left @ left > TAKEN_OVER * (column @ column):
         return []
     value = np.array([fit.solution.point.unknowns[i] for i in layout.free])
-    share = np.abs(found / unit) / np.where(value != 0, np.abs(value), np.inf)
+    share = np.abs(directions @ (found / unit)) / np.where(value != 0, np.abs(value), np.inf)
     names = [
         layout.unknowns[i].name
         for i, s in zip(layout.free, share, strict=True)
