@@ -62,3 +62,7 @@ REFERENCES = 4
 MAGNITUDE = 1e60
 """Of samples in SI, and one over it: no machine comes near, and the fourth powers of a million
 samples, which variances of variances are made of, stay within what doubles hold (1e308)."""
+
+RIG_SAMPLES = 5_000_000
+"""Of a record that a rig makes, with the settling before it: eight minutes at 10 kHz, a third of
+a kilobyte each for the columns and the truth beside them."""

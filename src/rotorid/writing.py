@@ -110,7 +110,9 @@ def _require_own(path: Path, kind: Kind) -> None:
 
 def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
     """Refuse to write over what a run reads, or twice into one file."""
-    taken = {os.path.realpath(path): "an input of this run" for path in inputs}
+    # A name with a null leads nowhere, and is refused where it is opened.
+    real = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
+    taken = dict.fromkeys(real, "an input of this run")
     for target in targets:
         if target.is_file() or not target.exists():  # devices and pipes take all
             place = os.path.realpath(target)

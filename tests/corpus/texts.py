@@ -228,7 +228,7 @@ TEXT_CASES: dict[str, Callable[[], Case]] = {
         record(experiment_toml=several(200)), LEAST_SQUARES, check=told_twice
     ),
     "a record listed twice": answered(record(experiment_toml=several(2)), check=told_twice),
-    "a column for a hundred coordinates": refused(of_hundred(), says="px"),
+    "a column for a hundred coordinates": refused(of_hundred(), says="one column read twice"),
     # numbers beyond what squares hold
     **{
         f"samples of 1e{power}": answered(scaled(10.0**power), arguments)
@@ -307,7 +307,9 @@ TEXT_CASES: dict[str, Callable[[], Case]] = {
     ),
     "an output that links to itself": refused(record(), prepare=linked("out.json", "out.json")),
     "a record that links to a device": refused(record(), prepare=linked("run.csv", "/dev/zero")),
-    "a name with a null": refused({}, ("identify", "a\0b")),
+    "a name with a null": refused(
+        record(experiment_toml=good.OF_CSV.replace(b"run.csv", rb"a\u0000b"))
+    ),
     "a name of a million characters": refused({}, ("identify", "a" * 100_000)),
     "an escape sequence for a name": refused({}, ("identify", "\x1b[2J\x07.toml")),
     "a name that is no UTF-8": refused({}, ("identify", "\udcff\udcfe.toml")),

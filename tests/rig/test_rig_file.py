@@ -126,6 +126,7 @@ BAD = [
     ("[rotation]", "[rotatoin]", "rotatoin: found the unknown key 'rotatoin'.*did you mean"),
     ('"13 s"', '"13 m"', "duration: found unit 'm'; expected a unit that converts to s"),
     ('"13 s"', '"0 s"', "duration: found 0.0 s; expected one sample or more"),
+    ('"13 s"', '"1e9 s"', r"duration: found 1e\+13 samples.*expected at most 5000000"),
     ('ki = "120 N/A"', "", "actuators.all: found no ki"),
     ('ki = "120 N/A"', 'ki = "0 N/A"', "actuators.all: ki: found ki = 0.0"),
     ('limit = "3 A"', 'limit = "3 N"', "actuators.all: limit: found unit 'N'"),

@@ -6,9 +6,11 @@ import gc
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -67,6 +69,8 @@ def open_mdf(path: Path) -> MdfTable:
         for number, group in enumerate(data.groups):
             samples = int(group.channel_group.cycles_nr)
             check_size(samples, str(path), itemsize=1)
+            # asammdf makes room for a record before it reads one
+            check_size(int(group.channel_group.samples_byte_nr), str(path), itemsize=1)
             for index, channel in enumerate(group.channels):
                 name = f"{number}/{channel.name}"
                 channels[name], shapes[name] = (number, index), (samples,)
@@ -79,10 +83,15 @@ def _opened(file: str) -> Iterator[Any]:
         from asammdf import MDF
     except ImportError:
         raise missing_package("asammdf", file) from None
-    with silent(), reading(file, "MDF data"):
+    with (
+        silent(),
+        redirect_stdout(StringIO()),  # asammdf prints the traceback of what it passes over
+        reading(file, "MDF data"),
+        TemporaryDirectory() as folder,
+    ):
         with _no_last_words():
             try:
-                opened = MDF(file)
+                opened = MDF(file, temporary_folder=folder)  # it leaves copies there
             except Exception as error:
                 traceback.clear_frames(error.__traceback__)
                 raise ValueError(str(error)) from None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.limits import RIG_SAMPLES
 from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
@@ -58,6 +59,14 @@ class Rig(Machine):
 
     def record(self, duration: float, rng: np.random.Generator) -> Logged:
         """Run the rig and record it, as `run`, but leave the columns as they are."""
+        whole = (duration + self.settling) * self.logger.sample_rate
+        if not whole <= RIG_SAMPLES:
+            raise InputError(
+                f"{whole:.3g} samples, with the settling before them",
+                f"at most {RIG_SAMPLES}",
+                "run shorter, or sample more slowly",
+                place="duration",
+            )
         samples = round(duration * self.logger.sample_rate)
         if samples < 1:
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
