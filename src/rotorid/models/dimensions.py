@@ -63,7 +63,8 @@ def _product_dimension(
 def _monomial(monomial: Monomial, parameters: list[Dimension]) -> Dimension:
     total = _NUMBER
     for power, unit in zip(monomial, parameters, strict=True):
-        total = total * unit**power
+        if power:
+            total = total * unit**power
     return total
 
 
