@@ -13,10 +13,12 @@ from scipy.linalg import expm
 import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood import fit
 from rotorid.identify import identify
 from rotorid.record import Channel, Record
 from rotorid.signals import local_polynomial
 from rotorid.signals.local_polynomial import columns_of, half_width, local_covariance
+from rotorid.signals.rotation_line import shown_rotation
 from rotorid.spectra import TRANSIENT, spectra
 
 MODEL = rid.load_model("jeffcott")
@@ -102,6 +104,64 @@ def test_the_transient_is_needed(record, order, low):
     assert lines.transient == TRANSIENT == 2
     without = identify(MODEL, replace(lines, transient=order), KNOWN)
     assert without.misfit.cost > low * without.misfit.expected
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
+    record, quiet, monkeypatch
+):
+    """The lines show it by themselves; the model at that speed explains them."""
+    monkeypatch.setattr(fit, "search", None)
+    stated = replace(record, speed=-1.01 * SPEED)
+    more = {"quiet": replace(levitated(2, excitation=0.0), speed=-1.01 * SPEED)} if quiet else {}
+    lines = lines_of(stated, **more)
+    assert lines.shown == pytest.approx(-SPEED, rel=1e-5)
+    lines = lines_of(replace(record, speed=1.01 * SPEED), **more)
+    if quiet:  # of which another speed is stated: what it shows is its own
+        assert lines.shown is None
+        return
+    estimate = identify(MODEL, lines, KNOWN)
+    assert estimate.status == "rejected"
+    assert [s.term for s in estimate.suspects] == ["speed"]
+    assert estimate.suspects[0].value == pytest.approx(SPEED, rel=1e-5)
+    assert "Hz), which its lines show, with which the cost falls" in estimate.warnings[0]
+    assert abs(estimate.value("k") / TRUTH["k"] - 1) < 0.01
+
+
+def test_hum_beside_the_rotation_is_not_taken_for_it(record):
+    """At the speed of the hum nothing is explained: the answer stays that of the speed stated."""
+    time = np.arange(len(record.samples)) / RATE
+    hum = 3e-6 * np.sin(2 * np.pi * 59.8 * time)
+    samples = record.samples.copy()
+    samples[:, 2:4] += hum[:, None]
+    lines = lines_of(replace(record, samples=samples))
+    assert lines.shown == pytest.approx(2 * np.pi * 59.8, rel=1e-4)
+    estimate = identify(MODEL, lines, KNOWN)
+    assert estimate.status == "rejected"
+    assert "speed" not in [s.term for s in estimate.suspects[:1]]
+    assert estimate.value("xi") == pytest.approx(TRUTH["xi"], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("stated", "place", "found"),
+    [(100.45, 102, True), (100.55, 102, False), (99.1, 102, True), (98.9, 102, False)],
+)
+def test_where_a_rotation_is_looked_for(stated, place, found):
+    """Beyond what the one stated takes up, within three percent, and with lines on both sides."""
+    rng = np.random.default_rng(4)
+    lines = rng.standard_normal((200, 2, 2)) @ np.array([1, 1j])
+    k = np.arange(200)
+    lines += 300 * (np.where(k % 2, -1, 1) * np.sinc(k - place - 0.2))[:, None]
+    shown = shown_rotation(lines, np.ones((200, 1)) + 0j, np.array([place]), stated)
+    assert (shown is not None) == found
+    assert shown is None or abs(shown - place - 0.2) < 0.01
+
+
+def test_a_rotation_is_told_with_as_many_lines_on_each_side():
+    lines, one = np.zeros((160, 1), dtype=complex), np.ones((160, 1)) + 0j
+    lines[:, 0] = np.where(np.arange(160) % 2, -1, 1) * np.sinc(np.arange(160) - 147.0)
+    assert shown_rotation(lines, one, np.array([147]), 149.0) == pytest.approx(147, abs=1e-3)
+    assert shown_rotation(lines, one, np.array([148]), 150.0) is None
 
 
 def test_a_speed_a_little_off_is_seen(record):

@@ -280,6 +280,8 @@ class Lines(Arrays):
         The samples behind the lines, where there are some.
     beside : Beside, optional
         What tells noise from motion, where neighbouring lines do.
+    shown : float, optional
+        Speed in rad/s at which the lines show a rotation, where that is not the one stated.
     """
 
     channels: tuple[Channel, ...]
@@ -300,6 +302,7 @@ class Lines(Arrays):
     parameters: Mapping[str, Known] = field(default_factory=dict)
     samples: Samples | None = None
     beside: Beside | None = None
+    shown: float | None = None
 
     def with_parameters(self, **parameters: Known) -> Lines:
         """Return the lines with parameters of the machine that this record has to itself.
@@ -362,6 +365,7 @@ class Lines(Arrays):
             clock=self.clock.at_speed(speed),
             phase_known=True,
             phase_std=0.0,
+            shown=None,
         )
 
     def with_channel(self, channel: Channel, variance: Floats) -> Lines:

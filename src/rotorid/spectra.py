@@ -22,6 +22,7 @@ from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Complexes, Floats, Integers, Record
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
+from rotorid.signals.rotation_line import shown_rotation
 from rotorid.signals.spectrum import transfer_of_recording
 from rotorid.units import quantity
 
@@ -161,6 +162,7 @@ def spectra(
         warnings=noise.told,
         samples=_samples_behind(window, names, kept),
         beside=noise.beside,
+        shown=noise.shown,
     )
 
 
@@ -252,6 +254,7 @@ class _Noise:
     covariance: LineCovariance
     told: tuple[str, ...]
     beside: Beside
+    shown: float | None = None
 
 
 def _noise_beside(
@@ -263,7 +266,8 @@ def _noise_beside(
     numbers = np.arange(len(kept))
     ordinary = ~np.isin(kept, found.standing_out)
     beside = Beside(_constant(references[kept], rotation[kept]), ordinary, numbers, numbers)
-    return _Noise(_covariance(found, kind), _told(found, window), beside)
+    shown = _shown(found, window, every, _constant(references, rotation))
+    return _Noise(_covariance(found, kind), _told(found, window, shown), beside, shown)
 
 
 def _constant(references: Complexes, rotation: Complexes) -> Complexes:
@@ -325,7 +329,9 @@ def _quiet_noise(quiet: Record, names: Sequence[str], frequency: Floats, window:
         .astype(np.int64),
         every[kept] * transfer * np.sqrt(longer),
     )
-    return _Noise(covariance, _told(found, still), beside)
+    motion = _constant(none, rotation)
+    shown = _shown(found, still, every, motion) if quiet.speed == window.record.speed else None
+    return _Noise(covariance, _told(found, still, shown), beside, shown)
 
 
 def _covariance(found: Local, kind: Kind) -> LineCovariance:
@@ -333,15 +339,31 @@ def _covariance(found: Local, kind: Kind) -> LineCovariance:
     return LineCovariance(found.matrices, found.dof, kind, found.leverage)
 
 
-def _told(found: Local, window: _Window) -> tuple[str, ...]:
+def _shown(found: Local, window: _Window, every: Complexes, motion: Complexes) -> float | None:
+    """Return the speed that the lines show where it is not the one stated, rad/s."""
+    record = window.record
+    if record.angle is not None or not record.speed or not len(found.standing_out):
+        return None
+    hertz = abs(record.speed) / (2 * np.pi)
+    place = shown_rotation(every, motion, found.standing_out, hertz / window.spacing)
+    if place is None:
+        return None
+    return float(np.copysign(2 * np.pi * place * window.spacing, record.speed))
+
+
+def _told(found: Local, window: _Window, shown: float | None) -> tuple[str, ...]:
     """Say which lines stand out, and where the window bends more than a polynomial follows."""
     told = []
     if len(found.standing_out):
         where = ", ".join(f"{line * window.spacing:.6g}" for line in found.standing_out[:5])
         more = f" and {len(found.standing_out) - 5} more" if len(found.standing_out) > 5 else ""
+        what = "hum, or a rotation otherwise than stated"
+        if shown is not None:
+            hertz, stated = (abs(s) / (2 * np.pi) for s in (shown, window.record.speed))
+            what = f"a rotation at {hertz:.6g} Hz, where {stated:.6g} Hz is stated, or hum"
         told.append(
-            f"the lines at {where} Hz{more} stand out of the noise beside them: hum, or a rotation "
-            "otherwise than stated; check the speed, or take the band beside them"
+            f"the lines at {where} Hz{more} stand out of the noise beside them: {what}; check the "
+            "speed, or take the band beside them"
         )
     if not found.bent:
         return tuple(told)

@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.search import explained, search
+from rotorid.estimators.likelihood.shown_speed import by_shown_speed
 from rotorid.estimators.likelihood.solver import Solution, solve
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.turning import Creep, creeps
@@ -150,7 +151,8 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
 
 def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solution, Inference]:
     """Look for the minimum from the start, and from others where there is reason."""
-    found = search(_problem(prepared, records), prepared.layout.start)
+    problem = _problem(prepared, records)
+    found = by_shown_speed(prepared, records, problem) or search(problem, prepared.layout.start)
     if found is None:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
     return found

@@ -20,7 +20,13 @@ from rotorid.estimators.likelihood.information import doubt_warnings
 from rotorid.estimators.likelihood.modal import close_modes, mode_fits
 from rotorid.estimators.likelihood.prediction import by_likelihood
 from rotorid.estimators.likelihood.refits import Case
-from rotorid.estimators.likelihood.suspects import Suspicion, find_suspects, on_fewer_lines
+from rotorid.estimators.likelihood.suspects import (
+    Suspicion,
+    by_lines,
+    find_suspects,
+    on_fewer_lines,
+    speed_shown,
+)
 from rotorid.estimators.prediction import relative_errors
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -139,13 +145,15 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
         return Suspicion()
     case = Case(fit.prepared, fit.records, fit.solution.point)
     expected = fit.inference.expectation.mean
+    told = speed_shown(case)
+    if told is not None:
+        return told
     values = physical_at(model, fit)
     few = on_fewer_lines(case, expected)
     if few is None:
         return find_suspects(model, values, case, expected)
     found = find_suspects(model, values, *few)
-    told, every = (sum(len(r.lines.frequency) for r in c.records) for c in (few[0], case))
-    return replace(found, sentence=f"{found.sentence} (by {told} of the {every} lines)")
+    return replace(found, sentence=found.sentence + by_lines(few[0].records, case.records))
 
 
 def _deviations(fit: Fit) -> Floats:
@@ -233,7 +241,7 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
 
 def _warnings(fit: Fit, p_value: float) -> list[str]:
     point, expected = fit.solution.point, fit.inference.expectation.mean
-    found = [warning for record in fit.records for warning in record.lines.warnings]
+    found = list(dict.fromkeys(w for record in fit.records for w in record.lines.warnings))
     for number, at in enumerate(point.records):
         noise = at.problem.noise
         told = fit.records[number].lines.covariance.kind != "coherence"

@@ -46,9 +46,10 @@ from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.refits import Case, minimized, screened
+from rotorid.estimators.likelihood.refits import Case, assembled, minimized, screened
 from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
+from rotorid.estimators.likelihood.shown_speed import shown_lead
 from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.models import Model
@@ -207,6 +208,35 @@ def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
     mean = infer(point, point.problem.exact).expectation.mean
     found = Case(case.prepared, tuple(fewer), point)
     return (found, mean) if point.cost > GROSS * max(mean, 1.0) else None
+
+
+def speed_shown(case: Case) -> Suspicion | None:
+    """Return the suspicion that records turned at the speed that their lines show.
+
+    None where they show none but the one stated, or where a misfit is left with it.
+    """
+    lead = shown_lead(case.records)
+    if lead is None:
+        return None
+    records = tuple(thinned(case.records) or case.records)
+    right = Case(case.prepared, tuple(lead.undo(records)), case.point)
+    point = right.near()
+    if point is None:
+        return None
+    expected = infer(point, point.problem.exact).expectation.mean
+    here = assembled(case.prepared, records).best_at(case.point.unknowns)
+    search = _Search(case.prepared.layout.model, replace(case, point=here), None, expected)
+    found = search.undone(lead, point)
+    if not search.explained(found):
+        return None
+    told = sentence([found], here.cost, expected)
+    return Suspicion((found.suspect,), told + by_lines(records, case.records))
+
+
+def by_lines(chosen: Sequence[Observation], every: Sequence[Observation]) -> str:
+    """Say how many lines of records were looked at."""
+    few, all_of_them = (sum(len(r.lines.frequency) for r in records) for records in (chosen, every))
+    return "" if few == all_of_them else f" (by {few} of the {all_of_them} lines)"
 
 
 def _fastest(records: Sequence[Observation]) -> float:
@@ -424,11 +454,13 @@ class _Search:
         """Undo a mistake and minimize from the start."""
         records = tuple(lead.undo(self.case.records))
         point = Case(self.case.prepared, records, self.case.point).far()
-        if point is None:
-            return []
+        return [] if point is None else [self.undone(lead, point)]
+
+    def undone(self, lead: Lead, point: Point) -> Finding:
+        """Return what is said of a mistake that was undone."""
         drop = self.case.point.cost - point.cost
         suspect = Suspect(lead.term, drop, self.share(drop), lead.value, lead.unit)
-        return [Finding(suspect, point.cost, lead.said, lead.cure, exact=True)]
+        return Finding(suspect, point.cost, lead.said, lead.cure, exact=True)
 
     def shifted(self) -> list[tuple[Option | Shift, Suspect]]:
         """Return what sensors may read besides, by the score test."""
