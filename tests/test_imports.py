@@ -22,12 +22,14 @@ FORBIDDEN = {
     "record": {"*", "!errors", "!values", "!plots", "!dynamics", "!units"},
     "dynamics": {"*", "!errors", "!values"},
     "values": {"*"},
+    "evidence": {"*"},
     "distributions": {"*"},
     "tables": {"*", "!screen"},
     "plots": {"*", "!errors"},
     "estimate": {
         "*",
         "!errors",
+        "!evidence",
         "!files",
         "!limits",
         "!record",
@@ -72,6 +74,7 @@ FORBIDDEN = {
 CONFINED = {
     "matplotlib": {"plots", "report", "estimate", "record"},
     "jinja2": {"report"},
+    "plotly": {"report"},
     "h5py": {"io", "rig"},
     "pint": {"unit_text"},
     "click": {"cli", "commands"},

@@ -57,8 +57,10 @@ def test_the_page_stands_alone(rig: Path) -> None:
     assert run(["inspect", str(rig / "rig.toml"), "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     for title in ("Samples", "Lines of the mean period", "From period to period", "Noise that"):
-        assert f"<h2>{title}" in text
-    assert "http" not in text.split("</head>")[1].replace("http://www.w3.org", "")
+        assert f"<h3>{title}" in text
+    shown = text.split("</head>")[1].split("<script")[0]
+    assert "http" not in shown
+    assert "default-src 'none'" in text.split("</head>")[0]
 
 
 def test_a_file_that_is_wrong_is_refused(

@@ -19,6 +19,7 @@ HEAVY = {
     "numpy",
     "pandas",
     "pint",
+    "plotly",
     "pydantic",
     "rich",
     "scipy",

@@ -45,6 +45,7 @@ from .record import Record as Record
 from .responses import response_lines as response_lines
 from .results.critical import Campbell as Campbell
 from .results.critical import campbell as campbell
+from .results.evidence import with_evidence as with_evidence
 from .results.export import export as export
 from .results.model import own_model as own_model
 from .results.modes import Modes as Modes

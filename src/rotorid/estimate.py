@@ -23,8 +23,10 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
 )
+from pydantic_core import to_json
 
 from rotorid.errors import InputError, ReadError
+from rotorid.evidence import Count, Evidence, Number
 from rotorid.files import read_regular
 from rotorid.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.record import Check, Floats
@@ -45,10 +47,7 @@ _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which 
 READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
 
-# JSON knows no NaN: null stands for a number that is not finite, in both directions.
-Number = Annotated[float, Strict(), BeforeValidator(lambda x: math.nan if x is None else x)]
 Optional = Annotated[float, Strict()] | None
-Count = Annotated[int, Strict()]
 Flag = Annotated[bool, Strict()]
 
 
@@ -324,6 +323,8 @@ class Estimate(ByContent):
         What the data showed before any model.
     provenance : Provenance or None
         Files, experiment, version and command; for an estimate made in Python the model alone.
+    evidence : Evidence or None
+        What a report shows of the records; see `with_evidence`.
 
     Examples
     --------
@@ -359,6 +360,7 @@ class Estimate(ByContent):
     unbalance: tuple[Unbalance, ...] = ()
     checks: tuple[Check, ...] = ()
     provenance: Provenance | None = None
+    evidence: Evidence | None = None
 
     def __post_init__(self) -> None:
         covariance = np.array(self.covariance, dtype=float)
@@ -450,7 +452,8 @@ class Estimate(ByContent):
         InputError
             For an estimate without covariance.
         """
-        from rotorid.plots.pictures import draw_estimate  # takes its time to load
+        from rotorid.plots.estimates import correlation, deviations
+        from rotorid.plots.still import figure_of  # takes its time to load
 
         if not 0 < len(self.free) == len(self.covariance):
             raise InputError(
@@ -460,7 +463,8 @@ class Estimate(ByContent):
         size = np.abs([value.value for value in self.free])
         with np.errstate(divide="ignore", invalid="ignore"):
             percent = 100 * deviation / size
-        return draw_estimate([value.name for value in self.free], percent, self.correlation)
+        names = [value.name for value in self.free]
+        return figure_of([deviations(names, percent), correlation(names, self.correlation)], 2)
 
     def to_frame(self) -> pd.DataFrame:
         """Return every quantity as a row of a pandas data frame, indexed by name.
@@ -506,7 +510,22 @@ class Estimate(ByContent):
 
     def to_json(self) -> bytes:
         """Return the content of the result file."""
-        return TypeAdapter(dict[str, Any]).dump_json(self.to_dict(), indent=2) + b"\n"
+        return _json(self.to_dict())
+
+
+def _json(data: dict[str, Any]) -> bytes:
+    """Return JSON with one key, and of a list one entry, on each line: to be read, and not long."""
+
+    def text(value: Any) -> bytes:
+        return to_json(value, inf_nan_mode="null")
+
+    parts = []
+    for key, value in data.items():
+        entry = text(value)
+        if isinstance(value, list) and value and isinstance(value[0], dict | list):
+            entry = b"[\n    " + b",\n    ".join(map(text, value)) + b"\n  ]"
+        parts.append(b"  " + text(key) + b": " + entry)
+    return b"{\n" + b",\n".join(parts) + b"\n}\n"
 
 
 _TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds

@@ -322,9 +322,10 @@ class Record(Arrays):
         ImportError
             Where matplotlib is not installed.
         """
-        from rotorid.plots.spectra import draw_samples  # takes its time to load
+        from rotorid.plots.records import samples
+        from rotorid.plots.still import figure_of  # takes its time to load
 
-        return draw_samples(self)
+        return figure_of(samples(self))
 
     def rotor_angle(self) -> Floats:
         """Return phi in rad at each sample, shape (sample,)."""
@@ -454,9 +455,10 @@ class PeriodicRecord(Arrays):
         ImportError
             Where matplotlib is not installed.
         """
-        from rotorid.plots.spectra import draw_spectra  # takes its time to load
+        from rotorid.plots.records import spectra
+        from rotorid.plots.still import figure_of  # takes its time to load
 
-        return draw_spectra(self)
+        return figure_of(spectra(self))
 
     def index(self, name: str) -> int:
         """Return the position of a channel.

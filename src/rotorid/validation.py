@@ -23,6 +23,9 @@ UNEXPLAINED = 0.5
 """Relative error from which on a prediction fails where nothing says what noise does."""
 STEP = 0.05
 """Step of each value, in its deviations, for the derivative of the prediction."""
+CHIRP = (5**0.5 - 1) / 2
+"""Turns by which the phase of a step grows faster from line to line, for the derivative by the
+data: the loose ends of a whole record take up any smooth step, and follow none that turns so."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,15 @@ class ChannelError:
         The relative error that the noise of the record alone makes; None where it is not known.
     p_value : float or None
         Chance that noise and the deviations of the estimate make an error at least as large.
+    deviations : float or None
+        The relative error that the deviations of the values make.
     """
 
     name: str
     relative_error: float | None
     noise: float | None
     p_value: float | None
+    deviations: float | None = None
 
     @property
     def fails(self) -> bool:
@@ -76,9 +82,10 @@ def channel_errors(
         ]
     by_data = _by_data(model, estimate, bound, number, at)
     covariance, freedom = _covariance(bound, by_data)
-    variance = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real.clip(0)
+    variance = _variance(by_data, covariance)
     by_values = _by_values(model, estimate, bound, number, at)
     noise = _relative(at.multiplicity @ variance, at.size)
+    spread = _relative(at.multiplicity @ (np.abs(by_values) ** 2).sum(axis=2), at.size)
     found = []
     for j, (name, size) in enumerate(zip(at.names, _relative(at.wrong, at.size), strict=True)):
         part = noise[j]
@@ -88,8 +95,37 @@ def channel_errors(
         chance = _chance(
             _error(at)[:, j], variance[:, j], by_values[:, j], at.multiplicity, freedom
         )
-        found.append(ChannelError(name, size, part, chance))
+        found.append(ChannelError(name, size, part, chance, spread[j]))
     return found
+
+
+def noise_of_difference(
+    model: Model,
+    estimate: Estimate,
+    record: Observation,
+    number: int,
+    at: Predicted,
+    *,
+    deviations: bool = False,
+) -> Floats | None:
+    """Return the variance that the noise of a record gives predicted - measured.
+
+    Shape (line, predicted); with that of the values' deviations where it is asked for, as another
+    record has them. None where the model is not linear or nothing is known of the noise.
+    """
+    if model.linear is None or not np.abs(record.lines.covariance.matrices).any():
+        return None
+    by_data = _by_data(model, estimate, record, number, at)
+    found = _variance(by_data, _covariance(record, by_data)[0])
+    if deviations:
+        by_values = _by_values(model, estimate, record, number, at)
+        found = found + (np.abs(by_values) ** 2).sum(axis=2)
+    return found
+
+
+def _variance(by_data: Complexes, covariance: Complexes) -> Floats:
+    found = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real
+    return np.asarray(found.clip(0))
 
 
 def _error(at: Predicted) -> Complexes:
@@ -108,13 +144,15 @@ def _by_data(
 ) -> Complexes:
     """Return the derivative of the error by the measured lines, (line, predicted, channel)."""
     lines, columns = record.lines, []
+    turns = np.exp(2j * np.pi * CHIRP * np.arange(len(lines.mean)) ** 2)
+    steps = np.where(lines.multiplicity > 1, turns, 1.0)  # real lines stay real
     for channel in range(lines.mean.shape[1]):
         size = float(np.abs(lines.mean[:, channel]).max()) or 1.0
         mean = lines.mean.copy()
-        mean[:, channel] += size
+        mean[:, channel] += size * steps
         moved = record.with_lines(replace(lines, mean=mean))
         there = predict_lines(model, estimate, [moved], number)[0]
-        columns.append((_error(there) - _error(at)) / size)
+        columns.append((_error(there) - _error(at)) / (size * steps[:, None]))
     return np.stack(columns, axis=2)
 
 
@@ -189,11 +227,39 @@ def verdict_of(records: Sequence[Sequence[ChannelError]]) -> tuple[str, str]:
     """Return "predicts" or "fails", and a sentence about the worst channel."""
     every = [(k, channel) for k, record in enumerate(records) for channel in record]
     failing = [pair for pair in every if pair[1].fails]
-    if not failing:
-        return "predicts", "the result predicts the record within its deviations and the noise"
-    number, worst = min(failing, key=lambda pair: (pair[1].p_value or 0.0, -(pair[1].noise or 0)))
-    where = f" of record {number + 1}" if len(records) > 1 else ""
-    told = f"{worst.name}{where} is off by {100 * (worst.relative_error or 0.0):.3g} %"
-    if worst.noise is not None:
-        told += f", where noise makes {100 * worst.noise:.2g} % (p = {worst.p_value:.1g})"
-    return "fails", f"the result does not predict the record: {told}"
+    several = len(records) > 1
+    if failing:
+        worst = min(failing, key=lambda pair: (pair[1].p_value or 0.0, -(pair[1].noise or 0)))
+        return "fails", f"the result does not predict the record: {_told(*worst, several)}"
+    known = [pair for pair in every if pair[1].relative_error is not None]
+    if not known:
+        return "predicts", "nothing to predict: every channel is zero"
+    worst = max(known, key=lambda pair: pair[1].relative_error or 0.0)
+    how = "within its deviations and the noise"
+    if all(channel.p_value is None for _, channel in known):
+        how = f"to better than {100 * UNEXPLAINED:g} %; nothing tells what noise makes"
+    return "predicts", f"the result predicts the record {how}: at worst {_told(*worst, several)}"
+
+
+def _told(number: int, channel: ChannelError, several: bool) -> str:
+    """Say how far a channel is off, and what explains how much of it."""
+    where = f" of record {number + 1}" if several else ""
+    told = f"{channel.name}{where} is off by {100 * (channel.relative_error or 0.0):.3g} %"
+    if channel.noise is None:
+        return told
+    told += f", where noise makes {100 * channel.noise:.2g} %"
+    if channel.deviations is not None:
+        told += f" and the deviations of the values {100 * channel.deviations:.2g} %"
+    return told if channel.p_value is None else f"{told} (p = {channel.p_value:.1g})"
+
+
+CURES = (
+    "Look where it fails: on all lines of one channel alike it is that channel's unit, gain or "
+    "sign; about one frequency it is a mode that the model lacks; on the lines of the rotation it "
+    "is the rotor angle or the unbalance.",
+    "Hold the two experiment files side by side: speed, rotor angle, units, force laws and delays "
+    "must be those of each record.",
+    "Identify both records together: if that is accepted, the first record alone did not "
+    "determine what the second one needs.",
+)
+"""What to do where a prediction fails."""

@@ -1,19 +1,23 @@
-"""Pictures: what they draw is what was measured."""
+"""Pictures: what they draw is what was measured, in a page and in a figure alike."""
 
+import json
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import plotly.graph_objects
 import pytest
 
 from rotorid.demo import DemoResult, run_demo
 from rotorid.demo.paper import TABLE
 from rotorid.errors import InputError
-from rotorid.plots.pictures import draw_correlation, draw_forces, draw_misfit
-from rotorid.plots.spectra import draw_filter, draw_spectra
-from rotorid.plots.style import label, svg
-from rotorid.report.demo_plots import draw_errors, draw_overview, example_waves
-from rotorid.report.plots import force_waves
+from rotorid.plots import interactive
+from rotorid.plots.estimates import correlation, differences, lines, misfit, residual, waves
+from rotorid.plots.panel import Axis, Curve, Panel, envelope, label
+from rotorid.plots.records import line_filter, samples, spectra
+from rotorid.plots.still import figure_of
+from rotorid.record import Channel, Record
+from rotorid.report.demo_plots import draw_overview, error_panels, example_evidence, filter_panels
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
@@ -23,88 +27,120 @@ def demo() -> DemoResult:
     return run_demo(3, rng=np.random.default_rng(3))
 
 
-def curve(axes, text: str) -> tuple[np.ndarray, np.ndarray]:
-    (found,) = [line for line in axes.lines if line.get_label().startswith(text)]
-    return found.get_data()
+def curve(panel: Panel, text: str) -> Curve:
+    (found,) = [one for one in panel.curves if one.label.startswith(text)]
+    return found
 
 
 def test_line_filter_shows_the_amplitudes_of_the_forces(demo: DemoResult) -> None:
     """10 sin + 10 cos is a wave of sqrt(200) N; F_x1 has half of it, in six lines."""
     example = demo.example
-    whole, zoom = draw_filter(example.record, example.periods, "F_x1", 180.0).axes
-    frequency, amplitude = curve(whole, "after")
-    np.testing.assert_allclose(frequency, [20, 60, 100, 140, 180, 220])
-    np.testing.assert_allclose(amplitude, np.sqrt(200) / 2, rtol=0.01)
-    frequency, amplitude = curve(whole, "before")
-    np.testing.assert_allclose(np.diff(frequency), 20 / 260)
-    noise = amplitude[amplitude < 1]
-    assert len(noise) == len(amplitude) - 6
+    whole = line_filter(example.record, example.periods, "F_x1")
+    zoom = line_filter(example.record, example.periods, "F_x1", (178.4, 181.6))
+    kept, before = curve(whole, "after"), curve(whole, "before")
+    np.testing.assert_allclose(kept.x, [20, 60, 100, 140, 180, 220])
+    np.testing.assert_allclose(kept.y, np.sqrt(200) / 2, rtol=0.01)
+    np.testing.assert_allclose(np.diff(before.x), 20 / 260)
+    noise = before.y[before.y < 1]
+    assert len(noise) == len(before.y) - 6
     assert np.sqrt(np.mean(noise**2)) == pytest.approx(2 / np.sqrt(65000), rel=0.05)
-    assert curve(zoom, "after")[0].tolist() == [180.0]
-    assert whole.get_ylabel() == "amplitude in N"
-    assert whole.get_xlabel() == "frequency in Hz"
+    assert curve(zoom, "after").x.tolist() == [180.0]
+    assert (whole.y.title, whole.x.title) == ("amplitude in N", "frequency in Hz")
 
 
 def test_positions_are_drawn_in_micrometres(demo: DemoResult) -> None:
     example = demo.example
-    whole, _ = draw_filter(example.record, example.periods, "x1", 180.0).axes
-    assert whole.get_ylabel() == "amplitude in µm"
-    lines = np.abs(example.periods.mean_spectrum[:, example.periods.index("x1")])
-    np.testing.assert_allclose(curve(whole, "after")[1], 2e6 * lines)
+    whole = filter_panels(demo)[0]
+    assert whole.y.title == "amplitude in µm"
+    found = np.abs(example.periods.mean_spectrum[:, example.periods.index("x1")])
+    np.testing.assert_allclose(curve(whole, "after").y, 2e6 * found)
 
 
-def test_predicted_forces_have_the_error_that_the_estimate_states(demo: DemoResult) -> None:
-    waves = example_waves(demo, "batch-100")
-    stated = demo.example.estimates["batch-100"].prediction
-    for index, name in enumerate(waves.names):
-        difference = waves.predicted[:, index] - waves.measured[:, index]
-        error = np.linalg.norm(difference) / np.linalg.norm(waves.measured[:, index])
-        assert waves.error[index] == pytest.approx(error)
-        assert waves.error[index] == pytest.approx(stated[name].relative_error)
+@pytest.mark.parametrize("name", ["batch-100", "ml"])
+def test_predicted_forces_have_the_error_that_the_estimate_states(
+    demo: DemoResult, name: str
+) -> None:
+    stated = demo.example.estimates[name].prediction
+    record = example_evidence(demo, name)
+    for channel, over_time, on_lines in zip(
+        record.channels[:4], waves(record), lines(record), strict=False
+    ):
+        measured, predicted = curve(over_time, "measured").y, curve(over_time, "predicted").y
+        error = np.linalg.norm(predicted - measured) / np.linalg.norm(measured)
+        prediction = stated[channel.name]
+        assert prediction is not None
+        assert error == pytest.approx(prediction.relative_error, rel=2e-3)
+        assert channel.error == pytest.approx(prediction.relative_error, rel=1e-5)
+        away, size = curve(on_lines, "predicted less").y, curve(on_lines, "measured").y
+        assert np.linalg.norm(away) / np.linalg.norm(size) == pytest.approx(error, rel=2e-3)
+        assert f"{100 * channel.error:.2g} %" in over_time.title
 
 
-def test_forces_are_drawn_over_one_period(demo: DemoResult) -> None:
-    waves = example_waves(demo, "batch-100")
-    axes = draw_forces(waves).axes
-    assert [panel.get_ylabel() for panel in axes] == [f"{name} in N" for name in waves.names]
-    for index, panel in enumerate(axes):
-        time, force = curve(panel, "predicted")
-        np.testing.assert_allclose(time, np.arange(250) / 5)
-        np.testing.assert_allclose(force, waves.predicted[:, index])
-        np.testing.assert_allclose(curve(panel, "measured")[1], waves.measured[:, index])
-        difference = 10 * (waves.predicted - waves.measured)[:, index]
-        np.testing.assert_allclose(curve(panel, "10 x")[1], difference)
+def test_forces_are_drawn_over_one_period_with_their_noise(demo: DemoResult) -> None:
+    record = example_evidence(demo, "ml")
+    panels = waves(record)
+    assert [panel.y.title for panel in panels] == [f"F_{n} in N" for n in ("x1", "y1", "x3", "y3")]
+    assert panels[0].x.title == "time in ms"
+    np.testing.assert_allclose(curve(panels[0], "predicted").x, np.arange(250) / 5)
+    for panel, left in zip(panels, differences(record), strict=True):
+        band, away = curve(left, "95"), curve(left, "predicted")
+        assert band.base is not None
+        np.testing.assert_allclose(band.base, -band.y)
+        inside = np.abs(away.y) < band.y
+        assert 0.7 < inside.mean() <= 1
+        np.testing.assert_allclose(away.y, curve(panel, "predicted").y - curve(panel, "measured").y)
 
 
-def test_no_forces_of_an_estimate_of_another_model(demo: DemoResult) -> None:
-    example = demo.example
-    other = example.estimates["ls"].with_(parameters=())
-    assert force_waves(example.model, other, example.periods) is None
+def test_what_is_left_is_shown_over_its_noise(demo: DemoResult) -> None:
+    record = example_evidence(demo, "ml")
+    (panel,) = residual(record)
+    assert panel.matrix is not None
+    assert panel.matrix.values.shape == (4, 6)
+    size = np.sqrt((panel.matrix.values**2).mean())
+    assert 0.5 < size < 1.5
+    assert panel.matrix.columns.tolist() == [20, 60, 100, 140, 180, 220]
 
 
-def test_spectra_name_every_channel(demo: DemoResult) -> None:
-    periods = demo.example.periods
-    axes = draw_spectra(periods).axes[: len(periods.channels)]
-    assert [panel.get_title(loc="left") for panel in axes] == list(periods.names)
-
-
-def test_errors_have_a_panel_for_every_parameter(demo: DemoResult) -> None:
-    axes = draw_errors(demo).axes
-    assert [panel.get_title(loc="left") for panel in axes][:14] == [row.base for row in TABLE]
-    labels = [text.get_text() for text in axes[0].get_yticklabels()]
-    assert labels == list(demo.estimators)
+def test_every_parameter_has_its_errors(demo: DemoResult) -> None:
+    panels = error_panels(demo)
+    assert [panel.title for panel in panels] == [row.base for row in TABLE]
+    assert panels[0].y.names == demo.estimators
+    index = demo.names.index(TABLE[0].base)
+    medians = [np.median(demo.errors(name)[:, index]) for name in demo.estimators]
+    np.testing.assert_allclose(curve(panels[0], "median").x, medians)
+    marks = curve(panels[0], "printed").x
+    assert sorted(marks) == sorted([s * e for e in TABLE[0].errors for s in (-1, 1)])
 
 
 def test_correlation_names_rows_and_columns() -> None:
-    axes = draw_correlation(["a", "b"], np.array([[1.0, -0.9], [-0.9, 1.0]])).axes[0]
-    assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "b"]
+    panel = correlation(["a", "<b>"], np.array([[1.0, -0.9], [-0.9, 1.0]]))
+    drawn = interactive.spec(panel)
+    for axis in ("xaxis", "yaxis"):
+        assert drawn["layout"][axis]["ticktext"] == ["a", "&lt;b&gt;"]
+    assert drawn["data"][0]["text"] == [["", "\N{MINUS SIGN}.90"], ["\N{MINUS SIGN}.90", ""]]
+    axes = figure_of([panel]).axes[0]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "<b>"]
     assert {text.get_text() for text in axes.texts} == {"\N{MINUS SIGN}.9"}
 
 
 def test_misfit_is_drawn_over_its_expectation() -> None:
-    axes = draw_misfit([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0, 12.0, 12.0]).axes[0]
-    np.testing.assert_allclose(curve(axes, "record 1"), [[10, 20], [1, 7.5]])
-    np.testing.assert_allclose(curve(axes, "record 2"), [[10], [1]])
+    panel = misfit([0, 0, 1], [10.0, 20.0, 10.0], [12.0, 90.0, 0.0], [12.0, 12.0, 12.0])
+    first, second = curve(panel, "record 1"), curve(panel, "record 2")
+    np.testing.assert_allclose([first.x, first.y], [[10, 20], [1, 7.5]])
+    np.testing.assert_allclose([second.x, second.y], [[10], [1]])
+
+
+def test_a_spike_shows_in_a_long_record() -> None:
+    values = np.zeros((100_000, 1))
+    values[54_321] = 7.0
+    record = Record([Channel("x", "V")], values, sample_rate=1000.0)
+    (panel,) = samples(record)
+    (band,) = panel.curves
+    assert len(band.x) <= 600
+    assert band.y.max() == 7.0
+    assert band.x[np.argmax(band.y)] == pytest.approx(54.321, abs=0.1)
+    low, high, size = envelope(np.arange(10.0), 3)
+    assert (low.tolist(), high.tolist(), size) == ([0, 4], [3, 7], 4)
 
 
 def test_deviations_of_an_estimate_are_drawn_in_percent(demo: DemoResult) -> None:
@@ -113,14 +149,54 @@ def test_deviations_of_an_estimate_are_drawn_in_percent(demo: DemoResult) -> Non
     assert [text.get_text() for text in left.get_yticklabels()] == [v.name for v in estimate.free]
     percent = [100 * v.std / abs(v.value) for v in estimate.free]
     np.testing.assert_allclose(left.lines[0].get_xdata(), percent)
-    np.testing.assert_allclose(right.images[0].get_array(), estimate.correlation)
+    shown = right.collections[0].get_array().reshape(estimate.correlation.shape)
+    np.testing.assert_allclose(shown, estimate.correlation)
     with pytest.raises(InputError, match="without covariance"):
         estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
+def test_records_draw_themselves(demo: DemoResult) -> None:
+    example = demo.example
+    assert len(example.record.plot().axes) == 12
+    drawn = example.periods.plot().axes
+    assert [axes.get_title(loc="left") for axes in drawn] == [*example.periods.names]
+
+
+def test_every_panel_is_what_plotly_takes(demo: DemoResult) -> None:
+    """The library that draws it knows every key, and the numbers are JSON."""
+    example = demo.example
+    record = example_evidence(demo, "ml")
+    panels = [
+        *filter_panels(demo),
+        *waves(record),
+        *differences(record),
+        *lines(record),
+        *residual(record),
+        *error_panels(demo)[:1],
+        *spectra(example.periods)[:1],
+        *samples(example.record)[:1],
+        misfit([0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0]),
+        correlation(["a", "b"], np.array([[1.0, np.nan], [np.nan, 1.0]])),
+    ]
+    for panel in panels:
+        drawn = interactive.spec(panel)
+        json.dumps(drawn, allow_nan=False)
+        figure = plotly.graph_objects.Figure(drawn)
+        assert figure.layout.height >= 100
+
+
+def test_names_are_no_markup_in_a_page() -> None:
+    bad = '<a href="https://example.org">x</a>'
+    panel = Panel(bad, Axis(bad), Axis(names=(bad,)), (Curve(np.ones(1), np.zeros(1), bad),))
+    assert "<" not in json.dumps(interactive.spec(panel))
+
+
 def test_pictures_are_the_same_each_time_and_leave_no_trace(demo: DemoResult) -> None:
     before = dict(mpl.rcParams)
-    assert svg(draw_overview(demo)) == svg(draw_overview(demo))
+    first, second = draw_overview(demo), draw_overview(demo)
+    for one, other in zip(first.axes, second.axes, strict=True):
+        for a, b in zip(one.lines, other.lines, strict=True):
+            np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())
     assert dict(mpl.rcParams) == before
 
 

@@ -16,8 +16,9 @@ from rotorid.estimate import (
 from rotorid.models import load_model, shipped_models
 from rotorid.record import Check
 from rotorid.report.model_page import model_page
-from rotorid.report.text import prediction_table
+from rotorid.report.text import validation_table
 from rotorid.tables import page_text
+from rotorid.validation import ChannelError
 
 ESTIMATE = Estimate(
     "three-mass",
@@ -95,16 +96,14 @@ def test_any_number_can_be_shown(value: float, std: float | None) -> None:
 
 
 def test_predictions() -> None:
-    first: dict[str, Prediction | None] = {"F": Prediction(0.0405), "G": None}
-    second: dict[str, Prediction | None] = {"F": Prediction(0.0516)}
-    assert [line.split() for line in prediction_table([first]).text().splitlines()] == [
-        ["relative", "error"],
-        ["F", "4.05", "%"],
+    first = [ChannelError("F", 0.0405, 0.04, 0.31, 0.01), ChannelError("G", None, None, None)]
+    second = [ChannelError("F", 0.0516, 0.002, 1e-9, 0.001)]
+    assert [line.split()[:6] for line in validation_table([first]).text().splitlines()[1:]] == [
+        ["F", "4.05", "4", "1", "0.31", "predicted"],
         ["G", "zero"],
     ]
-    lines = prediction_table([first, second]).text().splitlines()
-    assert lines[0].split() == ["relative", "record", "1", "record", "2"]
-    assert lines[1].split() == ["F", "4.05", "%", "5.16", "%"]
+    lines = validation_table([first, second]).text().splitlines()
+    assert lines[3].split() == ["F,", "record", "2", "5.16", "0.2", "0.1", "1e-09", "fails"]
 
 
 @pytest.mark.parametrize("name", shipped_models())

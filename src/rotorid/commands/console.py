@@ -133,8 +133,22 @@ def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> li
     """Refuse what cannot be written before the work begins; return the targets there are."""
     given = [(path, kind) for path, kind in targets if path is not None and path != STDOUT]
     for path, kind in given:
+        if kind is REPORT:
+            _require_page(path)
+    for path, kind in given:
         check_target(path, kind, force=force)
     return [path for path, _ in given]
+
+
+def _require_page(path: Path) -> None:
+    """Refuse a report under an ending that says it is something else than a page."""
+    if path.suffix.lower() not in ("", ".html", ".htm"):
+        raise InputError(
+            f"a report of the ending {path.suffix}",
+            "a page: .html",
+            f"write {path.with_suffix('.html').name}; a browser prints it to PDF",
+            file=str(path),
+        )
 
 
 def write(*outputs: Output) -> None:

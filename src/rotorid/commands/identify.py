@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import file_digest
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
 from rotorid.errors import InputError
-from rotorid.estimate import Provenance, SourceFile
+from rotorid.estimate import Estimate, Provenance, SourceFile
+from rotorid.estimators.methods import Estimator
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
+from rotorid.observation import Measured
 from rotorid.writing import check_apart
 
 
@@ -37,17 +40,32 @@ def run(
         except InputError as error:
             raise error.at(file=str(experiment)) from None
     if targets or json is not None:
+        with progress("predicting"):
+            estimate = _with_evidence(estimate, plan, records, estimator)
         estimate = estimate.with_(provenance=provenance(plan, given))
 
     def html() -> str:
         from rotorid.report.estimate import estimate_report  # pictures take their time to load
 
-        return estimate_report(estimate, plan.model, records)
+        return estimate_report(estimate)
 
     page = estimate.summary(intervals=intervals)
     answer(page, json=(json, estimate.to_json), report=(report, as_text(html)))
     answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
     return OK if answered else NO_ANSWER
+
+
+def _with_evidence(
+    estimate: Estimate, plan: Experiment, records: Sequence[Measured], estimator: Estimator
+) -> Estimate:
+    """Return an estimate with what its report shows; if that fails, the answer stands alone."""
+    from rotorid.results.evidence import with_evidence  # for what is written alone
+
+    try:
+        return with_evidence(estimate, plan.model, records, estimator)
+    except Exception as error:
+        told = f"nothing of the records is kept for a report: {type(error).__name__}: {error}"
+        return estimate.with_(warnings=(*estimate.warnings, told))
 
 
 def provenance(plan: Experiment, command: str) -> Provenance:

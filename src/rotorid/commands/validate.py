@@ -18,12 +18,12 @@ from rotorid.commands.console import (
     progress,
 )
 from rotorid.errors import InputError
-from rotorid.estimate import Prediction, load_estimate
+from rotorid.estimate import load_estimate
 from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
-from rotorid.report.text import information_lines, prediction_table
+from rotorid.report.text import information_lines, validation_table
 from rotorid.tables import Page
-from rotorid.validation import ChannelError, channel_errors, verdict_of
+from rotorid.validation import CURES, ChannelError, channel_errors, verdict_of
 from rotorid.writing import check_apart
 
 
@@ -45,21 +45,21 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None, 
     except InputError as error:
         raise error.at(file=str(result)) from None
     verdict, said = verdict_of(found)
-    errors = [{c.name: _prediction(c) for c in record} for record in found]
-    page: Page = [prediction_table(errors), said, *information_lines(told)]
+    page: Page = [f"{verdict}: {said}", validation_table(found), *information_lines(told)]
+    if verdict == "fails":
+        page = [*page, *CURES]
 
     def html() -> str:
-        from rotorid.report.estimate import validation_report  # pictures take their time to load
+        from rotorid.report.validation import validation_report  # pictures take their time to load
+        from rotorid.results.evidence import record_evidence
 
-        return validation_report(estimate, plan.model, records, page)
+        shown = record_evidence(estimate, plan.model, records, another=True)
+        notes = [*information_lines(told), f"experiment: {experiment}", f"result: {result}"]
+        return validation_report(estimate, plan.model, found, shown, notes)
 
     content = {"verdict": verdict, "channels": channels(found)}
     answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
     return OK if verdict == "predicts" else NO_ANSWER
-
-
-def _prediction(channel: ChannelError) -> Prediction | None:
-    return None if channel.relative_error is None else Prediction(channel.relative_error)
 
 
 def channels(records: Sequence[Sequence[ChannelError]]) -> list[dict[str, Any]]:

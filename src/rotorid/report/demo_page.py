@@ -1,50 +1,82 @@
-"""The paper's table beside that of the demonstration, for a terminal."""
+"""The paper's table beside that of the demonstration."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from rotorid.demo import DemoResult, findings
-from rotorid.demo.paper import TABLE, printed_error
-from rotorid.tables import Page, table
+from rotorid.demo.paper import COLUMNS, TABLE, PaperRow, printed_error
+from rotorid.tables import Page, Table, table
+
+FIRST = ("ml",)
+"""Estimators whose columns come first, beside the bound."""
 
 
 def demo_page(result: DemoResult) -> Page:
-    """Return the paper's Table 1 beside the errors of all records here, and what they show."""
-    names = result.estimators
-    beside: list[tuple[str, ...]] = []
-    spread: list[tuple[str, ...]] = []
-    for row in TABLE:
-        i = result.names.index(row.base)
-        errors = [printed_error(row, name) for name in names]
-        printed = ["" if error is None else f"{error:.3f}" for error in errors]
-        median = [f"{result.median(name)[i]:.3f}" for name in names]
-        rms = [f"{result.rms(name)[i]:.3f}" for name in names]
-        bias = [f"{result.bias(name)[i]:+.3f}" for name in names]
-        truth = (row.base, result.units[i], f"{result.truth[i]:.5g}")
-        beside.append((*truth, *_paired(printed, median)))
-        spread.append((row.base, *_paired(rms, bias), f"{result.bound_percent[i]:.3f}"))
+    """Return the errors of all records here, then the paper's table beside them."""
+    records = f"{result.runs} records" if result.runs > 1 else "one record"
     return [
+        f"Error in %, root mean square of {records}; first the least that the data allow,",
+        "the Cramer-Rao bound",
+        sizes(result),
         "Table 1, |error| in %: of one run, as the paper prints it;",
-        f"and beside it the median of {result.runs} records here",
-        table(("parameter", "unit", "true", *_headings(names, "median")), beside),
-        f"The paper lists the unbalance times Omega^2: {_as_printed()}",
+        f"and beside it the median of {records} here",
+        beside_the_paper(result),
+        f"The paper lists the unbalance times Omega^2: {as_printed()}",
         "",
-        f"Error in %: root mean square of {result.runs} records; and its mean, the bias;",
-        "last the least that the data allow, the Cramer-Rao bound",
-        table(("parameter", *_headings(names, "bias"), "bound"), spread),
+        f"Mean error of {records} in %, the bias",
+        means(result),
         " ".join(findings(result)),
     ]
 
 
-def _as_printed() -> str:
+def ordered(result: DemoResult) -> list[str]:
+    """Return the estimators, those first that matter most."""
+    return sorted(result.estimators, key=lambda name: name not in FIRST)
+
+
+def sizes(result: DemoResult) -> Table:
+    """Return the rms error of every estimator, the bound and maximum likelihood first."""
+    names = ordered(result)
+    rows = [
+        (row.base, f"{result.bound_percent[i]:.3f}", *(f"{result.rms(n)[i]:.3f}" for n in names))
+        for row, i in _numbered(result)
+    ]
+    return table(("parameter", "bound", *names), rows)
+
+
+def beside_the_paper(result: DemoResult) -> Table:
+    """Return the errors that the paper prints, each with the median here; and the truth."""
+    names = [name for name in result.estimators if name in COLUMNS]
+    rows = []
+    for row, i in _numbered(result):
+        printed = [printed_error(row, name) for name in names]
+        pairs = [
+            (f"{error:.3f}", f"{result.median(name)[i]:.3f}")
+            for name, error in zip(names, printed, strict=True)
+            if error is not None
+        ]
+        flat = [text for pair in pairs for text in pair]
+        rows.append((row.base, f"{result.truth[i]:.5g}", result.units[i], *flat))
+    headings = [text for name in names for text in (name, "here")]
+    return table(("parameter", "true", "unit", *headings), rows)
+
+
+def means(result: DemoResult) -> Table:
+    """Return the mean error of every estimator."""
+    names = ordered(result)
+    rows = [
+        (row.base, *(f"{result.bias(name)[i]:+.3f}" for name in names))
+        for row, i in _numbered(result)
+    ]
+    return table(("parameter", *names), rows)
+
+
+def as_printed() -> str:
+    """Return what the paper prints of the unbalance, with its units."""
     rows = [row for row in TABLE if row.speed_power]
     return ", ".join(f"{row.quantity} = {row.true:.5g} {row.unit}" for row in rows)
 
 
-def _paired(first: Sequence[str], second: Sequence[str]) -> tuple[str, ...]:
-    return tuple(text for pair in zip(first, second, strict=True) for text in pair)
-
-
-def _headings(names: Sequence[str], second: str) -> tuple[str, ...]:
-    return _paired(names, [second] * len(names))
+def _numbered(result: DemoResult) -> Sequence[tuple[PaperRow, int]]:
+    return [(row, result.names.index(row.base)) for row in TABLE]

@@ -1,150 +1,219 @@
-"""The report of an estimate, and of a validation."""
+"""The report of an estimate, from the result alone."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from rotorid.errors import InputError
 from rotorid.estimate import Estimate
-from rotorid.filtered import FilteredRecord
-from rotorid.lines import Lines
-from rotorid.models import Model
-from rotorid.observation import Measured
-from rotorid.plots import pictures, spectra
-from rotorid.predict import predict_lines
-from rotorid.report.html import Picture, picture, render
-from rotorid.report.plots import force_waves, speaks_of
-from rotorid.tables import Page, Table, table
+from rotorid.evidence import ChannelEvidence, RecordEvidence
+from rotorid.models import Model, shipped_models
+from rotorid.plots import estimates as drawn
+from rotorid.report import parameters
+from rotorid.report.html import Picture, pictures, render
+from rotorid.report.verdict import METHODS, verdict_of
+from rotorid.results.model import own_model
+from rotorid.tables import Table, table
+
+KINDS = {
+    "periods": "periods",
+    "lines": "lines of the whole record",
+    "phasors": "table of 1x phasors",
+    "responses": "frequency responses",
+    "samples": "filtered samples",
+}
+GRAVE = ("suspect", "other answers")
+"""Tables that stand before the pictures: they say what may be wrong."""
+TITLES = {
+    "suspect": "What the model may lack, or a channel get wrong",
+    "other answers": "Other answers that fit as well",
+    "check": "What the records showed, and what was taken as exact",
+    "natural frequencies": "Natural frequencies that were measured",
+}
+WITHOUT = (
+    "This result holds no evidence of its records, so nothing of them is drawn: it was written by "
+    "an older version, or in Python without with_evidence. Identify again to have it."
+)
 
 
-def estimate_report(
-    estimate: Estimate,
-    model: Model | None,
-    records: Sequence[Measured],
-    remarks: Sequence[str] = (),
-) -> str:
-    """Return the report of an estimate as HTML; without model and records what it holds itself."""
-    shown = [*_record_pictures(estimate, model, records), *_own_pictures(estimate)]
+def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
+    """Return the report of an estimate as HTML, from what it holds itself."""
+    model, lacking = model_of(estimate)
+    records = estimate.evidence.records if estimate.evidence else ()
+    told = [*remarks, *lacking, *([] if estimate.evidence else [WITHOUT])]
+    shown = estimate.value_tables
+    others = [one for one in estimate.tables if one not in shown]
     return render(
         "estimate.html",
         estimate=estimate,
         model=model,
-        tables=estimate.tables,
-        remarks=remarks,
+        own=model is None or model.name not in shipped_models(),
+        method=METHODS.get(estimate.method, estimate.method),
+        verdict=verdict_of(estimate),
+        rejected=estimate.status == "rejected",
+        groups=parameters.groups(estimate),
+        known=bool(estimate.evidence and estimate.evidence.known),
+        relations=parameters.relations(estimate),
+        fixed=parameters.fixed(estimate),
+        grave=[_titled(one) for one in others if one.headings[0] in GRAVE],
+        tables=[_titled(one) for one in others if one.headings[0] not in GRAVE],
+        remarks=told,
         notes=[note for note in estimate.notes if not note.startswith("warning: ")],
-        records=_records_table(records),
-        pictures=shown,
+        channels=channels_table(records),
+        records=records_table(records),
+        pictures=[*record_pictures(records), *_own_pictures(estimate)],
     )
 
 
-def validation_report(
-    estimate: Estimate, model: Model, records: Sequence[Measured], page: Page
-) -> str:
-    """Return what a validation shows as HTML: its page, and every record as it is predicted."""
-    return render(
-        "validation.html",
-        estimate=estimate,
-        model=model,
-        page=page,
-        records=_records_table(records),
-        pictures=list(_record_pictures(estimate, model, records)),
-    )
+def _titled(one: Table) -> tuple[str, Table]:
+    """Return a table with its title."""
+    head = one.headings[0]
+    return TITLES.get(head, head[:1].upper() + head[1:]), one
+
+
+def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
+    """Return the model of a result, or why there is none."""
+    try:
+        return own_model(estimate), []
+    except InputError as error:
+        return None, [f"{error.found}: the equations of motion are not shown; {error.cure}."]
 
 
 def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
-    if estimate.line_misfit:
-        yield picture(
-            pictures.draw_misfit(
-                [row.record for row in estimate.line_misfit],
-                [row.frequency_hz for row in estimate.line_misfit],
-                [row.cost for row in estimate.line_misfit],
-                [row.expected for row in estimate.line_misfit],
-            ),
+    rows = estimate.line_misfit
+    if rows:
+        panel = drawn.misfit(
+            [row.record for row in rows],
+            [row.frequency_hz for row in rows],
+            [row.cost for row in rows],
+            [row.expected for row in rows],
+        )
+        yield Picture(
             "Misfit line by line",
-            "Cost of each line over what noise would leave of it. Lines that stand out together "
-            "say where in frequency the model lacks something.",
+            "Misfit of each line over what noise would leave of it; 1 is right on average. Lines "
+            "that stand out together say where in frequency the model lacks something.",
+            (panel,),
         )
     names = [value.name for value in estimate.free]
-    if 1 < len(names) == len(estimate.covariance):
-        yield picture(
-            pictures.draw_correlation(names, estimate.correlation),
+    if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
+        yield Picture(
             "Correlation of the parameters",
-            "Near +1 or -1 two parameters are known as a combination better than one by one.",
+            "Near +1 or \N{MINUS SIGN}1 two parameters are known as a combination better than one "
+            "by one.",
+            (drawn.correlation(names, estimate.correlation),),
         )
 
 
-def _record_pictures(
-    estimate: Estimate, model: Model | None, records: Sequence[Measured]
+def record_pictures(
+    records: Sequence[RecordEvidence], *, another: bool = False
 ) -> Iterator[Picture]:
+    """Draw records as they were measured and as they are predicted.
+
+    Of `another` record than the estimate was made of, the deviations of its values count too.
+    """
+    noise = "noise and the deviations of the values make" if another else "noise makes"
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
-        if isinstance(record, Lines):
-            known = model is not None and speaks_of(model, estimate, record, number)
-            found = predict_lines(model, estimate, [record], number)[0] if model and known else None
-            yield picture(
-                spectra.draw_lines(record, found),
-                f"Lines{where}",
-                f"{len(record.frequency)} lines of the whole record, channel by channel, with the "
-                "noise that the estimate was weighted by.",
-            )
-            continue
-        waves = None if model is None else force_waves(model, estimate, record, number)
-        if isinstance(record, FilteredRecord):
-            if waves is not None:
-                yield picture(
-                    pictures.draw_forces(waves),
-                    f"Measured and predicted{where}",
-                    "The samples that were used, filtered, one after the other. The prediction "
-                    "lays what the equations of motion leave over to the inputs.",
-                )
-            yield picture(
-                spectra.draw_samples(record.record), f"Samples{where}", "As they were measured."
-            )
-            continue
-        if waves is not None:
-            yield picture(
-                pictures.draw_forces(waves),
-                f"Measured and predicted{where}",
-                "One period on the kept lines. Where every coordinate is measured, the prediction "
-                "lays what the equations of motion leave over to the inputs; else it is what the "
-                "sensors should read of the measured inputs.",
-            )
-        yield picture(
-            spectra.draw_spectra(record),
-            f"Spectra{where}",
-            f"Mean of {record.periods} periods, channel by channel. Lines that were not kept took "
-            "no part. The noise is the scatter of the kept lines between periods, of their mean.",
+        yield from pictures(
+            (
+                f"Measured and predicted over time{where}",
+                f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
+                drawn.waves(record),
+            ),
+            (
+                f"What is left over time{where}",
+                f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
+                f"{noise} of it.",
+                drawn.differences(record),
+            ),
+            (
+                f"Measured and predicted on the lines{where}",
+                f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
+                f"{noise}. A channel that is not predicted is shown with its own noise.",
+                drawn.lines(record),
+            ),
+            (
+                f"What is left, line by line{where}",
+                f"Predicted less measured of each channel over what {noise} of it. Evenly near "
+                "1 is noise; a line or a channel that stands out is none.",
+                drawn.residual(record),
+            ),
         )
 
 
-def _cut(record: Measured) -> tuple[str, ...]:
-    """Return how a record was cut: periods, their samples, rate, fundamental, lines."""
-    if isinstance(record, FilteredRecord):
-        return "-", str(len(record.used)), f"{record.record.sample_rate:g}", "-", "-"
-    if isinstance(record, Lines):
-        return "-", "-", "-", "-", str(len(record.frequency))
+def _of_waves(record: RecordEvidence) -> str:
+    """Say what the pictures over time show."""
+    if record.kind == "samples":
+        return (
+            "The samples that were used, filtered. The prediction lays what the equations of "
+            "motion leave over to the inputs."
+        )
+    stretch = (
+        "One period, of the lines that were kept."
+        if record.kind == "periods"
+        else "An excerpt from the middle of the record, of the lines that were used."
+    )
     return (
-        str(record.periods),
-        str(record.samples),
-        f"{record.sample_rate:g}",
-        f"{record.fundamental:g}",
-        str(len(record.harmonics)),
+        f"{stretch} Where every coordinate is measured, forces are predicted from the motion; else "
+        "what the sensors should read, from the forces."
     )
 
 
-def _records_table(records: Sequence[Measured]) -> Table | None:
-    """Return a row per record: how it was recorded and cut; nothing where there are none."""
-    headings = ("record", "periods", "samples per period", "sample rate in Hz")
-    more = ("fundamental in Hz", "lines", "speed in rev/s", "channels")
+def _of_lines(record: RecordEvidence) -> str:
+    """Say what the pictures on the lines show."""
+    told = f"Amplitudes of {record.lines} lines"
+    if record.lines_per_point > 1:
+        told += f", {record.lines_per_point} neighbours together as their root mean square"
+    return f"{told}."
+
+
+def channels_table(records: Sequence[RecordEvidence]) -> Table | None:
+    """Return how well each channel is predicted, in figures."""
+    several = len(records) > 1
+    rows = [
+        ((f"{c.name}, record {n + 1}" if several else c.name), *_against_noise(c))
+        for n, record in enumerate(records)
+        for c in record.channels
+        if not math.isnan(c.error)
+    ]
+    headings = ("channel", "off by %", "noise makes %", "difference / noise")
+    return table(headings, rows) if rows else None
+
+
+def _against_noise(channel: ChannelEvidence) -> tuple[str, ...]:
+    """Return the error in %, what noise makes of it, and the ratio of the two."""
+    noise = math.nan
+    if channel.difference and channel.noise:
+        pair = (channel.noise, channel.difference)
+        made, wrong = (float(np.sqrt(np.mean(np.square(x)))) for x in pair)
+        noise = made / wrong if wrong > 0 else math.nan
+    shown = (100 * channel.error, 100 * channel.error * noise, 1 / noise if noise > 0 else math.nan)
+    return tuple(f"{x:.3g}" if math.isfinite(x) else "" for x in shown)
+
+
+def records_table(records: Sequence[RecordEvidence]) -> Table | None:
+    """Return a row per record: how it was recorded and used; nothing where there are none."""
+    headings = ("record", "used as", "periods", "samples per period", "sample rate in Hz")
     rows = [
         (
             f"{number}: {record.source}" if record.source else str(number),
-            *_cut(record),
-            f"{np.mean(record.speed) / (2 * np.pi):.6g}",
-            ", ".join(record.names),
+            KINDS[record.kind],
+            str(record.periods or ""),
+            str(record.samples_per_period or ""),
+            f"{record.sample_rate_hz:.6g}" if math.isfinite(record.sample_rate_hz) else "",
+            str(record.lines or ""),
+            _speeds(record),
+            ", ".join(channel.name for channel in record.channels),
         )
         for number, record in enumerate(records, start=1)
     ]
-    return table((*headings, *more), rows) if rows else None
+    return table((*headings, "lines", "speed in rpm", "channels"), rows) if rows else None
+
+
+def _speeds(record: RecordEvidence) -> str:
+    found = [f"{30 / math.pi * speed:.6g}" for speed in record.speed_rad_s]
+    return " to ".join(dict.fromkeys(found))

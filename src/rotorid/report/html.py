@@ -1,31 +1,59 @@
-"""Pages as single HTML files: pictures inside, no script, nothing fetched from anywhere."""
+"""Pages as single HTML files: pictures and all that draws them inside, nothing fetched."""
 
 from __future__ import annotations
 
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
-from rotorid.plots.style import data_uri
+from rotorid.plots.interactive import spec
+from rotorid.plots.panel import Curve, Panel, key_of
 from rotorid.screen import printable
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An image with what it shows in words."""
+    """Panels side by side, with what they show in words.
 
-    uri: str
+    Parameters
+    ----------
+    title, caption : str
+    panels : sequence of Panel
+    """
+
     title: str
     caption: str
+    panels: tuple[Panel, ...]
+
+    @property
+    def key(self) -> list[Curve]:
+        """What the curves are."""
+        return key_of(self.panels)
 
 
-def picture(figure: Figure, title: str, caption: str) -> Picture:
-    """Return a figure as a picture of a page."""
-    return Picture(data_uri(figure), title, caption)
+@dataclass
+class Drawn:
+    """The panels of a page, numbered as they come."""
+
+    specs: dict[str, Any]
+
+    def add(self, panel: Panel) -> str:
+        """Take a panel in, and return the id of its place."""
+        place = f"plot-{len(self.specs) + 1}"
+        self.specs[place] = spec(panel)
+        return place
+
+    def text(self) -> str:
+        """Return the panels as JSON that ends no script."""
+        found = json.dumps(self.specs, allow_nan=False, separators=(",", ":"))
+        return found.replace("<", "\\u003c").replace("&", "\\u0026")
 
 
 def _printable(value: Any) -> Any:
@@ -47,7 +75,39 @@ def _environment() -> Environment:
 
 
 def render(template: str, **content: Any) -> str:
-    """Return a page from its template."""
+    """Return a page from its template; only its own scripts run, whatever a name may hold."""
+    from plotly.offline import get_plotlyjs
+
     from rotorid import __version__
 
-    return _environment().get_template(template).render(version=__version__, **content)
+    environment = _environment()
+    drawn = Drawn({})
+    page = environment.get_template(template).render(
+        version=__version__, drawn=drawn, scripts=(), **content
+    )
+    if not drawn.specs:
+        return page.replace(_PLACE, "")
+    own = environment.get_template("page.js").render()
+    library = get_plotlyjs().replace("</script", "<\\/script")
+    allowed = " ".join(f"'sha256-{_digest(script)}'" for script in (library, own))
+    body = (
+        f'<script type="application/json" id="plots">{drawn.text()}</script>\n'
+        f"<script>{library}</script>\n<script>{own}</script>"
+    )
+    head, _, tail = page.rpartition(_PLACE)
+    return head.replace(_ALLOWED, f"; script-src {allowed}", 1) + body + tail
+
+
+_PLACE = "<!-- scripts -->"
+_ALLOWED = "; script-src 'none'"
+
+
+def _digest(script: str) -> str:
+    return b64encode(sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+def pictures(*groups: tuple[str, str, Sequence[Panel]]) -> Iterator[Picture]:
+    """Yield the pictures that have panels: title, caption and panels of each."""
+    for title, caption, panels in groups:
+        if panels:
+            yield Picture(title, caption, tuple(panels))

@@ -116,53 +116,61 @@ def inspection_report(name: str, found: Sequence[Inspection | LineInspection], t
     parts = []
     for number, one in enumerate(found):
         title = f", record {number + 1}" if len(found) > 1 else ""
-        pictures = _pictures(one, title) if isinstance(one, Inspection) else []
-        parts.append((inspection_page(one), one, pictures))
-    return render("inspection.html", name=name, told=told, parts=parts, pictures=[])
+        drawn = _pictures(one, title) if isinstance(one, Inspection) else _lines(one, title)
+        parts.append((inspection_page(one), one, drawn))
+    return render("inspection.html", name=name, told=told, records=parts)
+
+
+def _lines(one: LineInspection, title: str) -> list[Picture]:
+    """Return the pictures of a table."""
+    from rotorid.plots.records import whole
+    from rotorid.report.html import Picture
+
+    told = "Amplitude of each row, channel by channel, with the noise where something tells it."
+    return [Picture(f"Rows of the table{title}", told, tuple(whole(one.lines)))]
 
 
 def _pictures(one: Inspection, title: str) -> list[Picture]:
     """Return the pictures of a record."""
-    from rotorid.plots.inspection import (
-        draw_correlation,
-        draw_each_period,
-        draw_lines,
-        draw_time,
-    )
-    from rotorid.report.html import picture
+    from rotorid.plots import records as drawn
+    from rotorid.report.html import Picture
 
+    periods = one.periods
+    size = 1 if periods is None else periods.samples
     pictures = [
-        picture(
-            draw_time(one),
+        Picture(
             f"Samples{title}",
-            "The whole record as a band from its lowest to its highest sample; a flat edge is "
-            "a limit, a spike a knock, a slope a drift.",
+            "The whole record, where it is long as a band from its lowest to its highest sample; a "
+            "flat edge is a limit, a spike a knock, a slope a drift.",
+            tuple(drawn.samples(one.record, size)),
         )
     ]
-    if one.periods is not None:
-        pictures += [
-            picture(
-                draw_lines(one),
-                f"Lines of the mean period{title}",
-                "Lines that are kept, other odd and even lines of the mean, and the noise of "
-                "the mean. What stands above the noise and is not kept is distortion, "
-                "rotation, or excitation left out.",
-            ),
-            picture(
-                draw_each_period(one),
-                f"From period to period{title}",
-                "Deviation of each period from the mean of all, over its scatter. It falls at "
-                "the start while the machine settles, stands out where something knocked, and "
-                "bends like a bow where it drifts.",
-            ),
-        ]
-        if one.noise_correlation is not None:
-            pictures.append(
-                picture(
-                    draw_correlation(one),
-                    f"Noise that goes together{title}",
-                    "Correlation between the noises of two channels on the kept lines. In "
-                    "closed loop the controller feeds the noise of sensors into the forces.",
-                )
+    if periods is None:
+        return pictures
+    pictures += [
+        Picture(
+            f"Lines of the mean period{title}",
+            "Lines that are kept, other odd and even lines of the mean, and the noise of "
+            "the mean. What stands above the noise and is not kept is distortion, "
+            "rotation, or excitation left out.",
+            tuple(drawn.spectra(periods)),
+        ),
+        Picture(
+            f"From period to period{title}",
+            "Deviation of each period from the mean of all, over its scatter. It falls at "
+            "the start while the machine settles, stands out where something knocked, and "
+            "bends like a bow where it drifts.",
+            (drawn.each_period(periods),),
+        ),
+    ]
+    if one.noise_correlation is not None:
+        names = [facts.name for facts in one.channels]
+        pictures.append(
+            Picture(
+                f"Noise that goes together{title}",
+                "Correlation between the noises of two channels on the kept lines. In "
+                "closed loop the controller feeds the noise of sensors into the forces.",
+                (drawn.noise_correlation(names, one.noise_correlation),),
             )
+        )
     return pictures

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 
-from rotorid.estimate import Prediction
 from rotorid.estimators.information import Information
 from rotorid.tables import Table, table
+from rotorid.validation import ChannelError
 
 
-def prediction_table(errors: Iterable[Mapping[str, Prediction | None]]) -> Table:
-    """Return the relative error of each predicted channel, one column per record."""
-    records = list(errors)
-    headings = [f"record {i + 1}" for i in range(len(records))] if len(records) > 1 else ["error"]
-    names = dict.fromkeys(name for record in records for name in record)
-    rows = [(name, *(_error(record.get(name)) for record in records)) for name in names]
-    return table(("relative", *headings), rows)
+def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
+    """Return how far each channel is off beside what explains it, and what it comes to."""
+    several = len(records) > 1
+    rows = [
+        (
+            f"{c.name}, record {number + 1}" if several else c.name,
+            *map(_percent, (c.relative_error, c.noise, c.deviations)),
+            "" if c.p_value is None else f"{c.p_value:.2g}",
+            "zero" if c.relative_error is None else "fails" if c.fails else "predicted",
+        )
+        for number, record in enumerate(records)
+        for c in record
+    ]
+    headings = ("channel", "off by %", "by noise %", "by deviations %", "chance", "verdict")
+    return table(headings, rows)
 
 
 def information_lines(records: Iterable[Information | None]) -> list[str]:
@@ -28,5 +36,5 @@ def information_lines(records: Iterable[Information | None]) -> list[str]:
     ]
 
 
-def _error(prediction: Prediction | None) -> str:
-    return "zero" if prediction is None else f"{100 * prediction.relative_error:.3g} %"
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.3g}"

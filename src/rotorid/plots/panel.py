@@ -1,0 +1,139 @@
+"""What a picture shows, said once: drawn as it is in a page, or as a figure of matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+GREY = "#80868b"
+BLUE, SKY, GREEN, RED, PINK = "#0072b2", "#56b4e9", "#009e73", "#d55e00", "#cc79a7"
+# Okabe and Ito: told apart by every eye, and on black as on white
+COLOURS = (BLUE, RED, GREEN, PINK, SKY)  # of records
+
+Look = Literal["line", "thin", "thick", "dashed", "dots", "points", "stems", "band", "diamonds"]
+MOST_PANELS = 24
+"""Channels with a panel of their own: what a page still shows."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Numbers over numbers, drawn one way.
+
+    Parameters
+    ----------
+    x, y : array, shape (point,)
+        NaN leaves a gap.
+    label : str
+        What it is; alike in all panels of a picture, whose key lists it once.
+    base : array, shape (point,), optional
+        The lower edge of a band; `y` is the upper one.
+    error : array, shape (point,), optional
+        Half-lengths of bars along x.
+    told : sequence of str
+        What is said of each point besides.
+    """
+
+    x: Floats
+    y: Floats
+    label: str
+    colour: str = BLUE
+    look: Look = "line"
+    base: Floats | None = None
+    error: Floats | None = None
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Numbers by row and column, as colours from `low` to `high`.
+
+    Parameters
+    ----------
+    rows : sequence of str
+    columns : sequence of str, or array of numbers on the axis
+    values : array, shape (row, column)
+    written : bool
+        Whether numbers of note stand in their cells.
+    """
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...] | Floats
+    values: Floats
+    low: float
+    high: float
+    label: str
+    written: bool = False
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: its title with the unit, whether it is logarithmic, its ends, names at its ticks."""
+
+    title: str = ""
+    log: bool = False
+    ends: tuple[float, float] | None = None
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Parameters
+    ----------
+    title : str
+    x, y : Axis
+    curves : sequence of Curve
+    matrix : Matrix, optional
+    level : float, optional
+        Where a thin line goes across.
+    height : float
+        Inches.
+    """
+
+    title: str = ""
+    x: Axis = Axis()
+    y: Axis = Axis()
+    curves: tuple[Curve, ...] = ()
+    matrix: Matrix | None = None
+    level: float | None = None
+    upright: float | None = None
+    height: float = 2.1
+
+
+def key_of(panels: Sequence[Panel]) -> list[Curve]:
+    """Return the curves that a key explains: one of each label."""
+    found = {c.label: c for panel in panels for c in panel.curves if c.label}
+    return list(found.values())
+
+
+def label(name: str, most: int = 24) -> str:
+    """Return a name as a picture can hold it: printable, on one line, not too long."""
+    text = "".join(c if c.isprintable() else " " for c in name)
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+def shown_unit(unit: str) -> tuple[str, float]:
+    """Return a handy unit for small motion, and the factor from SI."""
+    return {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}.get(unit, (label(unit, 12) or "1", 1.0))
+
+
+def time_unit(longest: float) -> tuple[str, float]:
+    """Return the title of an axis of time, and the factor from s."""
+    return ("time in s", 1.0) if longest > 1 else ("time in ms", 1e3)
+
+
+def envelope(values: Floats, most: int) -> tuple[Floats, Floats, int]:
+    """Return the lowest and highest of each `size` samples along axis 0, and that size.
+
+    At most `most` of them, so that no spike is lost where a long record is drawn.
+    """
+    size = -(-len(values) // most) or 1
+    blocks = values[: len(values) // size * size].reshape(-1, size, *values.shape[1:])
+    return blocks.min(axis=1), blocks.max(axis=1), size

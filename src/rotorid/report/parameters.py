@@ -1,0 +1,164 @@
+"""The values of an estimate beside what was known beforehand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from rotorid.estimate import Estimate, Value
+from rotorid.evidence import Prior
+
+HALF_WIDTH = 1.959964
+"""Deviations to either side that hold 95 % of a normal distribution."""
+WIDTH = 140  # of a row's bars, in pixels
+PLAIN = (1e-3, 1e7)
+"""Sizes between which a number is written without an exponent."""
+_MARGIN = 4
+PM = "\N{PLUS-MINUS SIGN}"
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Two intervals on one scale: their ends in pixels, and in words."""
+
+    before: tuple[float, float]
+    after: tuple[float, float]
+    told: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """A quantity as the page shows it."""
+
+    name: str
+    value: str
+    half: str
+    percent: str
+    unit: str
+    before: str
+    moved: str
+    bar: Bar | None
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows that belong together."""
+
+    rows: tuple[Row, ...]
+
+
+def groups(estimate: Estimate) -> list[Group]:
+    """Return parameters, constants of the measurement, and what follows from them."""
+    names = {value.name for value in estimate.parameters}
+    derived = [value for value in estimate.derived if value.name not in names]
+    free = [value for value in estimate.parameters if not value.fixed]
+    parts: Iterable[Sequence[Value]] = (free, estimate.nuisance, derived)
+    known = estimate.evidence
+    return [
+        Group(tuple(_row(v, known.prior(v.name) if known else None) for v in part))
+        for part in parts
+        if part
+    ]
+
+
+def fixed(estimate: Estimate) -> list[str]:
+    """Return what was held, in words."""
+    return [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
+
+
+def relations(estimate: Estimate) -> list[str]:
+    """Return what was known of combinations, in words."""
+    every = (*estimate.parameters, *estimate.nuisance)
+    named = {value.name for value in every}
+    known = estimate.evidence.known if estimate.evidence else ()
+    return [
+        f"{prior.name} = {prior.value:.6g}{_spread(prior)}"
+        for prior in known
+        if prior.name not in named
+    ]
+
+
+def _spread(prior: Prior) -> str:
+    return f" {PM} {HALF_WIDTH * prior.std:.2g}" if prior.std else " exactly"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _row(value: Value, prior: Prior | None) -> Row:
+    half = HALF_WIDTH * value.std if value.std else math.nan
+    number = figures(value.value, half)
+    if not math.isfinite(value.value):
+        number = "not determined"
+    percent = 100 * half / abs(value.value) if value.value else math.nan
+    return Row(
+        value.name,
+        number,
+        two_digits(half),
+        two_digits(percent),
+        "" if value.unit == "1" else value.unit,
+        "" if prior is None else _before(prior),
+        "" if prior is None else _moved(value, prior),
+        None if prior is None else _bar(value, prior),
+    )
+
+
+def _before(prior: Prior) -> str:
+    half = HALF_WIDTH * prior.std
+    if not half > 0:
+        return f"{prior.value:.6g} exactly"
+    return f"{figures(prior.value, half)} {PM} {two_digits(half)}"
+
+
+def _moved(value: Value, prior: Prior) -> str:
+    """Return how far the value is from what was known, in deviations of that."""
+    if not prior.std > 0 or not math.isfinite(value.value):
+        return ""
+    return f"{(value.value - prior.value) / prior.std:+.2g} std".replace("-", "\N{MINUS SIGN}")
+
+
+def _bar(value: Value, prior: Prior) -> Bar | None:
+    """Return what was known and what is known now, on a scale that holds both."""
+    half = HALF_WIDTH * (value.std or 0.0)
+    ends = [
+        (prior.value - HALF_WIDTH * prior.std, prior.value + HALF_WIDTH * prior.std),
+        (value.value - half, value.value + half),
+    ]
+    low, high = min(a for a, _ in ends), max(b for _, b in ends)
+    if not (math.isfinite(low) and math.isfinite(high) and high > low):
+        return None
+    scale = (WIDTH - 2 * _MARGIN) / (high - low)
+
+    def pixels(pair: tuple[float, float]) -> tuple[float, float]:
+        first, last = (_MARGIN + scale * (x - low) for x in pair)
+        if last - first < 1:  # to be seen
+            first, last = (first + last) / 2 - 0.5, (first + last) / 2 + 0.5
+        return round(first, 1), round(last, 1)
+
+    now = f"{figures(value.value, half)} {PM} {two_digits(half)}"
+    told = f"before {_before(prior)}, now {now}"
+    return Bar(pixels(ends[0]), pixels(ends[1]), told)
+
+
+def figures(value: float, half: float) -> str:
+    """Return a number with as many digits as its half-width leaves."""
+    if not math.isfinite(value):
+        return ""
+    if value == 0 or not (math.isfinite(half) and half > 0):
+        return f"{value:.6g}"
+    places = 1 - math.floor(math.log10(half))
+    if PLAIN[0] <= abs(value) < PLAIN[1] and -3 <= places <= 9:
+        return f"{round(value, places):.{max(places, 0)}f}"
+    digits = math.floor(math.log10(abs(value))) + places + 1
+    return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
+
+
+def two_digits(number: float) -> str:
+    """Return a number with two digits; nothing for none."""
+    if not math.isfinite(number):
+        return ""
+    if 10 <= abs(number) < PLAIN[1]:
+        return f"{float(f'{number:.2g}'):.0f}"
+    return f"{number:#.2g}".rstrip(".")

@@ -1,0 +1,297 @@
+"""What a report needs of records and their prediction, gathered into the result itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.estimators.likelihood.nuisances import every_nuisance
+from rotorid.estimators.methods import Estimator
+from rotorid.estimators.prediction import Predicted
+from rotorid.evidence import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
+from rotorid.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
+from rotorid.models import Model
+from rotorid.observation import Data, Observation, bind
+from rotorid.predict import missing_values, predict_lines
+from rotorid.record import Complexes, Floats
+from rotorid.validation import noise_of_difference
+
+MOST_LINES = 400
+"""Values of a channel over frequency: what a screen tells apart."""
+MOST_SAMPLES = 500
+"""Values of a channel over time."""
+MOST_NUMBERS = 60_000
+"""Numbers of all records together, about half a megabyte of text."""
+FEWEST = 60
+"""Values of a channel that many channels and records leave it."""
+PER_CYCLE = 10
+"""Values in the shortest period of an excerpt."""
+DIGITS = 6
+"""Significant digits that are kept: more than a picture shows and a measurement has."""
+CURVES = 6
+"""Sequences of numbers that a channel holds."""
+
+
+def with_evidence(
+    estimate: Estimate,
+    model: Model,
+    records: Data | Sequence[Data],
+    estimator: Estimator | None = None,
+) -> Estimate:
+    """Return an estimate together with what a report shows of its records.
+
+    A long record is thinned: one value stands for several lines that lie side by side. All numbers
+    are rounded to six digits.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    model : Model
+    records : PeriodicRecord, Lines or FilteredRecord, or sequence of them
+        Those that the estimate was made of.
+    estimator : Estimator, optional
+        That made it: says what was known beforehand.
+
+    Returns
+    -------
+    Estimate
+        The same, its `evidence` filled in.
+
+    Raises
+    ------
+    InputError
+        For records that do not fit the model.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> model = rid.load_model("jeffcott")
+    >>> turn = 2 * np.pi * np.arange(100) / 100
+    >>> forces = np.column_stack([400.0 * np.cos(3 * turn), 300.0 * np.sin(5 * turn)])
+    >>> record = rid.simulate(model, model.values(model.nominal), forces, sample_rate=1000.0,
+    ...                       periods=3, speed=2 * np.pi * 30.0)
+    >>> periods = rid.average(record, 10.0, harmonics=[1, 3, 5])
+    >>> estimate = rid.identify(model, periods, "ls")
+    >>> shown = with_evidence(estimate, model, periods).evidence.records[0]
+    >>> shown.frequency_hz, [channel.name for channel in shown.channels]
+    ((10.0, 30.0, 50.0), ['F_x', 'F_y', 'x', 'y'])
+    """
+    data = records if isinstance(records, Sequence) else [records]
+    gathered = Evidence(
+        record_evidence(estimate, model, data), tuple(_known(estimate, model, data, estimator))
+    )
+    return estimate.with_(evidence=gathered)
+
+
+def record_evidence(
+    estimate: Estimate, model: Model, records: Sequence[Data], *, another: bool = False
+) -> tuple[RecordEvidence, ...]:
+    """Return what a report shows of records, as an estimate predicts them where it does.
+
+    Of records that it was not made of, `another`, the noise holds the values' deviations too.
+    """
+    bound = [bind(model, record) for record in records]
+    channels = sum(len(one.lines.channels) for one in bound)
+    most = MOST_NUMBERS // max(1, channels * CURVES)
+    return tuple(
+        _record(estimate, one, number, most, another=another) for number, one in enumerate(bound)
+    )
+
+
+def speaks_of(model: Model, estimate: Estimate, record: Data, number: int) -> bool:
+    """Tell whether an estimate leaves nothing open that a prediction of this record needs."""
+    held = record.lines if isinstance(record, Observation) else record
+    known = all(np.isfinite(v.value) for v in estimate.parameters) and held.phase_known
+    return known and not missing_values(model, estimate, number, held.parameters)
+
+
+def _record(
+    estimate: Estimate, record: Observation, number: int, most: int, *, another: bool
+) -> RecordEvidence:
+    found = spread = None
+    if speaks_of(record.model, estimate, record, number):
+        with suppress(InputError):  # a record whose prediction is refused is shown as measured
+            (found,) = predict_lines(record.model, estimate, [record], number)
+            spread = noise_of_difference(
+                record.model, estimate, record, number, found, deviations=another
+            )
+    if record.filtered is not None:
+        return _of_samples(record, found, max(FEWEST, min(most, 2 * MOST_SAMPLES)))
+    lines = record.lines
+    size = -(-len(lines.frequency) // max(FEWEST, min(most, MOST_LINES))) or 1
+    speeds = (lines.speed.min(), lines.speed.max()) if len(lines.speed) else ()
+    time = _times(record, max(FEWEST, min(most, MOST_SAMPLES)))
+    clock = lines.clock
+    seen = clock.time if isinstance(clock, PeriodicClock | WholeClock) else np.zeros(0)
+    steps = np.diff(seen[0] if seen.ndim == 2 else seen)
+    return RecordEvidence(
+        source=lines.source,
+        kind=_kind(record),
+        lines=len(lines.frequency),
+        lines_per_point=size,
+        periods=lines.periods if lines.scatter is not None else 0,
+        samples_per_period=seen.shape[1] if seen.ndim == 2 else 0,
+        sample_rate_hz=_rounded([1 / steps[0] if len(steps) else math.nan])[0],
+        speed_rad_s=_rounded(speeds),
+        frequency_hz=_rounded([f.mean() for f in _grouped(lines.frequency, size)]),
+        time_s=_rounded(time),
+        channels=tuple(_channels(record, found, spread, size, time)),
+    )
+
+
+def _kind(record: Observation) -> Kind:
+    clock = record.lines.clock
+    if isinstance(clock, PeriodicClock):
+        return "periods"
+    if isinstance(clock, PhasorClock):
+        return "phasors"
+    return "responses" if isinstance(clock, SilentClock) else "lines"
+
+
+def _times(record: Observation, most: int) -> Floats:
+    """Return the times at which a record is shown: a period, or an excerpt of the whole."""
+    lines, clock = record.lines, record.lines.clock
+    highest = float(lines.frequency.max(initial=0.0))
+    if isinstance(clock, PeriodicClock) and clock.time.shape[1] > 1:
+        first = clock.time[0]
+        length = (first[-1] - first[0]) * len(first) / (len(first) - 1)
+        count = min(most, max(len(first), int(PER_CYCLE * highest * length)))
+        return np.asarray(np.arange(count) * length / count)
+    if isinstance(clock, WholeClock) and len(clock.time) > 1 and highest > 0:
+        length = float(clock.time[-1] - clock.time[0])
+        step = 1 / (PER_CYCLE * highest)
+        count = min(most, max(2, int(length / 2 / step)))
+        return np.asarray(length / 2 + step * np.arange(count))
+    return np.zeros(0)
+
+
+def _channels(
+    record: Observation,
+    found: Predicted | None,
+    spread: Floats | None,
+    size: int,
+    time: Floats,
+) -> Iterator[ChannelEvidence]:
+    """Return the channels that are predicted, then those that tell of them."""
+    lines = record.lines
+    own = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real.clip(0)
+    if found is not None:
+        if spread is None:
+            spread = own[:, [lines.names.index(name) for name in found.names]]
+        for j, name in enumerate(found.names):
+            noise = spread[:, j] if spread[:, j].any() else None
+            both = (found.measured[:, j], found.predicted[:, j])
+            yield _channel(record, name, found.units[j], both, noise, size, time)
+    told = () if found is None else found.names
+    for c, channel in enumerate(lines.channels):
+        if channel.name not in told:
+            noise = own[:, c] if own[:, c].any() else None
+            alone = (lines.mean[:, c],)
+            yield _channel(record, channel.name, channel.unit, alone, noise, size, time[:0])
+
+
+def _channel(
+    record: Observation,
+    name: str,
+    unit: str,
+    both: tuple[Complexes, ...],
+    variance: Floats | None,
+    size: int,
+    time: Floats,
+) -> ChannelEvidence:
+    """Return one channel: its lines in groups of `size`, and what they make over time."""
+    c, measured = record.lines.multiplicity, both[0]
+    made = ChannelEvidence(name, unit, measured=_amplitude(measured, c, size))
+    if variance is not None:
+        made = replace(made, noise=_amplitude(np.sqrt(variance), c, size))
+    if len(both) == 1:
+        return made
+    away = both[1] - measured
+    power, wrong = (float(c @ np.abs(x) ** 2) for x in (measured, away))
+    made = replace(
+        made,
+        predicted=_amplitude(both[1], c, size),
+        difference=_amplitude(away, c, size),
+        error=_rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0],
+    )
+    if not len(time):
+        return made
+    turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency))
+    waves = (turns @ (c[:, None] * np.column_stack(both))).real
+    noise = math.nan if variance is None else math.sqrt(float(c @ variance))
+    return replace(
+        made,
+        wave_measured=_rounded(waves[:, 0]),
+        wave_predicted=_rounded(waves[:, 1]),
+        wave_noise=_rounded([noise])[0],
+    )
+
+
+def _of_samples(record: Observation, found: Predicted | None, most: int) -> RecordEvidence:
+    """Return a record whose samples were filtered: every so many of them."""
+    filtered = record.filtered
+    assert filtered is not None
+    base = RecordEvidence(
+        source=filtered.source,
+        kind="samples",
+        sample_rate_hz=float(filtered.record.sample_rate),
+        speed_rad_s=_rounded([filtered.speed] * 2),
+    )
+    if found is None:
+        return base
+    step = -(-len(found.measured) // most) or 1
+    time = filtered.used / filtered.record.sample_rate
+    size, wrong = found.size, found.wrong
+    channels = tuple(
+        ChannelEvidence(
+            name,
+            found.units[j],
+            wave_measured=_rounded(found.measured[::step, j].real),
+            wave_predicted=_rounded(found.predicted[::step, j].real),
+            error=_rounded([math.sqrt(wrong[j] / size[j]) if size[j] > 0 else math.nan])[0],
+        )
+        for j, name in enumerate(found.names)
+    )
+    return replace(base, time_s=_rounded(time[::step]), channels=channels)
+
+
+def _grouped(values: Floats, size: int) -> Iterator[Floats]:
+    for start in range(0, len(values), size):
+        yield values[start : start + size]
+
+
+def _amplitude(lines: Complexes | Floats, multiplicity: Floats, size: int) -> Numbers:
+    """Return amplitudes, of `size` lines together their root mean square."""
+    square = (multiplicity * np.abs(lines)) ** 2
+    return _rounded([math.sqrt(part.mean()) for part in _grouped(square, size)])
+
+
+def _rounded(values: Sequence[float] | Floats) -> Numbers:
+    return tuple(float(f"{value:.{DIGITS}g}") for value in values)
+
+
+def _known(
+    estimate: Estimate, model: Model, records: Sequence[Data], estimator: Estimator | None
+) -> Iterator[Prior]:
+    """Yield what was known beforehand: of parameters, of the measurement, of their combinations."""
+    for value in estimate.parameters:
+        if value.fixed:
+            yield Prior(value.name, value.value, 0.0)
+    asked = getattr(estimator, "knowledge", None)
+    if asked is not None:
+        for name, (value, std) in asked(model).known.items():
+            yield Prior(name, value, std)
+    named = {value.name for value in estimate.nuisance}
+    bound = [bind(model, record) for record in records]
+    for nuisance in every_nuisance(bound):
+        for unknown in nuisance.unknowns:
+            if unknown.name in named and unknown.std:
+                yield Prior(unknown.name, unknown.prior, unknown.std)
+    for constraint in getattr(estimator, "constraints", ()):
+        yield Prior(constraint.expression, constraint.value, constraint.std)
