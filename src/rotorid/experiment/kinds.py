@@ -14,6 +14,7 @@ from rotorid.experiment.phasor_table import phasor_channels, read_phasors
 from rotorid.experiment.recording import Recording, recording
 from rotorid.experiment.response_table import read_response_table, response_channels
 from rotorid.experiment.schema import ChannelEntry, Kind, RecordEntry
+from rotorid.experiment.twice import check_columns
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.record import Channel
@@ -63,7 +64,8 @@ def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path
 
     Of the channels that all records share, those of another kind are not this record's.
     """
-    entries = {**_of_kind(common, record.channel_kind), **record.channels}
+    entries = own_entries(record, common)
+    check_columns(entries)
     if record.channel_kind == "samples":
         return recording(entries, model, folder=folder)
     if not entries:
@@ -72,6 +74,11 @@ def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path
         )
     READERS[record.channel_kind][0](entries, model, folder)
     return Recording({}, {}, entries)
+
+
+def own_entries(record: RecordEntry, common: Entries) -> dict[str, ChannelEntry]:
+    """Return the channels of a record: those that all share, and its own."""
+    return {**_of_kind(common, record.channel_kind), **record.channels}
 
 
 def _of_kind(entries: Entries, kind: Kind) -> dict[str, ChannelEntry]:

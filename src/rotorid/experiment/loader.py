@@ -11,7 +11,13 @@ from rotorid.errors import InputError, ReadError
 from rotorid.estimate import Estimate
 from rotorid.estimators.knowledge import Constraint
 from rotorid.estimators.methods import Estimator
-from rotorid.experiment.kinds import check_own, check_shared, plan_record, read_table
+from rotorid.experiment.kinds import (
+    check_own,
+    check_shared,
+    own_entries,
+    plan_record,
+    read_table,
+)
 from rotorid.experiment.methods import build_estimator, default_method
 from rotorid.experiment.names import constraints, fixed_values, own_values
 from rotorid.experiment.recording import (
@@ -23,6 +29,7 @@ from rotorid.experiment.recording import (
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
+from rotorid.experiment.twice import check_contents, check_measured, check_records
 from rotorid.experiment.zero_of_angle import Wave, check_rotation, wave_of
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
@@ -133,6 +140,7 @@ class Experiment:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
         waves: list[Wave] = []
+        self._check_contents()
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
                 several = self._one(number, entry, plan, waves, currents=currents)
@@ -145,7 +153,14 @@ class Experiment:
                 raise InputError(
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
+        check_measured(found, self.model.inputs)
         return found
+
+    def _check_contents(self) -> None:
+        try:
+            check_contents(self.entry.records, self.folder)
+        except InputError as error:
+            raise error.at(file=self.file) from None
 
     def _one(
         self,
@@ -299,6 +314,8 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             _check_lines(record, model, f"records.{number}.band")
             channels.append(plan_record(record, entry.channels, model, where))
             own_values(record.parameters, model, f"records.{number}.parameters")
+        every = [own_entries(record, entry.channels) for record in entry.records]
+        check_records(entry.records, every, model.inputs, where)
         return Experiment(
             file=str(path),
             folder=where,

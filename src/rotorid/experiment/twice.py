@@ -1,0 +1,223 @@
+"""The same data twice, told before it counts as two measurements.
+
+A record listed n times makes the stated deviations sqrt(n) too small, and nothing else shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.filtered import FilteredRecord
+from rotorid.observation import Measured
+from rotorid.record import Channel, PeriodicRecord
+
+_PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
+_STEP = 1 << 20  # bytes that are compared at a time where these are the same
+Entries = Mapping[str, ChannelEntry]
+
+
+def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
+    """Return what a channel is read from: a column, the two of a phasor, or each of its law's."""
+    if entry.law is not None:
+        return tuple((column.column.strip("/"),) for column in entry.columns)
+    if entry.column is not None:
+        return ((entry.column.strip("/"),),)
+    parts = (entry.amplitude, entry.phase) if entry.polar else (entry.real, entry.imag)
+    return (tuple(str(part) for part in parts),)
+
+
+def check_columns(entries: Entries) -> None:
+    """Refuse one column for two channels; the currents of force laws may be one: coils in series.
+
+    Raises
+    ------
+    InputError
+        With the channel that comes second.
+    """
+    taken: dict[tuple[str, ...], str] = {}
+    for name, entry in entries.items():
+        for column in columns_of(entry):
+            other = taken.setdefault(column, name)
+            series = entry.law is not None and entries[other].law is not None and other != name
+            if (other != name or columns_of(entry).count(column) > 1) and not series:
+                raise InputError(
+                    f"{' and '.join(map(repr, column))} for {other} and for {name}",
+                    "a column of its own for each channel",
+                    "correct the name of the column; a sensor that sees several coordinates is one "
+                    "channel with reads, a force that acts on several is one input of the model",
+                    place=f"channels.{name}",
+                )
+
+
+def shared_currents(entries: Entries) -> list[str]:
+    """Say which currents feed several force laws."""
+    users: dict[str, list[str]] = {}
+    for name, entry in entries.items():
+        if entry.law is not None:
+            for (column,) in columns_of(entry):
+                users.setdefault(column, []).append(name)
+    return [
+        f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
+        for column, names in users.items()
+        if len(names) > 1
+    ]
+
+
+def check_records(
+    records: Sequence[RecordEntry],
+    channels: Sequence[Entries],
+    inputs: Collection[str],
+    folder: Path,
+) -> None:
+    """Refuse records that take the same samples of the same file.
+
+    Two may share a file where they take other times, lines, or sensors of it.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    places = [{_resolved(folder / name) for name in record.paths} for record in records]
+    for number, record in enumerate(records):
+        if record.quiet is not None and _resolved(folder / record.quiet) in places[number]:
+            raise InputError(
+                "the record itself",
+                "one without excitation, which tells the noise",
+                "name another file, or leave quiet out",
+                place=f"records.{number}.quiet",
+            )
+    sensors = [_sensors(entries, inputs) for entries in channels]
+    by_file: dict[Path, list[int]] = {}
+    for number, files in enumerate(places):
+        for path in files:
+            by_file.setdefault(path, []).append(number)
+    for path, numbers in by_file.items():
+        for first, second in combinations(numbers, 2):
+            if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
+                raise _again(first, second, path.name)
+
+
+def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
+    """Refuse copies: files of other names and the same bytes.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    sized: dict[tuple[int, bytes], list[tuple[int, Path]]] = {}
+    for number, record in enumerate(records):
+        for name in record.paths:
+            path = _resolved(folder / name)
+            if path.is_file():
+                sized.setdefault(_look(path), []).append((number, path))
+    for alike in sized.values():
+        for (first, one), (second, other) in combinations(alike, 2):
+            if one != other and _overlap(records[first], records[second]) and _same(one, other):
+                raise _again(first, second, f"{one.name}, copied to {other.name}")
+
+
+def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
+    """Refuse records whose sensors read the same in every digit: one, exported twice.
+
+    Raises
+    ------
+    InputError
+        With the file that comes second.
+    """
+    seen: dict[tuple[object, ...], str] = {}
+    for one in found:
+        values, channels = _values(one)
+        kept = [i for i, channel in enumerate(channels) if channel.name not in inputs]
+        sensors = np.ascontiguousarray(values[..., kept])
+        if not sensors.any():
+            continue  # sensors at rest are alike
+        names = tuple(channels[i].name for i in kept)
+        key = (type(one), names, sensors.shape, sensors.tobytes())
+        source = one.record.source if isinstance(one, FilteredRecord) else one.source
+        if key in seen:
+            raise InputError(
+                f"what {seen[key]} holds, in every digit of its sensors",
+                "another measurement",
+                "remove one of the two records: twice it counts as two measurements",
+                file=source,
+            )
+        seen[key] = source
+
+
+def _again(first: int, second: int, name: str) -> InputError:
+    return InputError(
+        f"the samples of records.{first} again ({name[:120]})",
+        "each sample once: twice it counts as two measurements",
+        "remove one of the two, or give each its own times by skip and until",
+        place=f"records.{second}",
+    )
+
+
+def _sensors(entries: Entries, inputs: Collection[str]) -> set[tuple[str, ...]]:
+    """Return the columns that sensors are read from; of responses, all."""
+    return {
+        column
+        for name, entry in entries.items()
+        if entry.law is None and (name not in inputs or entry.kind == "responses")
+        for column in columns_of(entry)
+    }
+
+
+def _overlap(first: RecordEntry, second: RecordEntry) -> bool:
+    """Tell whether two records of one file take a sample, or a line, that is the same."""
+    begin = max(first.skip or 0.0, second.skip or 0.0)
+    end = min(np.inf if one.until is None else one.until for one in (first, second))
+    if begin >= end or (first.mask != second.mask and None not in (first.mask, second.mask)):
+        return False
+    if first.harmonics and second.harmonics and _period(first) == _period(second):
+        return not set(first.harmonics).isdisjoint(second.harmonics)
+    if first.band is not None and second.band is not None:
+        return max(first.band[0], second.band[0]) <= min(first.band[1], second.band[1])
+    return True
+
+
+def _period(entry: RecordEntry) -> tuple[float | None, int | None]:
+    return entry.fundamental, entry.period_samples
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: told when opened
+        return path
+
+
+def _look(path: Path) -> tuple[int, bytes]:
+    """Return the size of a file and some of its bytes."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        parts = []
+        for begin in (0, size // 2, max(size - _PART, 0)):
+            stream.seek(begin)
+            parts.append(stream.read(_PART))
+    return size, b"".join(parts)
+
+
+def _same(one: Path, other: Path) -> bool:
+    with one.open("rb") as first, other.open("rb") as second:
+        while (data := first.read(_STEP)) == second.read(_STEP):
+            if not data:
+                return True
+    return False
+
+
+def _values(
+    one: Measured,
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.generic]], tuple[Channel, ...]]:
+    """Return the numbers of a record, the last axis the channels."""
+    if isinstance(one, FilteredRecord):
+        return one.record.samples, one.record.channels
+    return (one.spectra if isinstance(one, PeriodicRecord) else one.mean), one.channels
