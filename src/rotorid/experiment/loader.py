@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,7 +29,12 @@ from rotorid.experiment.recording import (
     quiet_record,
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
-from rotorid.experiment.twice import check_contents, check_measured, check_records
+from rotorid.experiment.twice import (
+    check_contents,
+    check_measured,
+    check_records,
+    shared_currents,
+)
 from rotorid.experiment.zero_of_angle import Wave, check_rotation, wave_of
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
@@ -145,7 +150,10 @@ class Experiment:
             try:
                 several = self._one(number, entry, plan, waves, currents=currents)
                 own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
-                found += [one.with_parameters(**own) if own else one for one in several]
+                told = shared_currents(plan)
+                for one in several:
+                    said = replace(one, warnings=(*one.warnings, *told)) if told else one
+                    found.append(said.with_parameters(**own) if own else said)
             except InputError as error:
                 if error.place not in KEYS:
                     raise

@@ -69,6 +69,7 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path = Path()) 
         delay_std=entry.delay.std or 0.0,
         gain_std=entry.gain_std,
         dynamics=dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder),
+        alone=True,
     )
 
 

@@ -6,12 +6,14 @@ A record listed n times makes the stated deviations sqrt(n) too small, and nothi
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.experiment.recording import Recording
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.filtered import FilteredRecord
 from rotorid.observation import Measured
@@ -55,18 +57,17 @@ def check_columns(entries: Entries) -> None:
                 )
 
 
-def shared_currents(entries: Entries) -> list[str]:
+def shared_currents(plan: Recording) -> tuple[str, ...]:
     """Say which currents feed several force laws."""
     users: dict[str, list[str]] = {}
-    for name, entry in entries.items():
-        if entry.law is not None:
-            for (column,) in columns_of(entry):
-                users.setdefault(column, []).append(name)
-    return [
+    for name, law in plan.laws.items():
+        for source in law.sources:
+            users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
+    return tuple(
         f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
         for column, names in users.items()
         if len(names) > 1
-    ]
+    )
 
 
 def check_records(
@@ -140,7 +141,7 @@ def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
         if not sensors.any():
             continue  # sensors at rest are alike
         names = tuple(channels[i].name for i in kept)
-        key = (type(one), names, sensors.shape, sensors.tobytes())
+        key = (type(one), names, sensors.shape, blake2b(sensors.data).digest())
         source = one.record.source if isinstance(one, FilteredRecord) else one.source
         if key in seen:
             raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -140,7 +141,7 @@ def open_tables(path: str | Path | Sequence[str | Path], *, header_row: int | No
         return open_table(paths[0], header_row=header_row)
     short = [p.name for p in paths]
     keys = short if len(set(short)) == len(short) else [str(p) for p in paths]
-    if len(set(keys)) < len(keys):
+    if len({os.path.realpath(p) for p in paths}) < len(paths):
         raise ReadError("a file twice", "each file once", "remove one", place="files")
     opened = [open_table(p, header_row=header_row) for p in paths]
     return JoinedTables(dict(zip(keys, opened, strict=True)))

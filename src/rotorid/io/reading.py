@@ -44,6 +44,8 @@ class Source:
         The unit given here holds where the file states another.
     dynamics : Dynamics, optional
         See `Channel`.
+    alone : bool
+        Its column is that of no other source that is alone.
     """
 
     column: str
@@ -57,6 +59,7 @@ class Source:
     gain_std: float = 0.0
     overrule: bool = False
     dynamics: Dynamics | None = None
+    alone: bool = False
 
     def channel(self, name: str, unit: str) -> Channel:
         """Return the channel of that name, its samples in `unit`."""
@@ -236,7 +239,17 @@ def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
 
 def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
     """Return the file's own name of the column of each channel."""
-    return {name: _find(table, source, name) for name, source in sources.items()}
+    found = {name: _find(table, source, name) for name, source in sources.items()}
+    taken: dict[str, str] = {}
+    for name in found:
+        if sources[name].alone and (other := taken.setdefault(found[name], name)) != name:
+            raise InputError(
+                f"{found[name]!r} for {other} and for {name}",
+                "a column of its own for each channel",
+                "correct the name of the column",
+                place=_place(name, "column"),
+            )
+    return found
 
 
 def channel_factors(

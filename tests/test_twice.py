@@ -1,0 +1,211 @@
+"""The same data twice: the same file, a copy of it, the same column for two channels."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.errors import InputError
+
+MODEL = """
+title = "a mass on a damper, shaken by two"
+equations = ["m*x'' + c*x' = F + G"]
+coordinates = { x = "m" }
+inputs = { F = "N", G = "N" }
+parameters = { m = { unit = "kg" }, c = { unit = "N s/m" } }
+"""
+HEAD = 'model = "model.toml"\nestimator = { method = "ls" }\n'
+RECORD = """
+[[records]]
+file = "{file}"
+sample_rate = "1 kHz"
+fundamental = "10 Hz"
+{more}
+"""
+CHANNELS = """
+[channels]
+F = { column = "fx", unit = "N" }
+G = { column = "gx", unit = "N" }
+x = { column = "px", unit = "um" }
+"""
+LINES = "harmonics = [1, 2]"
+TIME = np.arange(1000) / 1000.0
+
+
+def columns(noise: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(noise)
+    force, other = np.cos(20 * np.pi * TIME), np.cos(40 * np.pi * TIME)
+    motion = np.sin(20 * np.pi * TIME + 0.3) + np.sin(40 * np.pi * TIME)
+    return {
+        "fx": force,
+        "gx": other,
+        "px": motion + 1e-3 * rng.standard_normal(1000),
+        "qx": motion + 1e-3 * rng.standard_normal(1000),
+    }
+
+
+def write(path: Path, values: dict[str, np.ndarray]) -> None:
+    if path.suffix == ".h5":
+        with h5py.File(path, "w") as data:
+            for name, one in values.items():
+                data[name] = one
+    else:
+        table = np.stack(list(values.values()), axis=1)
+        np.savetxt(path, table, "%.17g", ",", header=",".join(values), comments="")
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[..., rid.experiment.loader.Experiment]:
+    """Load an experiment of records, each a file and what is said of it."""
+    (tmp_path / "model.toml").write_text(MODEL)
+
+    def make(*records: tuple[str, str], channels: str = CHANNELS):
+        text = HEAD + "".join(RECORD.format(file=f, more=more) for f, more in records) + channels
+        (tmp_path / "run.toml").write_text(text)
+        return rid.load_experiment(tmp_path / "run.toml")
+
+    return make
+
+
+def test_a_file_twice(load, tmp_path: Path) -> None:
+    """Its deviations would be too small by the root of how often it is listed."""
+    (tmp_path / "link.csv").symlink_to("run.csv")
+    (tmp_path / "more").mkdir()
+    for again in ("run.csv", "more/../run.csv", str(tmp_path / "run.csv"), "link.csv"):
+        for more in (LINES, LINES + '\nskip = "0.5 s"', "harmonics = [2]"):
+            with pytest.raises(
+                InputError, match=r"run.toml: records\.1: found the samples of records\.0 again"
+            ):
+                load(("run.csv", LINES), (again, more))
+    with pytest.raises(InputError, match=r"records\.1: found the samples of records\.0 again"):
+        load(*[("run.csv", LINES)] * 200)
+    with pytest.raises(InputError, match=r"records\.2.*remove one.*skip and until"):
+        load(("run.csv", LINES), ("other.csv", LINES), ("run.csv", LINES))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (LINES + '\nuntil = "0.5 s"', LINES + '\nskip = "0.5 s"'),
+        ("harmonics = [1]", "harmonics = [2, 3]"),
+        ('band = ["5 Hz", "15 Hz"]', 'band = ["16 Hz", "30 Hz"]'),
+        (LINES + '\nmask = "one"', LINES + '\nmask = "two"'),
+        (LINES, LINES + '\n[records.channels]\nx = { column = "qx", unit = "um" }'),
+    ],
+)
+def test_a_file_for_two_records(first: str, second: str, load) -> None:
+    """Other times, other lines, other sensors are other data."""
+    assert len(load(("run.csv", first), ("run.csv", second)).entry.records) == 2
+
+
+def test_the_noise_of_the_record_itself(load) -> None:
+    whole = RECORD.replace('fundamental = "10 Hz"', "").format(
+        file="run.csv", more='band = ["5 Hz", "50 Hz"]\nquiet = "./run.csv"'
+    )
+    path = Path(load(("run.csv", LINES)).file)
+    path.write_text(HEAD + whole + CHANNELS)
+    with pytest.raises(InputError, match=r"records\.0\.quiet: found the record itself"):
+        rid.load_experiment(path)
+
+
+def test_a_copy(load, tmp_path: Path) -> None:
+    write(tmp_path / "run.h5", columns())
+    shutil.copy(tmp_path / "run.h5", tmp_path / "copy.h5")
+    with pytest.raises(
+        InputError, match=r"records\.1: found the samples of records\.0 again \(run.h5, copied to"
+    ):
+        load(("run.h5", LINES), ("copy.h5", LINES)).records()
+    parts = (LINES + '\nuntil = "0.5 s"', LINES + '\nskip = "0.5 s"')
+    assert len(load(("run.h5", parts[0]), ("copy.h5", parts[1])).records()) == 2
+
+
+def test_an_export_of_the_same(load, tmp_path: Path) -> None:
+    """In another format, with other columns beside: every digit of the sensors is the same."""
+    write(tmp_path / "run.h5", columns())
+    write(tmp_path / "again.csv", {"time": TIME, **columns()})
+    with pytest.raises(InputError, match=r"again.csv: found what .*run.h5 holds, in every digit"):
+        load(("run.h5", LINES), ("again.csv", LINES)).records()
+    write(tmp_path / "again.csv", columns(1))
+    assert len(load(("run.h5", LINES), ("again.csv", LINES)).records()) == 2
+
+
+def test_files_of_one_size_are_told_apart(load, tmp_path: Path) -> None:
+    """However large and alike they are: one sample in the middle of a megabyte differs."""
+    values = {name: np.resize(one, 10**5) for name, one in columns().items()}
+    write(tmp_path / "run.h5", values)
+    values["px"] = values["px"].copy()
+    values["px"][31_000] += 1e-9
+    write(tmp_path / "other.h5", values)
+    assert len(load(("run.h5", LINES), ("other.h5", LINES)).records()) == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "found"),
+    [
+        (('G = { column = "gx"', 'G = { column = "fx"'), "channels.G: found 'fx' for F and for G"),
+        (('x = { column = "px"', 'x = { column = "fx"'), "channels.x: found 'fx' for F and for x"),
+        (('x = { column = "px"', 'x = { column = "/fx"'), "channels.x: found 'fx' for F and for x"),
+    ],
+)
+def test_a_column_for_two_channels(changed: tuple[str, str], found: str, load) -> None:
+    with pytest.raises(InputError, match=found):
+        load(("run.csv", LINES), channels=CHANNELS.replace(*changed))
+
+
+def test_a_column_by_two_names(load, tmp_path: Path) -> None:
+    write(tmp_path / "run.h5", {f"log/{name}": one for name, one in columns().items()})
+    channels = CHANNELS.replace('G = { column = "gx"', 'G = { column = "log/fx"')
+    with pytest.raises(InputError, match=r"channels\.G\.column: found 'log/fx' for F and for G"):
+        load(("run.h5", LINES), channels=channels).records()
+
+
+def test_a_sensor_read_by_its_own_name(load) -> None:
+    channels = CHANNELS + 'far = { column = "px", unit = "um", reads = "2*x" }\n'
+    with pytest.raises(
+        InputError, match=r"found 'px' for x and for far; .* one channel with reads"
+    ):
+        load(("run.csv", LINES), channels=channels)
+
+
+def test_coils_in_series(load, tmp_path: Path) -> None:
+    """One current may drive two force laws; that is told, for it may be a slip."""
+    write(tmp_path / "run.csv", columns())
+    law = '{ law = "linear", ki = "20 N/A", ks = "0 N/m", position = "x", current = '
+    channels = "[channels]\n" + "".join(
+        f'{name} = {law} {{ column = "fx", unit = "A" }} }}\n' for name in "FG"
+    )
+    last = 'x = { column = "px", unit = "um" }\n'
+    (record,) = load(("run.csv", LINES), channels=channels + last).records("ml")
+    assert "the current 'fx' drives F and G: right for coils in series only" in record.warnings
+    with pytest.raises(InputError, match="found 'fx' for F and for x"):
+        load(("run.csv", LINES), channels=channels + last.replace("px", "fx"))
+
+
+def test_both_plates_of_a_flux_law(load) -> None:
+    plates = '[{ column = "fx", unit = "T" }, { column = "fx", unit = "T" }]'
+    flux = f'F = {{ law = "flux", flux = {plates}, area = "1 cm^2" }}'
+    channels = CHANNELS.replace('F = { column = "fx", unit = "N" }', flux)
+    with pytest.raises(InputError, match="found 'fx' for F and for F"):
+        load(("run.csv", LINES), channels=channels)
+
+
+def test_phasors_and_responses_of_one_column(load, tmp_path: Path) -> None:
+    phasors = """
+[[records]]
+kind = "phasors"
+file = "table.csv"
+speed = { column = "n", unit = "rpm" }
+[channels]
+F = { amplitude = "a", phase = "p", unit = "N" }
+x = { amplitude = "a", phase = "p", unit = "um" }
+"""
+    path = Path(load(("run.csv", LINES)).file)
+    path.write_text(HEAD + phasors)
+    with pytest.raises(InputError, match="found 'a' and 'p' for F and for x"):
+        rid.load_experiment(path)
