@@ -23,7 +23,7 @@ FORBIDDEN = {
     "dynamics": {"*", "!errors", "!values"},
     "values": {"*"},
     "evidence": {"*"},
-    "distributions": {"*"},
+    "distributions": {"*", "!record"},
     "tables": {"*", "!screen"},
     "plots": {"*", "!errors"},
     "estimate": {

@@ -43,6 +43,9 @@ from .record import Drive as Drive
 from .record import PeriodicRecord as PeriodicRecord
 from .record import Record as Record
 from .responses import response_lines as response_lines
+from .results.balancing import Balance as Balance
+from .results.balancing import balance as balance
+from .results.centring import centring as centring
 from .results.critical import Campbell as Campbell
 from .results.critical import campbell as campbell
 from .results.evidence import with_evidence as with_evidence

@@ -32,6 +32,7 @@ MAX_SEED = 2**128 - 1  # what a generator keeps of it
 _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
+_PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
 _RECORD = "Of what every record has to itself: whose values to take, from 0."
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
@@ -167,6 +168,25 @@ def validate(**options: Any) -> int:
 def modes(**options: Any) -> int:
     """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
     return _work("modes", **options)
+
+
+@cli.command(
+    epilog=_example('rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"')
+)
+@click.argument("result", type=_FILE)
+@click.argument("more", nargs=-1, metavar="")
+@click.option("--plane", "planes", multiple=True, metavar="P", help=_PLANE)
+@click.option("--speed", multiple=True, help='Such as "8400 rpm"; else those of the records.')
+@click.option("--at", multiple=True, metavar="Q[=WEIGHT]", help="What is to be quiet; else all.")
+@click.option("--radius", help='Of the correction masses, such as "30 mm".')
+@click.option("--masses", help='Those that there are, such as "0.5 g, 1 g, 2 g".')
+@click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
+@click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
+@_json_option
+@_debug_option
+def balance(**options: Any) -> int:
+    """Correction masses in some planes for RESULT, and the unbalance that is left."""
+    return _work("balance", **options)
 
 
 @cli.command(epilog=_example("rotorid report run.json --out run.html"))

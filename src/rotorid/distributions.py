@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import scipy
+
+from rotorid.record import Floats
 
 
 def gamma_tail(value: float, shape: float) -> float:
@@ -28,3 +31,38 @@ def f_limit(chance: float, first: float, second: float) -> float:
     # fdtri takes 1 - chance, and rounds.
     share = scipy.special.betaincinv(second / 2, first / 2, chance)
     return float(second / first * (1 - share) / share)
+
+
+def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
+    """Return what the length of a normal vector in the plane stays below with a chance.
+
+    `mean` has shape (2,), `covariance` (2, 2). Its density along the wider axis of the ellipse
+    times what the other axis leaves inside the circle, integrated over the circle.
+    """
+    size, axes = np.linalg.eigh(covariance)
+    narrow, wide = np.sqrt(np.clip(size, 0.0, None))
+    if wide == 0:
+        return float(np.hypot(*mean))
+    across, along = axes.T @ mean
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+
+    def inside(radius: float) -> float:
+        low, high = (max(-radius, along - 9 * wide), min(radius, along + 9 * wide))
+        if low >= high:
+            return -chance
+        x = (low + high) / 2 + (high - low) / 2 * nodes
+        half = np.sqrt(np.clip(radius**2 - x**2, 0.0, None))
+        if narrow > 1e-9 * wide:
+            ends = [scipy.special.ndtr((s * half - across) / narrow) for s in (1, -1)]
+            share = ends[0] - ends[1]
+        else:
+            share = (np.abs(across) <= half).astype(float)
+        density = np.exp(-(((x - along) / wide) ** 2) / 2) / (wide * math.sqrt(2 * math.pi))
+        return float((high - low) / 2 * (weights * density * share).sum()) - chance
+
+    most = float(np.hypot(*mean)) + 9 * wide
+    return float(scipy.optimize.brentq(inside, 0.0, most, rtol=1e-6))
+
+
+NODES = 200
+"""Points of the integral: right to 1e-6 down to axes of a ratio of a thousand."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorid.record import Floats
+from rotorid.record import Complexes, Floats
 
 SENSORS = 1e-9
 """Sensors whose combinations differ by less than this share read the same: gains, lengths and
@@ -34,3 +34,8 @@ def null_space(matrix: Floats, rank: int) -> Floats:
     """Return an orthonormal basis of what a matrix of this rank sends to zero, (column, n)."""
     _, _, right = np.linalg.svd(matrix)
     return np.asarray(right[rank:].T)
+
+
+def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
+    """Return how many columns, each of length one, no others make up within a tolerance."""
+    return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())

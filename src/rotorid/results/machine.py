@@ -11,6 +11,7 @@ import numpy as np
 from rotorid.errors import InputError, ModelError
 from rotorid.estimate import Estimate
 from rotorid.estimators.derived import physical_fit
+from rotorid.estimators.likelihood.candidates import equation_order
 from rotorid.estimators.likelihood.modal import Pencil
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.models import LinearForm, Model
@@ -50,6 +51,10 @@ class Machine:
         Of the model's monomials, by the unknowns.
     used : array, shape (monomial,)
         0 for those that are part of another one's base parameter, else 1.
+    nuisance : sequence of str
+        Unknowns behind those of the model that its matrices do not hold: constants of force laws.
+    fixed : sequence of (name, value)
+        What was substituted, SI.
     status : str
         Of the estimate; "ok" for a model.
     remarks : sequence of str
@@ -63,6 +68,8 @@ class Machine:
     covariance: Floats | None
     monomials: Monomials
     used: Floats
+    nuisance: tuple[str, ...] = ()
+    fixed: tuple[tuple[str, float], ...] = ()
     status: str = "ok"
     remarks: tuple[str, ...] = ()
     _pencils: dict[float, Pencil] = field(
@@ -96,6 +103,12 @@ class Machine:
     def matrices(self, speed: float) -> Floats | Complexes:
         """Return K, D + Omega G and M, shape (3, row, coordinate)."""
         return self.pencil(speed).matrices(self.values)
+
+    def inertia(self, speed: float = 0.0) -> Floats:
+        """Return that of each coordinate in its own equation, shape (coordinate,)."""
+        mass = np.real(self.matrices(speed)[2])
+        rows, _ = equation_order(mass)
+        return np.asarray(np.abs(mass[rows, np.arange(len(mass))]))
 
     def matrices_by_speed(self, speed: float) -> Floats | Complexes:
         """Return the derivative of `matrices` by the speed."""
@@ -237,8 +250,36 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     values, renamed = _of_record(model, values, record)
     fixed = {name: values[name] for name in values if renamed.get(name, name) in fixed}
     free = {renamed.get(n, n): n for n in values if n not in fixed}
+    free |= {v.name: v.name for v in source.nuisance}
     rows = None if covariance is None else (names, covariance, free)
-    return _machine(model, values, fixed, rows, source.status, tuple(remarks))
+    machine = _machine(model, values, fixed, rows, source.status, tuple(remarks))
+    return _with_nuisance(machine, source, rows)
+
+
+def _with_nuisance(machine: Machine, estimate: Estimate, rows: Rows | None) -> Machine:
+    """Return a machine whose unknowns are followed by the nuisance parameters of the estimate."""
+    extra = [v for v in estimate.nuisance if np.isfinite(v.value) and v.name not in machine.names]
+    if not extra or estimate.method != "ml":
+        return machine
+    names = (*machine.names, *(v.name for v in extra))
+    covariance = machine.covariance
+    if covariance is not None and rows is not None:
+        whole = _arranged(names, *rows)
+        whole = np.where(np.isfinite(whole), whole, 0.0)
+        n = len(machine.names)
+        whole[:n, :n] = covariance
+        lost = np.flatnonzero(np.diag(covariance) == 0)
+        whole[lost, n:] = whole[n:, lost] = 0.0
+        covariance = whole
+    exponents = np.pad(machine.model.monomials, ((0, 0), (0, len(extra))))
+    return replace(
+        machine,
+        names=names,
+        values=np.append(machine.values, [v.value for v in extra]),
+        covariance=covariance,
+        monomials=Monomials.from_exponents(exponents),
+        nuisance=tuple(v.name for v in extra),
+    )
 
 
 def _usable(estimate: Estimate, covariance: Floats) -> bool:
@@ -330,8 +371,9 @@ def _machine(
         covariance,
         Monomials.from_exponents(exponents),
         used,
-        status,
-        remarks,
+        fixed=tuple((n, float(v)) for n, v in fixed.items()),
+        status=status,
+        remarks=remarks,
     )
     return _determined(machine)
 

@@ -251,7 +251,7 @@ def whirls_of(machine: Machine, speed: float, found: Eigenmodes) -> list[Whirl]:
     whirl as they do when they part.
     """
     pairs = partners(machine.model.coordinates)
-    weight = np.abs(np.diag(machine.matrices(speed)[2]))
+    weight = machine.inertia(speed)
     whirls = [whirl_of(shape, pairs, weight, speed) for shape in found.right]
     if all(len(group) == 1 for group in found.distinct):
         return whirls

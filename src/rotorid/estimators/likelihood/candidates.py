@@ -132,7 +132,7 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         parts[:, t.order, t.row, t.column] += size * slopes[t.monomial] * values
         if t.order == 2:
             inertia[t.row, t.column] += size * mu[t.monomial]
-    order, signs = _order(inertia)
+    order, signs = equation_order(inertia)
     ordered = signs[:, None] * parts[:, :, order]
     names = model.parameter_names
     springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
@@ -148,7 +148,7 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     )
 
 
-def _order(inertia: Floats) -> tuple[Integers, Floats]:
+def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
     """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
     n = len(inertia)
     size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)

@@ -1,0 +1,124 @@
+"""``rotorid balance``."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rotorid.commands import NO_ANSWER, OK
+from rotorid.commands.console import BALANCE, as_json, check_outputs, progress, show, write
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate, load_estimate
+from rotorid.report.balance_page import balance_page
+from rotorid.results.balancing import Balance, balance
+from rotorid.results.centring import Feedforward, centring
+from rotorid.writing import check_apart
+
+
+def run(
+    result: Path,
+    planes: Sequence[str],
+    more: Sequence[str],
+    speed: Sequence[str],
+    at: Sequence[str],
+    radius: str | None,
+    masses: str | None,
+    holes: int | None,
+    record: int,
+    json: Path | None,
+    force: bool,
+) -> int:
+    """Show correction masses for a result, what is left after them, and a feedforward."""
+    targets = check_outputs((json, BALANCE), force=force)
+    check_apart(targets, [result])
+    estimate = load_estimate(result)
+    speeds = list(speed) or speeds_of(estimate)
+    kit = [part.strip() for part in masses.split(",")] if masses else []
+    try:
+        with progress("computing"):
+            found = balance(
+                estimate,
+                [*planes, *more],
+                speeds,
+                at=dict(map(_weighed, at)) or None,
+                radius=radius,
+                masses=kit,
+                holes=holes,
+                record=record,
+            )
+            centred = centring(estimate, speeds[0], record=record)
+    except InputError as error:
+        raise error.at(file=str(result)) from None
+    write((json, as_json(content(found, centred))))
+    show(balance_page(found, centred))
+    return OK if found.status in ("ok", "rejected") else NO_ANSWER
+
+
+def _weighed(text: str) -> tuple[str, float]:
+    """Split ``x2=2`` into a combination of coordinates and its weight."""
+    name, equals, weight = text.rpartition("=")
+    if not equals:
+        return text.strip(), 1.0
+    try:
+        return name.strip(), float(weight)
+    except ValueError:
+        raise InputError(
+            f"{text[:60]!r}", "a coordinate, or coordinate=weight", "write x2=2", place="at"
+        ) from None
+
+
+def speeds_of(estimate: Estimate) -> list[str]:
+    """Return the speeds of the records of an estimate, as its experiment file states them."""
+    text = "" if estimate.provenance is None else estimate.provenance.experiment
+    try:
+        records = tomllib.loads(text).get("records", [])
+    except tomllib.TOMLDecodeError:
+        records = []
+    found = [r["speed"] for r in records if isinstance(r, dict) and "speed" in r]
+    speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
+    if not speeds:
+        raise InputError(
+            "no speed, and none in the result's experiment",
+            "the speed at which the rotor is to run quietly",
+            'give it: --speed "8400 rpm"',
+            place="speed",
+        )
+    return speeds
+
+
+def content(found: Balance, centred: Sequence[Feedforward]) -> dict[str, Any]:
+    """Return a balance as the interface has it."""
+    return {
+        "corrections": [
+            {
+                "plane": each.plane,
+                "unbalance_kg_m": each.unbalance_kg_m,
+                "angle_rad": each.angle_rad,
+                "std_kg_m": each.std_kg_m,
+                "angle_std_rad": each.angle_std_rad,
+                "masses": [{"mass_kg": m, "angle_rad": a} for m, a in each.masses],
+            }
+            for each in found.corrections
+        ],
+        "residual": [
+            {
+                "plane": each.plane,
+                "unbalance_kg_m": each.unbalance_kg_m,
+                "std_kg_m": each.std_kg_m,
+                "grade_mm_s": each.grade_mm_s,
+                "off_kg_m": each.off_kg_m,
+            }
+            for each in found.residual
+        ],
+        "speeds_rad_s": list(found.speeds),
+        "rotor_mass_kg": found.rotor_mass,
+        "grade_mm_s": found.grade_mm_s,
+        "share_left": found.share,
+        "covariance_kg2_m2": None if found.covariance is None else found.covariance.tolist(),
+        "feedforward": [vars(each) for each in centred],
+        "model": found.model,
+        "status": found.status,
+        "remarks": list(found.remarks),
+    }

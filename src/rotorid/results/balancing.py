@@ -1,0 +1,383 @@
+"""Balancing: correction masses for an identified rotor, and what is left after them.
+
+Notation: ``H(Omega) = Z^-1`` without forces at the inputs, g the identified unbalance, P the
+planes, A what is weighed. The correction W minimizes the sum over the speeds of
+``|A H (g + Omega^2 P W)|^2``. An unbalance U (kg m, complex) is a mass at the angle ``arg U``,
+counted in the rotor from x to y, from the direction that stands along x where the rotor angle phi
+is zero. What is left in the planes is ``W - W*`` with W* of the true values: it has the covariance
+that W* has by that of the estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorid.distributions import bound_of_length
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.linalg import rank_of_columns
+from rotorid.models.linear import solved
+from rotorid.record import Complexes, Floats
+from rotorid.results.machine import UNDETERMINED, Machine, machine_of
+from rotorid.results.masses import Masses, chosen
+from rotorid.results.modes import finite_speed
+from rotorid.results.planes import plane_column, rotor_mass, shares_of
+
+STEP = 0.05
+"""Step of the values, in their deviations, for the derivative of the correction."""
+CONFIDENCE = 0.95
+"""Chance that what is left is less than the residual that is stated."""
+COARSE = 0.1
+"""Share of a correction that masses may leave before it is said that they are too coarse."""
+DEPENDENT = 1e-6
+"""Planes whose effects differ by less than this share do the same: no measurement tells them."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What is to be added in one plane.
+
+    Parameters
+    ----------
+    plane : str
+    unbalance_kg_m : float
+        Mass times radius.
+    angle_rad : float
+        In the rotor, from x to y, counted from what stands along x at phi = 0.
+    std_kg_m, angle_std_rad : float or None
+        ``None`` where nothing is known of the deviations.
+    masses : sequence of (mass, angle)
+        kg and rad: what to mount, where radius or masses were given.
+    """
+
+    plane: str
+    unbalance_kg_m: float
+    angle_rad: float
+    std_kg_m: float | None
+    angle_std_rad: float | None
+    masses: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What is left in one plane after the correction.
+
+    Parameters
+    ----------
+    plane : str
+    unbalance_kg_m : float or None
+        It is less than this with 95 percent; ``None`` where nothing is known of the deviations.
+    std_kg_m : float or None
+        Of each of its two components, root mean square.
+    grade_mm_s : float or None
+        ``unbalance_kg_m Omega / m``, m the mass of the rotor, at the highest speed.
+    off_kg_m : float
+        What the masses that there are leave.
+    """
+
+    plane: str
+    unbalance_kg_m: float | None
+    std_kg_m: float | None
+    grade_mm_s: float | None
+    off_kg_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Corrections, and what is left after them.
+
+    Parameters
+    ----------
+    model : str
+    speeds : sequence of float
+        rad/s.
+    corrections : sequence of Correction
+    residual : sequence of Residual
+    covariance : array, shape (2 planes, 2 planes), or None
+        Of the residual: real and imaginary part of each plane, kg^2 m^2.
+    share : float
+        What is left of the weighed response if the values are right: what planes and masses cannot
+        do away with.
+    rotor_mass : float or None
+        kg.
+    grade_mm_s : float or None
+        Of all planes together, at their worst.
+    status : str
+    remarks : sequence of str
+    """
+
+    model: str
+    speeds: tuple[float, ...]
+    corrections: tuple[Correction, ...]
+    residual: tuple[Residual, ...]
+    covariance: Floats | None
+    share: float
+    rotor_mass: float | None
+    grade_mm_s: float | None
+    status: str
+    remarks: tuple[str, ...]
+
+
+def balance(
+    estimate: Estimate,
+    planes: Sequence[str],
+    speed: float | str | Sequence[float | str],
+    *,
+    at: Mapping[str, float] | None = None,
+    radius: float | str | None = None,
+    masses: Sequence[float | str] = (),
+    holes: int | None = None,
+    record: int = 0,
+) -> Balance:
+    """Return correction masses in some planes, and the unbalance that is left, with deviations.
+
+    The correction minimizes the response ``H (g + Omega^2 P W)`` that the estimate predicts, at all
+    speeds together, without forces at the inputs. Runout that was identified is no unbalance and is
+    not balanced.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    planes : sequence of str
+        Pairs of coordinates ``x2,y2``, of combinations of them, or of inputs; or names of places.
+    speed : float or str, or sequence of them
+        rad/s, or texts with units.
+    at : mapping of str to float, optional
+        Coordinates, or combinations of them, whose motion is to be small, with their weights; by
+        default all, weighted by their inertia.
+    radius : float or str, optional
+        Of the correction masses, in m.
+    masses : sequence of float or str
+        Masses that there are (kg): two of them, the same twice too, go into a plane.
+    holes : int, optional
+        Number of places for a mass in each plane, the first at the angle zero.
+    record : int
+        Whose values are taken of what every record has to itself.
+
+    Returns
+    -------
+    Balance
+
+    Raises
+    ------
+    InputError
+        For planes that the rotor does not have or that do the same, and for an estimate that does
+        not determine the unbalance.
+
+    Examples
+    --------
+    >>> import numpy as np, rotorid as rid
+    >>> model = rid.load_model("jeffcott")
+    >>> found = [rid.Value(p.name, p.unit, p.nominal, 0.01 * p.nominal) for p in model.parameters]
+    >>> spread = np.diag([value.std**2 for value in found])
+    >>> estimate = rid.Estimate("jeffcott", "ml", "ok", tuple(found), covariance=spread)
+    >>> (mass,) = rid.balance(estimate, ["x,y"], "3000 rpm").corrections
+    >>> f"{mass.unbalance_kg_m * 1e6:.1f} g mm at {np.degrees(mass.angle_rad):.1f} deg"
+    '111.8 g mm at -116.6 deg'
+    """
+    speeds = _speeds(speed)
+    machine = unbalanced(machine_of(estimate, record))
+    columns = np.column_stack([plane_column(machine, plane) for plane in _several(planes)])
+    task = _Task(columns, speeds, at)
+    ideal = task.solution(machine)
+    kit = Masses.of(radius, masses, holes)
+    effects, load = task.weigh(machine)
+    applied, mounted = chosen(kit, ideal, (effects, load))
+    share = float(np.linalg.norm(load + effects @ applied) / np.linalg.norm(load))
+    covariance = _covariance(task, machine)
+    mass, top = rotor_mass(machine), float(np.abs(speeds).max())
+    corrections, residual = [], []
+    for k, plane in enumerate(planes):
+        part = None if covariance is None else covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        corrections.append(_correction(plane, complex(applied[k]), part, mounted[k]))
+        residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, mass, top))
+    grades = [each.grade_mm_s for each in residual]
+    return Balance(
+        machine.model.name,
+        tuple(speeds.tolist()),
+        tuple(corrections),
+        tuple(residual),
+        covariance,
+        share,
+        mass,
+        None if None in grades else float(sum(g for g in grades if g is not None)),
+        machine.status,
+        (*machine.remarks, *_said_of(estimate), *_too_coarse(planes, applied, ideal, kit)),
+    )
+
+
+def _speeds(speed: float | str | Sequence[float | str]) -> Floats:
+    """Return speeds in rad/s."""
+    given = [speed] if isinstance(speed, str | float | int) else list(speed)
+    found = np.array([finite_speed(each) for each in given])
+    if not len(found) or (found == 0).any():
+        raise InputError(
+            "no speed" if not len(found) else "a speed of 0",
+            "the speed at which the rotor is to run quietly",
+            'give it: --speed "8400 rpm"',
+            place="speed",
+        )
+    return found
+
+
+def _several(planes: Sequence[str]) -> Sequence[str]:
+    """Refuse no planes, and one plane twice."""
+    if not planes:
+        raise InputError("no plane", "one plane or more", "name it: --plane x2,y2", place="plane")
+    if len({plane.replace(" ", "") for plane in planes}) < len(planes):
+        raise InputError("one plane twice", "different planes", "name each once", place="plane")
+    return planes
+
+
+def unbalanced(machine: Machine) -> Machine:
+    """Refuse a machine whose unbalance is not known."""
+    held = {u for t in machine.linear.load_terms for u in machine.monomials.factors[t.monomial]}
+    held = {int(u) for u in held if u < len(machine.names)}
+    lost = [r.partition(": ")[2] for r in machine.remarks if r.startswith(UNDETERMINED)]
+    open_ = [n for names in lost for n in names.split(", ") if machine.names.index(n) in held]
+    if open_:
+        raise InputError(
+            f"a result that leaves {', '.join(open_)} undetermined",
+            "the unbalance of the rotor",
+            "measure at a second speed (runout does not grow with it), or with a trial mass, or "
+            "state the runout; then identify again",
+        )
+    load, _ = machine.load(1.0)
+    if not np.abs(load).any():
+        raise InputError(
+            "a result without unbalance",
+            "unbalance parameters that were identified",
+            "leave them free in the experiment, with the rotor turning, and identify again",
+        )
+    return machine
+
+
+def _said_of(estimate: Estimate) -> list[str]:
+    """Return what is to be said of what was told apart from the unbalance."""
+    runout = sorted({v.name.rpartition(".")[0] for v in estimate.nuisance if "runout[" in v.name})
+    return [f"not unbalance, and left as it is: {', '.join(runout)}"] if runout else []
+
+
+def _too_coarse(
+    planes: Sequence[str], applied: Complexes, ideal: Complexes, kit: Masses
+) -> list[str]:
+    """Say in which planes the masses that there are do not come near what is needed."""
+    if kit.radius is None:
+        return []
+    found = []
+    for plane, got, wanted in zip(planes, applied, ideal, strict=True):
+        if abs(got - wanted) > COARSE * abs(wanted):
+            found.append(
+                f"warning: plane {plane} needs {1e3 * abs(wanted) / kit.radius:.4g} g at "
+                f"{1e3 * kit.radius:g} mm; the masses given leave "
+                f"{100 * abs(got - wanted) / abs(wanted):.0f} % of it"
+            )
+    return found
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a correction is to do: planes as columns (row, plane), speeds, what is weighed."""
+
+    columns: Complexes
+    speeds: Floats
+    at: Mapping[str, float] | None
+
+    def weigh(self, machine: Machine) -> tuple[Complexes, Complexes]:
+        """Return what the planes do, (weighed, plane), and what the unbalance does, (weighed,)."""
+        weights = _weights(machine, self.at)
+        effects, loads = [], []
+        for speed in self.speeds.tolist():
+            load, _ = machine.load(speed)
+            right = np.column_stack([load, speed**2 * self.columns])
+            count = right.shape[1]
+            stiffness = np.repeat(machine.dynamic_stiffness(speed, speed)[None], count, 0)
+            sizes = np.repeat(machine.sizes(speed)[None], count, 0)
+            moved = solved(stiffness, right.T, np.full(count, speed), sizes).T
+            scale = 1 / speed**2 if len(self.speeds) == 1 else 1.0
+            loads.append(scale * weights @ moved[:, 0])
+            effects.append(scale * weights @ moved[:, 1:])
+        return np.concatenate(effects), np.concatenate(loads)
+
+    def solution(self, machine: Machine) -> Complexes:
+        """Return the correction of each plane, kg m."""
+        effects, load = self.weigh(machine)
+        size = np.linalg.norm(effects, axis=0)
+        scaled = effects / np.where(size > 0, size, 1.0)
+        if (size == 0).any() or rank_of_columns(scaled, DEPENDENT) < effects.shape[1]:
+            raise InputError(
+                "planes of which one does what others do, or nothing",
+                "planes whose effects differ where they are weighed",
+                "leave one out, or give more speeds, or more places with --at",
+                place="plane",
+            )
+        return np.asarray(np.linalg.lstsq(scaled, -load, rcond=None)[0] / size)
+
+
+def _weights(machine: Machine, at: Mapping[str, float] | None) -> Floats:
+    """Return what is weighed, shape (weighed, coordinate)."""
+    if not at:
+        inertia = machine.inertia()
+        return np.diag(np.sqrt(inertia if inertia.any() else np.ones(len(inertia))))
+    rows = []
+    for text, weight in at.items():
+        shares = shares_of(machine, text)
+        if shares is None or not np.isfinite(weight) or weight <= 0:
+            raise InputError(
+                f"{text[:60]!r} with the weight {weight:g}",
+                f"a combination of {', '.join(machine.model.coordinates[:8])}, a weight above 0",
+                "name coordinates whose motion is to be small",
+                place="at",
+            )
+        rows.append(weight * shares)
+    return np.array(rows)
+
+
+def _covariance(task: _Task, machine: Machine) -> Floats | None:
+    """Return the covariance of the correction that the values ask for, (2 planes, 2 planes)."""
+    if machine.covariance is None:
+        return None
+    slopes = []
+    for direction in machine.root.T:
+        if not direction.any():
+            continue
+        sides = [
+            task.solution(replace(machine, values=machine.values + s * STEP * direction))
+            for s in (1, -1)
+        ]
+        slope = (sides[0] - sides[1]) / (2 * STEP)
+        slopes.append(np.column_stack([slope.real, slope.imag]).ravel())
+    if not slopes:
+        return np.zeros((2 * task.columns.shape[1],) * 2)
+    table = np.array(slopes)
+    return np.asarray(table.T @ table)
+
+
+def _correction(
+    plane: str,
+    applied: complex,
+    covariance: Floats | None,
+    masses: tuple[tuple[float, float], ...],
+) -> Correction:
+    size, angle = abs(applied), float(np.angle(applied))
+    if covariance is None:
+        return Correction(plane, size, angle, None, None, masses)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    std, turned = (float(np.sqrt(max(v @ covariance @ v, 0.0))) for v in (along, across))
+    told = min(turned / size, np.pi) if size > 0 else None
+    return Correction(plane, size, angle, std, told, masses)
+
+
+def _residual(
+    plane: str, off: complex, covariance: Floats | None, mass: float | None, speed: float
+) -> Residual:
+    if covariance is None:
+        return Residual(plane, None, None, None, abs(off))
+    bound = bound_of_length(np.array([off.real, off.imag]), covariance, CONFIDENCE)
+    std = float(np.sqrt(np.trace(covariance) / 2))
+    grade = None if mass is None else 1e3 * bound * speed / mass
+    return Residual(plane, bound, std, grade, abs(off))

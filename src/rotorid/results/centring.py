@@ -1,0 +1,170 @@
+"""Inertial centring: the current that lets the rotor turn about its own axis of inertia.
+
+Without force on the rotation's line the rotor moves as ``x = Re(X exp(i phi))``, X of the unbalance
+alone. A magnet with ``F = k_i i + k_s x`` exerts none there with ``i = - (k_s / k_i) x``, which is
+fed forward in place of what the controller would answer with.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydantic import ValidationError
+
+from rotorid.actuators.entry import LawEntry, law_keys
+from rotorid.actuators.laws import Differential, Linear
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.record import Complexes
+from rotorid.results.balancing import STEP, unbalanced
+from rotorid.results.machine import Machine, machine_of
+from rotorid.results.modes import finite_speed
+from rotorid.results.planes import directions_of
+from rotorid.results.unbalance import amplitude_std
+
+
+@dataclass(frozen=True)
+class Feedforward:
+    """What one axis needs so that its magnet exerts no force on the rotation's line.
+
+    The current is ``amplitude_ampere cos(phi + angle_rad)``, phi the rotor angle.
+
+    Parameters
+    ----------
+    input : str
+    motion_m, motion_std_m : float
+        Amplitude of the rotor at the magnet, turning about its axis of inertia.
+    amplitude_ampere, std_ampere, angle_rad, angle_std_rad : float or None
+        ``None`` where ki and ks are not known, deviations where there are none.
+    """
+
+    input: str
+    motion_m: float
+    motion_std_m: float | None
+    amplitude_ampere: float | None
+    std_ampere: float | None
+    angle_rad: float | None
+    angle_std_rad: float | None
+
+
+def centring(
+    estimate: Estimate,
+    speed: float | str,
+    *,
+    laws: Mapping[str, tuple[float, float]] | None = None,
+    record: int = 0,
+) -> list[Feedforward]:
+    """Return the feedforward of inertial centring for each input that is a force, with deviations.
+
+    ``i = - (k_s / k_i) x`` on the rotation's line, x the motion of the rotor without forces there.
+    Constants of the force laws are those of the estimate where it found them, else those of its
+    experiment.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    speed : float or str
+        rad/s, or a text with unit.
+    laws : mapping of str to (ki, ks), optional
+        N/A and N/m of each input, in place of the experiment's.
+    record : int
+        Whose values are taken of what every record has to itself.
+
+    Returns
+    -------
+    list of Feedforward
+
+    Raises
+    ------
+    InputError
+        For an estimate that does not determine the unbalance, and at a speed of zero.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> model = rid.load_model("rigid")
+    >>> found = [rid.Value(p.name, p.unit, p.nominal, 0.0) for p in model.parameters]
+    >>> estimate = rid.Estimate("rigid", "ml", "ok", tuple(found))
+    >>> first = rid.centring(estimate, "6000 rpm", laws={"F_xa": (120.0, 3e5)})[0]
+    >>> f"{first.input}: {first.motion_m * 1e6:.1f} um, {1e3 * first.amplitude_ampere:.1f} mA"
+    'F_xa: 5.1 um, 12.7 mA'
+    """
+    turning = finite_speed(speed)
+    if turning == 0:
+        raise InputError("a speed of 0", "the speed of the rotor", "give it", place="speed")
+    machine = unbalanced(machine_of(estimate, record))
+    known = laws_of(estimate) | dict(laws or {})
+    here = _answers(machine, turning, known)
+    slopes: dict[str, list[Complexes]] = {name: [] for name in here}
+    for direction in [] if machine.covariance is None else machine.root.T:
+        if not direction.any():
+            continue
+        sides = [
+            _answers(replace(machine, values=machine.values + s * STEP * direction), turning, known)
+            for s in (1, -1)
+        ]
+        for name in here:
+            slopes[name].append((sides[0][name] - sides[1][name]) / (2 * STEP))
+    return [
+        _feedforward(
+            name, answer, np.array(slopes[name]).reshape(-1, 2), machine.covariance is not None
+        )
+        for name, answer in here.items()
+    ]
+
+
+def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
+    """Return ki and ks of each input whose law stands in the experiment file of an estimate."""
+    text = "" if estimate.provenance is None else estimate.provenance.experiment
+    try:
+        channels = tomllib.loads(text).get("channels", {})
+    except tomllib.TOMLDecodeError:
+        return {}
+    found = {}
+    for name, entry in channels.items():
+        if not isinstance(entry, dict) or entry.get("law") not in ("linear", "differential"):
+            continue
+        try:
+            law = LawEntry.model_validate({k: entry[k] for k in law_keys() if k in entry})
+            built = law.build()
+        except (ValidationError, ValueError):
+            continue
+        if isinstance(built, Linear | Differential):
+            slope = built.linearize()
+            found[name] = (slope.ki, slope.ks)
+    return found
+
+
+def _answers(
+    machine: Machine, speed: float, known: Mapping[str, tuple[float, float]]
+) -> dict[str, Complexes]:
+    """Return motion and current of each force, (2,), amplitudes of exp(i phi); NaN if not known."""
+    motion, _ = machine.response(speed)
+    directions, inputs = directions_of(machine), machine.input_matrix()
+    values = dict(zip(machine.names, machine.values.tolist(), strict=True))
+    found = {}
+    for j, name in enumerate(machine.model.inputs):
+        if machine.model.units[name] != "N":
+            continue
+        there = complex((directions.signs * inputs[directions.rows, j]) @ motion)
+        law = known.get(name, (np.nan, np.nan))
+        ki = values.get(f"ki[{name}]", law[0])
+        ks = values.get(f"ks[{name}]", values.get("ks", law[1]))
+        found[name] = np.array([there, -ks / ki * there])
+    return found
+
+
+def _feedforward(name: str, answer: Complexes, slopes: Complexes, known: bool) -> Feedforward:
+    motion, current = (complex(each) for each in answer)
+    std = [float(amplitude_std(answer[k], slopes[:, k])) if known else None for k in (0, 1)]
+    if not np.isfinite(current):
+        return Feedforward(name, abs(motion), std[0], None, None, None, None)
+    turned = None
+    if known and abs(current) > 0:
+        across = (slopes[:, 1] * np.conj(current)).imag / abs(current) ** 2
+        turned = min(float(np.linalg.norm(across)), np.pi)
+    angle = float(np.angle(current))
+    return Feedforward(name, abs(motion), std[0], abs(current), std[1], angle, turned)

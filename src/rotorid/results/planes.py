@@ -1,0 +1,132 @@
+"""Places on a rotor: what a force there, or a mass that turns with it, does to the equations.
+
+The force of an unbalance U (kg m, complex: its direction in the rotor from x to y at phi = 0) is
+``Re(U Omega^2 exp(i phi))`` in x and ``Re(-i U Omega^2 exp(i phi))`` in y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimators.likelihood.candidates import equation_order
+from rotorid.models.rotor import RotorModel
+from rotorid.models.terms import polynomial
+from rotorid.record import Complexes, Floats, Integers
+from rotorid.results.machine import Machine
+from rotorid.results.whirl import partners
+
+
+@dataclass(frozen=True)
+class Directions:
+    """The equation that belongs to each coordinate, and the sign that it is written with."""
+
+    rows: Integers
+    signs: Floats
+
+    def column(self, shares: Floats) -> Floats:
+        """Return what a force does that acts along a combination of coordinates, shape (row,)."""
+        found = np.zeros(len(shares))
+        np.add.at(found, self.rows, self.signs * shares)
+        return found
+
+
+def directions_of(machine: Machine) -> Directions:
+    """Return which equation belongs to each coordinate, by virtual work: that of its inertia."""
+    mass = np.real(machine.matrices(0.0)[2])
+    rows, signs = equation_order(mass)
+    return Directions(rows, signs)
+
+
+def plane_column(machine: Machine, plane: str) -> Complexes:
+    """Return what an unbalance of 1 kg m in a plane does to the equations, over Omega^2, (row,).
+
+    A plane is a pair ``x2,y2`` of coordinates, of combinations of them such as
+    ``x + 0.1*theta_y, y - 0.1*theta_x``, or of inputs; or the name of a place.
+
+    Raises
+    ------
+    InputError
+        For what names no plane.
+    """
+    for pair in _readings(machine, plane):
+        columns = [_force_column(machine, name) for name in pair]
+        if columns[0] is not None and columns[1] is not None:
+            return np.asarray(columns[0] - 1j * columns[1])
+    raise InputError(
+        f"the plane {plane[:60]!r}",
+        f"a pair of coordinates or inputs, {_offered(machine)}",
+        "name the two directions in which its force acts, x before y: --plane x2,y2",
+        place="plane",
+    )
+
+
+def _readings(machine: Machine, plane: str) -> Iterator[tuple[str, str]]:
+    """Yield what a text may mean, the pair that it writes first."""
+    parts = [part.strip() for part in plane.split(",")]
+    if len(parts) == 2 and all(parts):
+        yield parts[0], parts[1]
+    elif len(parts) == 1:
+        for x, y in (("x_{}", "y_{}"), ("x{}", "y{}"), ("F_x{}", "F_y{}"), ("F_x_{}", "F_y_{}")):
+            yield x.format(parts[0]), y.format(parts[0])
+
+
+def _offered(machine: Machine) -> str:
+    """Return some planes that a machine has."""
+    model = machine.model
+    named = list(machine.model.coordinates)
+    pairs = [f"{named[a]},{named[b]}" for a, b in partners(named) if model.units[named[a]] == "m"]
+    pairs = [pair for pair in pairs if "node" not in pair] or pairs
+    inputs = [f"{model.inputs[a]},{model.inputs[b]}" for a, b in partners(model.inputs)]
+    return (
+        ("such as " + " or ".join([*pairs[:3], *inputs[:2]])) if pairs or inputs else "of x and y"
+    )
+
+
+def _force_column(machine: Machine, text: str) -> Floats | None:
+    """Return what a force of 1 N does there to the equations, shape (row,); None for no place."""
+    if text in machine.model.inputs:
+        return np.asarray(machine.input_matrix()[:, machine.model.inputs.index(text)])
+    shares = shares_of(machine, text)
+    return None if shares is None else directions_of(machine).column(shares)
+
+
+def shares_of(machine: Machine, text: str) -> Floats | None:
+    """Return the coordinates that a text combines, shape (coordinate,); None where it does not."""
+    model = machine.model
+    names = list(model.coordinates)
+    if isinstance(model, RotorModel) and text in model.readings:
+        known = model.readings[text]
+        return np.array([known.get(name, 0.0) for name in names])
+    if text in names:
+        return np.asarray(np.eye(len(names))[names.index(text)])
+    values = {**dict(machine.fixed), **dict(zip(machine.names, machine.values, strict=True))}
+    parameters = [name for name in values if name.isidentifier()]
+    try:
+        terms = polynomial(text, [*names, *parameters])
+    except InputError:
+        return None
+    found = np.zeros(len(names))
+    for powers, coefficient in terms.items():
+        own = np.array(powers[: len(names)])
+        if own.sum() != 1:
+            return None
+        size = [values[p] ** n for p, n in zip(parameters, powers[len(names) :], strict=True)]
+        found[int(own.argmax())] += float(coefficient) * float(np.prod(size))
+    return found
+
+
+def rotor_mass(machine: Machine) -> float | None:
+    """Return the mass that moves with all positions in x; None where there is none."""
+    names = machine.model.coordinates
+    along = [a for a, _ in partners(names) if machine.model.units[names[a]] == "m"]
+    if not along:
+        return None
+    shares = np.zeros(len(names))
+    shares[along] = 1.0
+    mass = np.real(machine.matrices(0.0)[2])
+    found = float(directions_of(machine).column(shares) @ mass @ shares)
+    return found if found > 0 else None

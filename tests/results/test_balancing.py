@@ -1,0 +1,291 @@
+"""Correction masses and what they leave, held against closed forms and draws."""
+
+import json
+
+import numpy as np
+import pytest
+from linear_machines import SUPPORTED, estimate_of, model_of
+
+import rotorid as rid
+from rotorid import cli
+from rotorid.distributions import bound_of_length
+from rotorid.results.balancing import CONFIDENCE
+from rotorid.results.machine import machine_of
+from rotorid.results.masses import Masses, chosen
+from rotorid.results.planes import rotor_mass
+
+ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
+UNBALANCE = ("xi", "zeta", "mu", "eta")
+
+
+def vector(found: rid.Balance) -> np.ndarray:
+    return np.array([c.unbalance_kg_m * np.exp(1j * c.angle_rad) for c in found.corrections])
+
+
+def ends_of(values: dict[str, float]) -> np.ndarray:
+    """Unbalance of a rigid rotor in the planes of its bearings, in closed form.
+
+    Of the resultant m e, and of the moment of the products of inertia that a tilt makes:
+    (I_t - I_p)(mu + i eta) turns about x.
+    """
+    m, a, b = values["m"], values["L_a"], values["L_b"]
+    force = m * (values["xi"] + 1j * values["zeta"])
+    moment = (values["I_t"] - values["I_p"]) * (values["mu"] + 1j * values["eta"])
+    # theta_x: L_a F_ya - L_b F_yb, with F_y = -i U: -i (a U_a - b U_b) = moment
+    return np.linalg.solve(np.array([[1, 1], [-1j * a, 1j * b]]), np.array([force, moment]))
+
+
+def test_a_rigid_rotor_in_two_planes_in_closed_form():
+    model = rid.load_model("rigid")
+    found = rid.balance(estimate_of(model), ENDS, "6000 rpm")
+    assert vector(found) == pytest.approx(-ends_of(model.nominal), rel=1e-9)
+    assert found.share < 1e-9
+    assert found.rotor_mass == pytest.approx(10.0)
+    for plane in found.residual:
+        assert plane.grade_mm_s == pytest.approx(plane.unbalance_kg_m * 200 * np.pi / 10 * 1e3)
+    assert found.grade_mm_s == pytest.approx(sum(p.grade_mm_s for p in found.residual))
+
+
+@pytest.mark.parametrize("speed", ["6000 rpm", "-3000 rpm", ["1000 rpm", "9000 rpm"]])
+def test_what_cancels_at_one_speed_cancels_at_all(speed):
+    model = rid.load_model("rigid")
+    found = rid.balance(estimate_of(model), ["F_xb,F_yb", ENDS[0]], speed)
+    assert vector(found)[::-1] == pytest.approx(-ends_of(model.nominal), rel=1e-9)
+
+
+def test_places_by_combination_are_those_of_the_inputs():
+    model = rid.load_model("rigid")
+    combined = ["x - L_a*theta_y, y + L_a*theta_x", "x + 0.25*theta_y, y - 0.25*theta_x"]
+    found = rid.balance(estimate_of(model), combined, 500.0)
+    assert vector(found) == pytest.approx(-ends_of(model.nominal), rel=1e-9)
+
+
+def test_the_covariance_is_that_of_the_unbalance():
+    model = rid.load_model("rigid")
+    fixed = tuple(n for n in model.parameter_names if n not in UNBALANCE)
+    covariance = np.diag([1e-7, 2e-7, 1e-6, 3e-6]) ** 2
+    covariance[0, 1] = covariance[1, 0] = 0.5 * 2e-14
+    estimate = estimate_of(model, fixed=fixed, covariance=covariance)
+    found = rid.balance(estimate, ENDS, 500.0)
+    columns = []
+    for name in UNBALANCE:  # the planes are linear in them
+        only = {n: float(n == name) for n in UNBALANCE}
+        planes = ends_of({**model.nominal, **only})
+        columns.append(np.column_stack([planes.real, planes.imag]).ravel())
+    expected = np.array(columns).T @ covariance @ np.array(columns)
+    assert found.covariance == pytest.approx(expected, rel=1e-6, abs=1e-22)
+    std = [np.sqrt(np.trace(expected[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]) / 2) for k in (0, 1)]
+    assert [plane.std_kg_m for plane in found.residual] == pytest.approx(std, rel=1e-6)
+
+
+def test_what_is_left_is_less_than_stated_19_times_of_20():
+    assert CONFIDENCE == 0.95
+    rng = np.random.default_rng(2)
+    for mean, spread in (
+        (np.zeros(2), np.eye(2)),
+        (np.array([3.0, -1.0]), np.array([[4.0, 1.0], [1.0, 0.3]])),
+        (np.array([0.5, 0.0]), np.array([[0.0, 0.0], [0.0, 1.0]])),
+        (np.array([2.0, 0.0]), np.array([[1.0, 1.0], [1.0, 1.0]])),
+    ):
+        bound = bound_of_length(mean, spread, 0.95)
+        drawn = rng.multivariate_normal(mean, spread, 200_000)
+        assert (np.hypot(*drawn.T) < bound).mean() == pytest.approx(0.95, abs=0.002)
+    assert bound_of_length(np.zeros(2), np.eye(2), 0.95) == pytest.approx(2.447746831, rel=1e-6)
+    assert bound_of_length(np.array([3.0, 4.0]), np.zeros((2, 2)), 0.95) == 5.0
+
+
+def test_one_plane_does_what_it_can():
+    """A supported rotor, its tilt left aside: the plane of the centre of mass takes all of it."""
+    estimate = estimate_of(model_of(SUPPORTED))
+    found = rid.balance(estimate, ["x,y"], "3000 rpm", at={"x": 1.0, "y": 1.0})
+    assert vector(found) == pytest.approx([-8.0 * (2e-5 - 1e-5j)])
+    assert found.share < 1e-12
+    far = rid.balance(estimate, ["x - 0.2*theta_y, y + 0.2*theta_x"], "3000 rpm")
+    assert far.share > 0.02
+
+
+def test_equations_in_another_order_and_sign():
+    """The equation of a coordinate is that of its inertia, wherever it stands."""
+    model = rid.load_model("rigid")
+    text = model.file_text
+    lines = [line for line in text.splitlines() if line.startswith('  "')]
+    turned = text.replace(lines[0], "@").replace(lines[1], lines[0]).replace("@", lines[1])
+    left, right = lines[0].strip(' ",').split(" = ")
+    turned = turned.replace(lines[0], f'  "-({left}) = -({right})",')
+    other = estimate_of(model_of(turned))
+    direct = rid.balance(estimate_of(model), ["x,y", ENDS[1]], 500.0)
+    assert vector(rid.balance(other, ["x,y", ENDS[1]], 500.0)) == pytest.approx(vector(direct))
+
+
+def test_the_mass_of_a_rotor():
+    assert rotor_mass(machine_of(rid.load_model("three-mass"))) == pytest.approx(12.98878)
+    assert rotor_mass(machine_of(rid.load_model("emps").substitute({"Fc": 0.0}))) is None
+
+
+def test_masses_in_holes():
+    model = rid.load_model("rigid")
+    estimate = estimate_of(model)
+    given = {"radius": "30 mm", "masses": ["0.1 g", "0.2 g", "0.5 g", "1 g"], "holes": 24}
+    found = rid.balance(estimate, ENDS, 500.0, **given)
+    wanted = -ends_of(model.nominal)
+    for k, (each, plane) in enumerate(zip(found.corrections, found.residual, strict=True)):
+        assert 1 <= len(each.masses) <= 2
+        for mass, angle in each.masses:
+            assert mass in (1e-4, 2e-4, 5e-4, 1e-3)
+            assert np.degrees(angle) % 15 == pytest.approx(0, abs=1e-9) or np.degrees(
+                angle
+            ) % 15 == pytest.approx(15)
+        total = sum(m * 0.03 * np.exp(1j * a) for m, a in each.masses)
+        assert vector(found)[k] == pytest.approx(total)
+        assert plane.off_kg_m == pytest.approx(abs(total - wanted[k]))
+        assert plane.unbalance_kg_m > plane.off_kg_m
+        assert plane.off_kg_m < 0.06 * abs(wanted[k])
+
+
+def test_masses_of_any_size_go_between_two_holes():
+    model = rid.load_model("rigid")
+    found = rid.balance(estimate_of(model), ENDS, 500.0, radius=0.03, holes=12)
+    assert vector(found) == pytest.approx(-ends_of(model.nominal))
+    assert all(len(each.masses) == 2 for each in found.corrections)
+    bare = rid.balance(estimate_of(model), ENDS, 500.0, radius=0.03)
+    ((mass, angle),) = bare.corrections[0].masses
+    assert 0.03 * mass * np.exp(1j * angle) == pytest.approx(-ends_of(model.nominal)[0])
+
+
+def test_masses_that_are_too_coarse_or_too_small_are_told():
+    estimate = estimate_of(rid.load_model("rigid"))
+    found = rid.balance(estimate, ENDS, 500.0, radius=0.03, masses=[1e-5])
+    assert any("the masses given leave 9" in remark for remark in found.remarks)
+    assert found.share > 0.9
+
+
+def test_no_mass_is_better_than_one_that_is_too_large():
+    kit = Masses.of(0.1, ["1 kg"], 4)
+    applied, mounted = chosen(kit, np.array([0.01 + 0j]), (np.eye(1), np.array([-0.01 + 0j])))
+    assert applied[0] == 0
+    assert mounted == [()]
+
+
+def lost(name: str) -> rid.Estimate:
+    base = estimate_of(rid.load_model("rigid"))
+    values = tuple(
+        v if v.name != name else rid.Value(name, v.unit, np.nan, np.nan) for v in base.parameters
+    )
+    return base.with_(parameters=values, status="not_identifiable")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "planes", "more", "message"),
+    [
+        (None, [], {}, "no plane"),
+        (None, ["x,y", "x, y"], {}, "one plane twice"),
+        (None, ["nowhere"], {}, "the plane 'nowhere'.*such as x,y"),
+        (None, ["x,theta"], {}, "the plane 'x,theta'"),
+        (None, ["x,y", *ENDS], {}, "planes of which one does what others do"),
+        (None, ["x,y"], {"speed": 0.0}, "a speed of 0"),
+        (None, ["x,y"], {"speed": []}, "no speed"),
+        (None, ["x,y"], {"at": {"z": 1.0}}, "'z' with the weight 1"),
+        (None, ["x,y"], {"at": {"x": -1.0}}, "'x' with the weight -1"),
+        (None, ["x,y"], {"masses": ["1 g"]}, "without the radius"),
+        (None, ["x,y"], {"radius": "30"}, "without a unit"),
+        (None, ["x,y"], {"radius": "3 cm", "holes": 0}, "0 holes"),
+        (None, ["x,y"], {"radius": "3 cm", "holes": 2}, "reach every direction"),
+        (None, ["x,y"], {"radius": "3 cm", "masses": ["0 g"]}, "a number above 0"),
+        (lost("mu"), ENDS, {}, "leaves mu undetermined.*second speed"),
+        (lost("I_t"), ENDS, {}, "leaves I_t undetermined"),
+        (dict.fromkeys(UNBALANCE, 0.0), ENDS, {}, "without unbalance"),
+    ],
+)
+def test_what_cannot_be_is_refused(estimate, planes, more, message):
+    if not isinstance(estimate, rid.Estimate):
+        estimate = estimate_of(rid.load_model("rigid"), estimate, fixed=UNBALANCE)
+    speed = more.pop("speed", 500.0)
+    with pytest.raises(rid.InputError, match=message):
+        rid.balance(estimate, planes, speed, **more)
+
+
+def test_runout_is_said_to_stay():
+    estimate = estimate_of(rid.load_model("rigid"))
+    runout = tuple(rid.Value(f"runout[x].{part}", "m", 1e-6, 1e-8) for part in ("cos", "sin"))
+    wider = np.pad(estimate.covariance, ((0, 2), (0, 2)))
+    wider[-2:, -2:] = 1e-16 * np.eye(2)
+    found = rid.balance(estimate.with_(nuisance=runout, covariance=wider), ENDS, 500.0)
+    assert any("left as it is: runout[x]" in remark for remark in found.remarks)
+    same = rid.balance(estimate, ENDS, 500.0)
+    assert found.covariance == pytest.approx(same.covariance, rel=1e-9)
+
+
+def test_centring_follows_the_axis_of_inertia():
+    model = rid.load_model("rigid")
+    estimate = estimate_of(model, percent=0.1)
+    laws = {"F_xa": (120.0, 3e5), "F_yb": (100.0, 2e5)}
+    first, second, _, fourth = rid.centring(estimate, "6000 rpm", laws=laws)
+    n = model.nominal
+    # A free rotor turns about its axis of inertia: its centre by -e, its tilt by -(mu + i eta).
+    x = -(n["xi"] + 1j * n["zeta"])
+    tilt = -(n["mu"] + 1j * n["eta"])  # theta_x; theta_y is - i times it
+    at_a = x - n["L_a"] * (-1j * tilt)
+    assert first.motion_m == pytest.approx(abs(at_a), rel=1e-6)
+    current = -3e5 / 120.0 * at_a
+    assert first.amplitude_ampere == pytest.approx(abs(current), rel=1e-6)
+    assert first.angle_rad == pytest.approx(np.angle(current), rel=1e-6)
+    assert second.amplitude_ampere is None
+    assert fourth.amplitude_ampere is not None
+    assert 0 < first.std_ampere < 0.01 * first.amplitude_ampere
+
+
+def test_constants_of_the_result_and_of_the_experiment():
+    """An estimated ki with its deviation comes first; ks stands in the experiment."""
+    text = """
+[channels.F_xa]
+law = "linear"
+current = { column = "i", unit = "A" }
+position = "x"
+ki = "90 N/A"
+ks = "3e5 N/m"
+[channels.F_ya]
+law = "differential"
+K = "1e-5 N m^2/A^2"
+bias = "2 A"
+gap = "0.4 mm"
+"""
+    base = estimate_of(rid.load_model("rigid"), percent=1e-6)
+    wider = np.pad(base.covariance, (0, 1))
+    wider[-1, -1] = 1.2**2
+    estimate = base.with_(
+        nuisance=(rid.Value("ki[F_xa]", "N/A", 120.0, 1.2),),
+        covariance=wider,
+        provenance=rid.Provenance(experiment=text, model=base.provenance.model),
+    )
+    first, second, *_ = rid.centring(estimate, 600.0)
+    assert first.amplitude_ampere == pytest.approx(3e5 / 120 * first.motion_m)
+    assert first.std_ampere == pytest.approx(0.01 * first.amplitude_ampere, rel=1e-3)
+    ki, ks = 4 * 1e-5 * 2 / 4e-4**2, 4 * 1e-5 * 4 / 4e-4**3
+    assert second.amplitude_ampere == pytest.approx(ks / ki * second.motion_m)
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    estimate_of(rid.load_model("rigid")).save("run.json")
+    arguments = ["balance", "run.json", "--plane", *ENDS, "--speed", "6000 rpm"]
+    more = ["--radius", "30 mm", "--masses", "0.1 g, 0.5 g", "--at", "x=2", "--at", "y", "--at"]
+    assert cli.run([*arguments, *more, "theta_x", "--at", "theta_y", "--json", "b.json"]) == 0
+    shown = capsys.readouterr().out
+    for word in ("correction", "mount in plane", "left, with 95 %", "centring", "ISO 21940-11"):
+        assert word in shown
+    found = json.loads((tmp_path / "b.json").read_text())
+    assert {"plane", "unbalance_kg_m", "angle_rad", "std_kg_m"} <= found["corrections"][0].keys()
+    assert {"plane", "unbalance_kg_m", "std_kg_m", "grade_mm_s"} <= found["residual"][1].keys()
+    assert cli.run(["balance", "run.json", "--plane", "x,y"]) == 2
+    assert "no speed, and none" in capsys.readouterr().err
+    assert cli.run([*arguments, "--at", "x=much"]) == 2
+    assert "x=much" in capsys.readouterr().err
+
+
+def test_the_speeds_of_the_experiment_are_those_of_the_records(tmp_path, capsys):
+    experiment = '[[records]]\nspeed = "6000 rpm"\n[[records]]\nspeed = "100 Hz"\n'
+    base = estimate_of(rid.load_model("rigid"))
+    source = rid.Provenance(experiment=experiment, model=base.provenance.model)
+    base.with_(provenance=source).save(tmp_path / "run.json")
+    assert cli.run(["balance", str(tmp_path / "run.json"), "--plane", *ENDS]) == 0
+    assert "rigid at 6000, 6000 rpm" in capsys.readouterr().out
