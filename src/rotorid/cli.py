@@ -163,11 +163,12 @@ def validate(**options: Any) -> int:
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
 @click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
-@_json_option
+@_output_options
 @_debug_option
-def modes(**options: Any) -> int:
+@click.pass_obj
+def modes(given: str, /, **options: Any) -> int:
     """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
-    return _work("modes", **options)
+    return _work("modes", given=given, **options)
 
 
 @cli.command(

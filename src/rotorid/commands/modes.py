@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import MODES, as_json, check_outputs, progress, show, write
+from rotorid.commands.console import (
+    MODES,
+    REPORT,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.models import Model, load_model
 from rotorid.report.modes_page import modes_page
@@ -20,19 +28,32 @@ from rotorid.writing import check_apart
 
 
 def run(
-    source: str, speed: str, to: str | None, record: int, json: Path | None, force: bool
+    source: str,
+    speed: str,
+    to: str | None,
+    record: int,
+    json: Path | None,
+    report: Path | None,
+    force: bool,
+    given: str,
 ) -> int:
     """Show natural frequencies and damping of a result or a model, and critical speeds."""
-    targets = check_outputs((json, MODES), force=force)
+    targets = check_outputs((json, MODES), (report, REPORT), force=force)
     check_apart(targets, [Path(source)])
     read = source_of(source)
     with progress("computing"):
         found = modes(read, speed=speed, record=record)
         diagram = None if to is None else campbell(read, to, record=record)
         response = _response(read, finite_speed(speed), record)
-    write((json, as_json(content(found, diagram))))
-    model = machine_of(read, record).model
-    show(modes_page(found, diagram, response, model.inputs))
+    page = modes_page(found, diagram, response, machine_of(read, record).model.inputs)
+
+    def html() -> str:
+        from rotorid.report.machines import modes_report  # pictures take their time to load
+
+        return modes_report(read, found, diagram, [given])
+
+    data = as_json(content(found, diagram))
+    answer(page, json=(json, data), report=(report, as_text(html)))
     return OK if found.status in ("ok", "rejected") else NO_ANSWER
 
 

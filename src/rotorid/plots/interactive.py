@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from html import escape
 from typing import Any
@@ -46,12 +47,16 @@ def spec(panel: Panel) -> dict[str, Any]:
         if isinstance(panel.matrix.columns, tuple):
             x = replace(x, names=panel.matrix.columns)
     layout = {
-        "xaxis": _axis(x),
-        "yaxis": {**_axis(y), **({"autorange": "reversed"} if y.names else {})},
+        "xaxis": _axis(x, [curve.x for curve in panel.curves]),
+        "yaxis": {
+            **_axis(y, [curve.y for curve in panel.curves]),
+            **({"autorange": "reversed"} if y.names else {}),
+        },
         "margin": {"l": 8, "r": 12, "t": 6, "b": 8},
         "showlegend": False,
         "modebar": {"bgcolor": _CLEAR, "color": "#80868b", "activecolor": "#0072b2"},
         "hovermode": "closest",
+        "separators": ".\u2009",
         "paper_bgcolor": _CLEAR,
         "plot_bgcolor": _CLEAR,
         "font": {"size": 12, "color": _DARK, "family": "system-ui, sans-serif"},
@@ -73,7 +78,14 @@ def shown(name: str, most: int = 24) -> str:
     return escape(label(name, most), quote=False)
 
 
-def _axis(axis: Axis) -> dict[str, Any]:
+def _decades(values: list[Floats], ends: tuple[float, float] | None) -> float:
+    """Return over how many powers of ten numbers reach."""
+    every = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
+    seen = every[np.isfinite(every) & (every > 0)]
+    return float(np.log10(seen.max() / seen.min())) if len(seen) else 0.0
+
+
+def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
     made: dict[str, Any] = {
         "title": {"text": shown(axis.title, 60), "standoff": 6},
         "automargin": True,
@@ -82,9 +94,12 @@ def _axis(axis: Axis) -> dict[str, Any]:
         "linecolor": _RULE,
     }
     if axis.log:
+        reach = _decades(values, axis.ends)
         made |= {"type": "log", "exponentformat": "power", "nticks": 6}
+        if reach > 1.2:  # else ticks at 1, 2 and 5 are of use
+            made["dtick"] = math.ceil(reach / 6)
     else:
-        made["exponentformat"] = "power"
+        made |= {"exponentformat": "power", "minexponent": 6}
     if axis.ends is not None:
         low, high = np.log10(axis.ends) if axis.log else axis.ends
         made["range"] = [float(low), float(high)]

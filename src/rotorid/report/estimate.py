@@ -14,6 +14,7 @@ from rotorid.models import Model, shipped_models
 from rotorid.plots import estimates as drawn
 from rotorid.report import parameters
 from rotorid.report.html import Picture, pictures, render
+from rotorid.report.machines import Part, machine_part
 from rotorid.report.verdict import METHODS, verdict_of
 from rotorid.results.model import own_model
 from rotorid.tables import Table, table
@@ -50,6 +51,7 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         "estimate.html",
         estimate=estimate,
         model=model,
+        machine=_machine(estimate, model, records),
         own=model is None or model.name not in shipped_models(),
         method=METHODS.get(estimate.method, estimate.method),
         verdict=verdict_of(estimate),
@@ -66,6 +68,16 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         records=records_table(records),
         pictures=[*record_pictures(records), *_own_pictures(estimate)],
     )
+
+
+def _machine(
+    estimate: Estimate, model: Model | None, records: Sequence[RecordEvidence]
+) -> Part | None:
+    """Return the modes of the machine, at the highest speed of the records."""
+    if model is None or model.linear is None:
+        return None
+    speeds = [speed for record in records for speed in record.speed_rad_s if math.isfinite(speed)]
+    return machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
 def _titled(one: Table) -> tuple[str, Table]:

@@ -1,0 +1,163 @@
+"""Modes, Campbell diagram and unbalance response, as panels."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rotorid.plots.panel import (
+    BLUE,
+    GREEN,
+    GREY,
+    PINK,
+    RED,
+    Axis,
+    Curve,
+    Floats,
+    Look,
+    Panel,
+    label,
+    shown_unit,
+)
+
+Diagram = Any  # a Campbell, which lies above
+Modes = Any
+Response = Any  # an UnbalanceResponse
+
+RPM = 30 / np.pi
+TWO = 1.959964
+"""Deviations to either side that a band holds."""
+WAYS: Mapping[str, str] = {"forward": BLUE, "backward": RED, "planar": GREEN, "mixed": PINK}
+MOST_SHAPES = 9
+"""Modes whose shape is drawn: the lowest."""
+MOST_PLACES = 12
+"""Coordinates whose response is drawn."""
+SAME = 1e-9
+"""Relative difference of two frequencies up to which they are one."""
+HIGHEST = 3.0
+"""Frequencies of a diagram go to this many times the rotation, or to the fourth curve."""
+LOWEST_CURVES = 4
+_NODE = re.compile(r"node\d+$")
+
+
+def campbell(found: Diagram) -> Panel:
+    """Return natural frequencies over the speed with their bands, and the critical speeds."""
+    rpm = RPM * np.asarray(found.speed)
+    turning = np.abs(found.speed) / (2 * np.pi)
+    curves = [Curve(rpm, turning, "the rotation, 1x", GREY, "dashed")]
+    for k, whirl in enumerate(found.whirl):
+        frequency, std = found.frequency_hz[:, k], found.std_hz[:, k]
+        colour = WAYS.get(whirl, GREY)
+        if np.isfinite(std).any():
+            half = TWO * np.where(np.isfinite(std), std, 0.0)
+            edge = frequency - half
+            curves.append(Curve(rpm, frequency + half, "95 % band", colour, "band", base=edge))
+        curves.append(Curve(rpm, frequency, whirl, colour, "line"))
+    if found.critical:
+        speed = np.array([each.speed_rad_s for each in found.critical])
+        std = np.array([np.nan if each.std is None else each.std for each in found.critical])
+        error = RPM * TWO * std if np.isfinite(std).all() else None
+        told = tuple(f"{RPM * each.speed_rad_s:.6g} rpm, {each.whirl}" for each in found.critical)
+        marks = (RPM * speed, np.abs(speed) / (2 * np.pi))
+        curves.append(Curve(*marks, "critical speeds", PINK, "diamonds", error=error, told=told))
+    ends = (0.0, _highest(found.frequency_hz, float(turning.max())))
+    return Panel(
+        "", Axis("speed in rpm"), Axis("frequency in Hz", ends=ends), tuple(curves), height=4.2
+    )
+
+
+def _highest(frequency: Floats, turning: float) -> float:
+    """Return the frequency up to which a diagram is drawn."""
+    with np.errstate(all="ignore"):
+        tops = np.sort(np.nanmax(np.where(np.isfinite(frequency), frequency, 0.0), axis=0))
+    few = float(tops[:LOWEST_CURVES][-1]) if len(tops) else 0.0
+    return 1.08 * max(few, HIGHEST * turning, 1e-9)
+
+
+def shapes(found: Modes, pairs: Sequence[tuple[int, int]], alone: Sequence[int]) -> list[Panel]:
+    """Return the shape of each mode: the part that whirls forward, and the part that goes back.
+
+    `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
+    """
+    frequency = np.array([mode.frequency_hz for mode in found.modes])
+    return [
+        _shape(k, mode, found.coordinates, pairs, alone, twice=_meets(frequency, k))
+        for k, mode in enumerate(found.modes[:MOST_SHAPES])
+        if pairs or alone
+    ]
+
+
+def _meets(frequency: Floats, k: int) -> bool:
+    """Tell whether another mode has the same frequency: the shapes of the two are any mixture."""
+    return int((np.abs(frequency - frequency[k]) <= SAME * frequency[k]).sum()) > 1
+
+
+def _shape(
+    k: int,
+    mode: Any,
+    coordinates: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    alone: Sequence[int],
+    *,
+    twice: bool,
+) -> Panel:
+    value = np.asarray(mode.shape)
+    x, y = (np.array([pair[side] for pair in pairs], dtype=int) for side in (0, 1))
+    parts = {
+        "forward": (value[x] + 1j * value[y]) / 2,
+        "backward": (value[x] - 1j * value[y]) / 2,
+    }
+    if twice and mode.whirl in parts:
+        parts = {mode.whirl: parts[mode.whirl]}
+    if alone:
+        parts = {"planar": value[list(alone)]}
+    names = [coordinates[i] for i in (alone or x)]
+    whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
+    place = np.arange(len(names), dtype=float)
+    look: Look = "line" if len(names) > 1 else "dots"
+    curves = []
+    for way, part in parts.items():
+        told = "motion" if alone else f"{way} part"
+        shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
+        curves.append(Curve(place, shown, told, WAYS[way], look))
+        curves.append(Curve(place, shown, "", WAYS[way], "points"))
+    few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
+    axis = Axis("" if few else "places along the shaft, in the model's order", names=few)
+    title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
+    ends = (-1.15, 1.15)
+    return Panel(title, axis, Axis("share of the largest", ends=ends), tuple(curves), level=0.0)
+
+
+def _signed(part: Any) -> Floats:
+    """Return a part of a shape as it stands at the moment when its largest is at its largest."""
+    size = np.abs(part)
+    if not size.any():
+        return np.zeros(len(part))
+    turned = part * np.exp(-1j * np.angle(part[int(size.argmax())]))
+    return np.asarray(turned.real)
+
+
+def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
+    """Return the amplitude that unbalance makes of each coordinate, over the speed."""
+    rpm = RPM * np.asarray(found.speed)
+    panels = []
+    names = list(enumerate(found.coordinates))
+    if len(names) > MOST_PLACES:  # those of a drawing that are no node alone
+        names = [(c, name) for c, name in names if not _NODE.search(name)]
+    for c, name in names[:MOST_PLACES]:
+        unit, factor = shown_unit(units.get(name, ""))
+        size = factor * np.abs(found.motion[:, c])
+        if not (np.isfinite(size) & (size > 0)).any():
+            continue
+        curves = [Curve(rpm, np.where(size > 0, size, np.nan), "amplitude", BLUE, "line")]
+        std = factor * np.asarray(found.std[:, c])
+        if np.isfinite(std).any():
+            low = np.maximum(size - TWO * std, size / 100)  # of a logarithmic axis
+            high = size + TWO * std
+            curves.insert(0, Curve(rpm, high, "95 % band", BLUE, "band", base=low))
+        axis = Axis(f"amplitude in {unit}", log=True)
+        panels.append(Panel(label(name, 36), Axis("speed in rpm"), axis, tuple(curves)))
+    return panels

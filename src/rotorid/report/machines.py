@@ -1,0 +1,135 @@
+"""Modes, critical speeds and unbalance response of a machine as part of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.models import Model
+from rotorid.plots import machines as drawn
+from rotorid.report.html import Picture, pictures, render
+from rotorid.report.modes_page import critical_table, mode_table, summary
+from rotorid.results.critical import Campbell, campbell
+from rotorid.results.machine import machine_of
+from rotorid.results.modes import Modes, modes
+from rotorid.results.unbalance import UnbalanceResponse, response_of
+from rotorid.results.whirl import partners
+from rotorid.tables import Table
+
+BEYOND = 1.5
+"""A diagram goes to this many times the highest speed of the records."""
+SPEEDS = 121
+"""Speeds of a response that is drawn."""
+RPM = 30 / np.pi
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a page shows of a machine: sentences, tables with their titles, pictures."""
+
+    title: str
+    said: tuple[str, ...]
+    tables: tuple[tuple[str, Table], ...] = ()
+    pictures: tuple[Picture, ...] = ()
+
+
+def machine_part(source: Estimate | Model, speed: float) -> Part:
+    """Return the modes of a machine at a speed, and what lies up to half as much again."""
+    title = f"Modes at {RPM * speed:.6g} rpm" if speed else "Modes at standstill"
+    try:
+        found = modes(source, speed=speed)
+        diagram = campbell(source, BEYOND * speed) if speed else None
+        response = _response(source, BEYOND * speed) if speed else None
+    except InputError as error:
+        return Part("Modes", (f"No modes are told: {error.found}; {error.cure}.",))
+    return part_of(source, title, found, diagram, response)
+
+
+def part_of(
+    source: Estimate | Model,
+    title: str,
+    found: Modes,
+    diagram: Campbell | None,
+    response: UnbalanceResponse | None,
+) -> Part:
+    """Return what was found of a machine as part of a page."""
+    model = machine_of(source).model
+    free = ", ".join(model.inputs)
+    said = [
+        f"Of the machine as its equations have it, without forces at its inputs ({free}): what a "
+        "controller or the magnets add is no part of it."
+        if free
+        else "Of the machine as its equations have it.",
+        *summary(found),
+    ]
+    tables = [("Natural frequencies", mode_table(found))] if found.modes else []
+    if diagram is not None and diagram.critical:
+        tables.append(("Critical speeds", critical_table(diagram)))
+    if diagram is not None and not diagram.critical:
+        said.append(f"No critical speed up to {RPM * abs(diagram.speed[-1]):.6g} rpm.")
+    return Part(
+        title, tuple(said), tuple(tables), tuple(_pictures(model, found, diagram, response))
+    )
+
+
+def _pictures(
+    model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
+) -> Sequence[Picture]:
+    pairs, alone = _places(model)
+    return list(
+        pictures(
+            (
+                "Campbell diagram",
+                "Natural frequencies over the speed; a critical speed is where one meets the "
+                "rotation. Bars and bands hold 95 %.",
+                [] if diagram is None else [drawn.campbell(diagram)],
+            ),
+            (
+                "Mode shapes",
+                "Each place at the moment when the largest is at its largest, as the sum of a "
+                "circle run through with the rotation and one against it.",
+                drawn.shapes(found, pairs, alone),
+            ),
+            (
+                "Unbalance response",
+                "Amplitude that the unbalance makes, without forces at the inputs; the band "
+                "holds 95 %.",
+                [] if response is None else drawn.response(response, model.units),
+            ),
+        )
+    )
+
+
+def _places(model: Model) -> tuple[list[tuple[int, int]], list[int]]:
+    """Return the places whose motion is drawn: pairs of lengths, else single coordinates."""
+    names = model.coordinates
+    pairs = partners(names)
+    lengths = [pair for pair in pairs if model.units[names[pair[0]]] == "m"]
+    if lengths:
+        return lengths, []
+    return ([], list(range(len(names)))) if not pairs else (pairs, [])
+
+
+def _response(source: Estimate | Model, to: float) -> UnbalanceResponse | None:
+    machine = machine_of(source)
+    if not machine.linear.load_terms:
+        return None
+    return response_of(machine, np.linspace(0, to, SPEEDS + 1)[1:])
+
+
+def modes_report(
+    source: Estimate | Model,
+    found: Modes,
+    diagram: Campbell | None,
+    notes: Sequence[str],
+) -> str:
+    """Return the page of a machine's modes at a speed and, where asked for, up to a speed."""
+    end = diagram.speed[-1] if diagram is not None else 0.0
+    response = _response(source, float(end)) if end else None
+    title = f"Modes at {RPM * found.speed:.6g} rpm" if found.speed else "Modes at standstill"
+    part = part_of(source, title, found, diagram, response)
+    return render("modes.html", part=part, model=machine_of(source).model, notes=notes)
