@@ -96,6 +96,8 @@ def test_without_references_the_misfit_sees_the_closed_loop():
     estimate = identify(MODEL, spectra(strong, (2.0, 200.0), inputs=MODEL.inputs), KNOWN)
     assert any("free of noise" in warning for warning in estimate.warnings)
     assert estimate.misfit.p_value < 1e-3
+    first = next(w for w in estimate.warnings if w.startswith("the data reject the model"))
+    assert first.endswith("give references or a quiet record first")
 
 
 @pytest.mark.parametrize(("order", "low"), [(None, 1.5), (0, 1.1)])

@@ -148,12 +148,15 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
     told = speed_shown(case)
     if told is not None:
         return told
-    values = physical_at(model, fit)
-    few = on_fewer_lines(case, expected)
-    if few is None:
-        return find_suspects(model, values, case, expected)
-    found = find_suspects(model, values, *few)
-    return replace(found, sentence=found.sentence + by_lines(few[0].records, case.records))
+    few, exact = on_fewer_lines(case, expected), ""
+    case, expected = (case, expected) if few is None else few
+    found = find_suspects(model, physical_at(model, fit), case, expected)
+    if any(record.lines.covariance.kind == "inputs" for record in fit.records):
+        exact = (
+            "; but the inputs were taken as free of noise, and in closed loop that alone gives "
+            "such a misfit: give references or a quiet record first"
+        )
+    return replace(found, sentence=found.sentence + by_lines(case.records, fit.records) + exact)
 
 
 def _deviations(fit: Fit) -> Floats:

@@ -16,7 +16,8 @@ import numpy as np
 
 from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.solver import STAGES, Solution, solve
+from rotorid.estimators.likelihood.solver import STAGES, Solution, joins, solve
+from rotorid.estimators.likelihood.tangent import outside
 from rotorid.record import Floats
 
 FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
@@ -69,7 +70,13 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
     """Return the lowest minimum found and what it tells; None where there is none at all."""
     best: tuple[Solution, Inference] | None = None
     costs: list[tuple[int, float]] = []
+    first: Solution | None = None
     for way in _ways(problem, start):
+        if first is not None and _known(problem, way, first):
+            costs.append((way.number, first.point.cost))
+            if best is not None and _agreed(costs, best[0].point.cost):
+                break
+            continue
         try:
             solution = solve(problem, way.start, way.stages, way.bounded)
             found = solution, infer(solution.point, problem.exact)
@@ -79,11 +86,21 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
             best = found
         if solution.converged:
             costs.append((way.number, solution.point.cost))
+            first = first or solution
         if best[0].converged and (explained(*best) or _agreed(costs, best[0].point.cost)):
             break
     if best is not None and not explained(*best) and not _agreed(costs, best[0].point.cost):
         return replace(best[0], converged=False), best[1]
     return best
+
+
+def _known(problem: Problem, way: _Way, first: Solution) -> bool:
+    """Tell whether a way on thousands of lines would only be the first one again."""
+    if problem.sketch is None or way.stages is not STAGES:
+        return False
+    if len(outside(problem.bounds, first.point.unknowns)):
+        return False
+    return joins(problem, way.start, first.trail, way.bounded)
 
 
 def explained(solution: Solution, inference: Inference) -> bool:

@@ -249,6 +249,40 @@ def elsewhere(
     return found
 
 
+def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
+    """Tell whether a way from another start joins one that is known, by the end of its first stage.
+
+    There the cost is that of a regression, which has one minimum where all unknowns are informed:
+    from the same point the rest of the way is the same.
+    """
+    if not known or any(len(outside(problem.bounds, point)) for point in known):
+        return False
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+        walk = _walk(problem, start, bounded)
+        if walk is None:
+            return False
+        walk.descend(STAGES[0], tolerance=1e-2, limit=30)
+        return _same(problem, walk.unknowns, known[0])
+    return False
+
+
+def _walk(problem: Problem, start: Floats, bounded: bool) -> _Walk | None:
+    """Return a walk that sets out from a start, back on the relations; None if it cannot."""
+    free = problem.layout.free
+    scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    x = start
+    if bounded:
+        moved = inside(problem, start, scale)
+        if moved is None:
+            return None
+        x = moved
+    elif len(problem.exact):
+        moved = retract(start, free, problem.exact, scale)
+        x = start if moved is None else moved
+    return _Walk(anchored(problem.sketch or problem, start), x, bounded)
+
+
 def _descended(
     problem: Problem,
     start: Floats,
@@ -262,19 +296,9 @@ def _descended(
 
     Where a stage ends near the end of the same stage of a way that is known, None as well.
     """
-    free = problem.layout.free
-    scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
-    scale = np.where(scale > 0, scale, 1.0)
-    x = start
-    if bounded:
-        moved = inside(problem, start, scale)
-        if moved is None:
-            return None
-        x = moved
-    elif len(problem.exact):
-        moved = retract(start, free, problem.exact, scale)
-        x = start if moved is None else moved
-    walk = _Walk(anchored(problem.sketch or problem, start), x, bounded)
+    walk = _walk(problem, start, bounded)
+    if walk is None:
+        return None
     trail: list[Floats] = []
     for stage, relaxation in enumerate(stages[:-1]):
         with suppress(np.linalg.LinAlgError):

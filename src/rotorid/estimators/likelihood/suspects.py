@@ -73,6 +73,9 @@ SCREENED = 5
 GROSS = 3.0
 """Cost over its expectation from which on mistakes that are no small changes are tried: no swap,
 sign or unit of a channel that says anything costs less."""
+PLAIN = 1.5
+"""Cost over its expectation from which on 400 lines of a record tell suspects apart as well as
+thousands: of 3200 real equations a half is 20 deviations, and 100 times what `ALIKE` needs."""
 ALIKE = 15.0
 """Suspects whose costs differ by less cannot be told apart: as for alternatives (theory, 7), times
 the cost over its expectation where even the best leaves a misfit."""
@@ -196,18 +199,18 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
 def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
     """Return a case on some of the lines of whole records, and the cost that noise would leave.
 
-    A gross misfit shows on a few hundred lines of each record as well as on thousands, and dozens
-    of candidates are tried on them. None where there are no more, or the misfit is not gross.
+    A plain misfit shows on a few hundred lines of each record as well as on thousands, and dozens
+    of candidates are tried on them. None where there are no more, or the misfit is not plain.
     """
     fewer = thinned(case.records)
-    if fewer is None or case.point.cost <= GROSS * max(expected, 1.0):
+    if fewer is None or case.point.cost <= PLAIN * max(expected, 1.0):
         return None
     point = minimized(case.prepared, fewer, case.point.unknowns, (0.0,))
     if point is None:
         return None
     mean = infer(point, point.problem.exact).expectation.mean
     found = Case(case.prepared, tuple(fewer), point)
-    return (found, mean) if point.cost > GROSS * max(mean, 1.0) else None
+    return (found, mean) if point.cost > PLAIN * max(mean, 1.0) else None
 
 
 def speed_shown(case: Case) -> Suspicion | None:
