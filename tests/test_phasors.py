@@ -447,3 +447,11 @@ def test_a_probe_that_is_turned_about(folder: Path) -> None:
     write(folder / "run.csv", RPM, coast(RPM) * [1, -1])
     text = EXPERIMENT.replace('phase = "py"', 'phase = "py", scale = -1')
     assert identify(folder, text).value("u_x") == pytest.approx(TRUTH["u_x"], rel=1e-9)
+
+
+def test_phasors_that_no_machine_has(folder: Path) -> None:
+    write(folder / "run.csv", RPM, 1e70 * coast(RPM))
+    with pytest.raises(
+        InputError, match=r"found samples up to .* in SI; expected samples of 1e-60"
+    ):
+        identify(folder)

@@ -33,8 +33,11 @@ COLUMNS = 10_000
 UNIT_CHARACTERS = 64
 """Of a unit in the head of a column: ``kg m^2 s^-2`` has eleven."""
 
-PREAMBLE_CHARACTERS = 1000
+PREAMBLE_CHARACTERS = 500
 """Of a line above the numbers that is searched for the sample rate."""
+
+RATES = (1e-9, 1e12)
+"""Hz, of a sample rate that a file states: once in thirty years, and beyond any oscilloscope."""
 
 COMPRESSION = 250
 """Bytes that one byte of a file may stand for: measured samples pack to a half, simulated ones

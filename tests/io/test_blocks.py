@@ -127,3 +127,17 @@ def test_small_records_and_jittered_ones_are_read_at_once(
     jittered = open_blocks([tmp_path / "run.h5"], columns=SOURCES, time=Source("t", "s"))
     assert jittered is None
     assert not isinstance(open_table(tmp_path / "run.h5"), type(None))
+
+
+@pytest.mark.parametrize("scale", [1e-162, 1e155])
+def test_samples_that_no_machine_has(
+    scale: float, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks, "WORTH", 0)
+    sources = {"F": Source("fx", "N"), "x": Source("px", "m", scale=scale)}
+    if path.name == "log.h5":
+        sources = {"F": Source("log[0]", "N"), "x": Source("log[1]", "m", scale=scale)}
+    opened = open_blocks([path], columns=sources, sample_rate=RATE)
+    assert opened is not None
+    with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
+        average_blocks(opened, period_samples=SIZE, **OPTIONS)

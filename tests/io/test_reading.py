@@ -231,3 +231,35 @@ def test_several_files_of_one_clock(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("px\n1\n2\n")
     with pytest.raises(ReadError, match=r"2 samples where others have 8; .* cut them alike"):
         rid.read_record(files, columns=["fx", "px"], time="t")
+
+
+@pytest.mark.parametrize("size", [1e-162, 0.9e-60, 1.1e60, 1e155, 1e308])
+@pytest.mark.parametrize("defect", [False, True])
+def test_samples_that_no_machine_has(size: float, defect: bool, tmp_path: Path) -> None:
+    """Their squares leave what doubles hold: an answer of them would be no number."""
+    path = tmp_path / "run.csv"
+    gap = "nan" if defect else "0"
+    path.write_text("x,F\n" + f"{gap},1\n" + "".join(f"{x / 8 * size},1\n" for x in X))
+    with pytest.raises(
+        InputError, match=r"channels\.x\.unit: found samples up to .* in SI; .*1e-60"
+    ):
+        rid.read_record(path, sample_rate=1000.0)
+    scaled = {"x": Source("x", scale=1.0 / size), "F": Source("F")}
+    assert rid.read_record(path, columns=scaled, sample_rate=1000.0, skip=0.001).samples.max() <= 1
+
+
+@pytest.mark.parametrize("size", [1.1e-60, 0.9e60, 0.0])
+def test_samples_that_some_machine_might_have(size: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("x\n" + "".join(f"{x / 8 * size}\n" for x in X))
+    record = rid.read_record(path, sample_rate=1000.0)
+    assert np.abs(record.samples).max() == pytest.approx(size, rel=1e-12)
+
+
+def test_a_scale_beyond_numbers(tmp_path: Path) -> None:
+    path = write(tmp_path, ".csv")
+    for scale in (1e308, 1e-308):
+        with pytest.raises(InputError, match=r"channels\.x\.unit: found samples up to"):
+            rid.read_record(
+                path, columns={"x": Source("x", scale=scale, unit="km")}, sample_rate=1000.0
+            )

@@ -12,6 +12,7 @@ from rotorid.errors import InputError
 from rotorid.experiment.names import source
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables
+from rotorid.io.reading import check_magnitude, largest_of
 from rotorid.io.table import Table
 from rotorid.lines import Lines
 from rotorid.models import Model
@@ -102,6 +103,7 @@ class Columns:
                 "fill it in, or delete the row",
                 place=place,
             )
+        check_magnitude(largest_of(found.values), factor, place)
         return np.asarray(found.values * factor)
 
     def has(self, column: str) -> bool:

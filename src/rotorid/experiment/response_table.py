@@ -13,6 +13,7 @@ from rotorid.experiment.names import source, unknown
 from rotorid.experiment.phasor_table import Columns, check_lengths, complex_column, std_column
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables
+from rotorid.io.reading import check_magnitude, largest_of
 from rotorid.io.table import Table
 from rotorid.io.universal_responses import StoredResponse, read_responses
 from rotorid.lines import Lines
@@ -211,6 +212,7 @@ def _of_universal(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place
             )
         factor = _factor(name, one, unit, channels[name].unit, model)
+        check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         values = np.asarray(data.values * factor, dtype=np.complex128)
         std = None
         if one.std is not None:

@@ -11,7 +11,14 @@ import numpy as np
 
 from rotorid.errors import InputError, ReadError
 from rotorid.io.opening import open_tables
-from rotorid.io.reading import Source, channel_factors, find_columns, stamps_of
+from rotorid.io.reading import (
+    Source,
+    channel_factors,
+    check_magnitude,
+    find_columns,
+    largest_of,
+    stamps_of,
+)
 from rotorid.io.table import Column, Table
 from rotorid.io.timing import RecordClock, weigh_clock
 from rotorid.record import Channel, Floats
@@ -110,17 +117,18 @@ def open_blocks(
     order = [found[name] for name in columns]
 
     def read() -> Iterator[Floats]:
-        return _blocks(table, order, factors, clock)
+        return _blocks(table, order, dict(zip(columns, factors, strict=True)), clock)
 
     return RecordBlocks(channels, clock.rate, speed, phase or 0.0, table.file, read)
 
 
 def _blocks(
-    table: Table, keys: Sequence[str], factors: Sequence[float], clock: RecordClock
+    table: Table, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
     assert isinstance(table, BlockedTable)
     left = clock.end
+    largest = dict.fromkeys(factors, 0.0)
     for block in table.blocks(list(dict.fromkeys(keys)), ROWS):
         lengths = {len(column.values) for column in block.values()}
         if len(lengths) > 1:
@@ -132,8 +140,21 @@ def _blocks(
             )
         count = lengths.pop() if left is None else min(left, lengths.pop())
         samples = np.empty((count, len(keys)))
-        for place, (key, factor) in enumerate(zip(keys, factors, strict=True)):
-            np.multiply(block[key].values[:count], factor, out=samples[:, place])
+        for place, (key, (name, factor)) in enumerate(zip(keys, factors.items(), strict=True)):
+            values = block[key].values[:count]
+            largest[name] = max(largest[name], largest_of(values))
+            if largest[name] * abs(factor) > 1:  # small ones may grow yet
+                _check_magnitude(largest[name], factor, name, table)
+            np.multiply(values, factor, out=samples[:, place])
         yield samples
         if left is not None and (left := left - count) <= 0:
-            return
+            break
+    for name, factor in factors.items():
+        _check_magnitude(largest[name], factor, name, table)
+
+
+def _check_magnitude(largest: float, factor: float, name: str, table: Table) -> None:
+    try:
+        check_magnitude(largest, factor, f"channels.{name}.unit")
+    except InputError as error:
+        raise error.at(file=table.file) from None

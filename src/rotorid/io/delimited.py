@@ -6,20 +6,22 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from rotorid.errors import ReadError
+from rotorid.errors import InputError, ReadError
 from rotorid.io.dialect import CLOCK, COMMENTS, Dialect, find_dialect, split
 from rotorid.io.table import Column, content, head, no_column, not_what_it_says, too_large
+from rotorid.limits import DIGITS, LINE_CHARACTERS
 from rotorid.record import Floats
 
 _NUMPY_PLACE = re.compile(r"at row (\d+), column (\d+)")
 _NUMPY_ROW = re.compile(r"at row (\d+)")
-_HEAD_LINES, _LONGEST = 400, 1 << 20
+_HEAD_LINES = 400
 _FAST = 32_000_000  # bytes from which on pyarrow, where it is installed, saves more than its import
 _DAY = 86400.0
 
@@ -86,11 +88,23 @@ class DelimitedTable:
 
     def _lines(self, stream: IO[str]) -> Iterator[str]:
         """Return the lines of values; those of a decimal comma with a point."""
-        lines: Iterator[str] = iter(stream)
+        lines = self._bounded(stream)
         next(islice(lines, self.dialect.header_lines, self.dialect.header_lines), None)
         if self.dialect.decimal_comma:
             return (line.replace(",", ".") for line in lines)
         return lines
+
+    def _bounded(self, stream: IO[str]) -> Iterator[str]:
+        """Return the lines of a text; refuse one that never seems to end."""
+        for line in iter(partial(stream.readline, LINE_CHARACTERS), ""):
+            if len(line) >= LINE_CHARACTERS:
+                raise ReadError(
+                    f"a line of more than {LINE_CHARACTERS} characters",
+                    "lines of a table",
+                    "export the record anew; this is no table, or it was damaged",
+                    file=self.file,
+                )
+            yield line
 
     def _numbers(self, positions: list[int]) -> list[Floats]:
         """Return columns of numbers; nothing of the text is kept, and each number at most twice."""
@@ -112,6 +126,8 @@ class DelimitedTable:
                     quotechar='"',
                 )
                 return [np.ascontiguousarray(column) for column in table.T]
+            except InputError:
+                raise
             except ValueError as error:
                 problem = str(error)
             except MemoryError:
@@ -157,11 +173,11 @@ class DelimitedTable:
         """Return a column of times of day in s from its first."""
         texts = []
         with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            for number, line in enumerate(stream, start=1):
+            for number, line in enumerate(self._bounded(stream), start=1):
                 if number <= self.dialect.header_lines or _says_nothing(line):
                     continue
                 fields = split(line, self.dialect.delimiter)
-                if len(fields) <= position or not CLOCK.fullmatch(fields[position]):
+                if len(fields) <= position or not CLOCK.fullmatch(fields[position][:DIGITS]):
                     found = fields[position] if len(fields) > position else "too few columns"
                     raise ReadError(
                         repr(found[:40]),
@@ -171,7 +187,16 @@ class DelimitedTable:
                         place=f"line {number}, column {self.names[position]}",
                     )
                 texts.append(fields[position])
-        return seconds_of_day(texts)
+        try:
+            return seconds_of_day(texts)
+        except (ValueError, OverflowError) as error:
+            raise ReadError(
+                str(error)[:120],
+                "times of days that there are",
+                "correct or remove the row",
+                file=self.file,
+                place=f"column {self.names[position]}",
+            ) from None
 
     def _explain(self, problem: str) -> ReadError:
         """Turn numpy's message into the line and the column of this file."""
@@ -201,14 +226,14 @@ class DelimitedTable:
     def _field(self, line: int, column: int) -> str:
         """Return a field as it stands in the file."""
         with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            row = next(islice(stream, line - 1, None), "")
+            row = next(islice(self._bounded(stream), line - 1, None), "")
         fields = split(row.partition("#")[0], self.dialect.delimiter)
         return fields[column] if column < len(fields) else ""
 
     def _line(self, row: int) -> int:
         """Return the line of numpy's data row: it skips blank lines and comments."""
         with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            for number, line in enumerate(stream, start=1):
+            for number, line in enumerate(self._bounded(stream), start=1):
                 if number > self.dialect.header_lines and not _says_nothing(line):
                     row -= 1
                 if row < 0:
@@ -275,7 +300,10 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
             file=str(path),
             place="header_row",
         )
-    dialect = find_dialect(lines, header_row)
+    try:
+        dialect = find_dialect(lines, header_row)
+    except InputError as error:
+        raise error.at(file=str(path)) from None
     if dialect is None:
         texts = [line for line in lines if not _says_nothing(line)]
         raise ReadError(
@@ -291,7 +319,11 @@ def _first_lines(stream: IO[str], count: int) -> list[str]:
     """Return the first lines, fewer where they are very long."""
     lines: list[str] = []
     length = 0
-    while len(lines) < count and length < _LONGEST and (line := stream.readline(_LONGEST)):
+    while (
+        len(lines) < count
+        and length < LINE_CHARACTERS
+        and (line := stream.readline(LINE_CHARACTERS))
+    ):
         lines.append(line)
         length += len(line)
     return lines

@@ -8,12 +8,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rotorid.errors import InputError
+from rotorid.errors import InputError, ReadError
 from rotorid.io.table import Rate
+from rotorid.limits import COLUMNS, DIGITS, PREAMBLE_CHARACTERS, UNIT_CHARACTERS
 from rotorid.units import check_unit, si_factor
 
 COMMENTS = ("#", "%")
-_HEADER_UNIT = re.compile(r"(?P<name>.*?\S)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))")
+_BRACKETS = {"]": "[", ")": "("}
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf)", re.I)
 CLOCK = re.compile(
     r"(?:\d{4}[-/]\d\d?[-/]\d\d?[T ]|\d\d?[./]\d\d?[./]\d{2,4} )?"
@@ -22,16 +23,21 @@ CLOCK = re.compile(
 """A time of day, ``12:30:01.250``, perhaps with its date."""
 _DELIMITERS = ("\t", ";", ",", " ")
 _BODY = 12  # rows from which the delimiter is judged
+# Every part takes all that it can and gives nothing back: the time grows with the line alone.
+_VALUE = (
+    r"[^\d+\-.\[(]*+(?:[\[(](?P<unit>[^\])]*+)[\])])?[^\d+\-.]*+"
+    r"(?P<value>[\d.,]++(?:[eE][+-]?\d++)?)[\s;,\"]*+"
+)
 _RATE = re.compile(
     r"(?:sampl(?:e|ing)[ _-]?(?:rate|freq(?:uency)?)|scan[ _-]?rate)\b"
-    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)[\s;,\"]*"
-    r"(?P<after>k?hz)?",
+    + _VALUE
+    + r"(?P<after>k?hz)?",
     re.I,
 )
 _STEP = re.compile(
     r"(?:delta_x|sampl(?:e|ing)[ _-]?(?:interval|time|period)|time[ _-]?step)\b"
-    r"[^\d+\-.]*?(?:[\[(](?P<unit>[^\])]*)[\])])?[^\d+\-.]*(?P<value>[\d.,]+(?:[eE][+-]?\d+)?)[\s;,\"]*"
-    r"(?P<after>[mun]?s\b)?",
+    + _VALUE
+    + r"(?P<after>[mun]?s\b)?",
     re.I,
 )
 
@@ -94,6 +100,10 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
         return None
     row = rows[start]
     fields = len(row)
+    if fields > COLUMNS:
+        raise ReadError(
+            f"{fields} columns", f"{COLUMNS} at most", "export a part of them, or to HDF5"
+        )
     header, unit_row = None, None
     if header_row:
         header = header_row - 1
@@ -128,7 +138,7 @@ def split(line: str, delimiter: str) -> list[str]:
 
 def is_value(field: str) -> bool:
     """Tell whether a field is a number or a time of day."""
-    return bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
+    return len(field) <= DIGITS and bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
 
 
 def _score(body: Sequence[str], delimiter: str) -> int:
@@ -231,6 +241,8 @@ def _is_unit_row(fields: list[str]) -> bool:
 
 
 def _is_unit(text: str) -> bool:
+    if len(text) > UNIT_CHARACTERS:
+        return False
     try:
         check_unit(text)
     except InputError:
@@ -239,10 +251,14 @@ def _is_unit(text: str) -> bool:
 
 
 def _name_and_unit(field: str) -> tuple[str, str | None]:
-    match = _HEADER_UNIT.fullmatch(field)
-    unit = (match["square"] or match["round"] or "").strip() if match else ""
-    if match and (unit in ("", "-") or _is_unit(unit)):
-        return match["name"], unit.strip("-") or None
+    """Split ``x1 [um]`` into name and unit: what stands in the brackets at the end."""
+    opening = _BRACKETS.get(field[-1:])
+    if opening is None:
+        return field, None
+    begin = field.find(opening, max(field.rfind(field[-1], 0, -1), 0))
+    name, unit = field[: max(begin, 0)].rstrip(), field[begin + 1 : -1].strip()
+    if name.strip() and (unit in ("", "-") or _is_unit(unit)):
+        return name, unit.strip("-") or None
     return field, None
 
 
@@ -250,7 +266,7 @@ def _rate(preamble: Sequence[str]) -> Rate | None:
     """Return the sample rate that the lines before the numbers state."""
     for line in preamble:
         for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
-            match = pattern.search(line[:1000])
+            match = pattern.search(line[:PREAMBLE_CHARACTERS])
             if match is None:
                 continue
             text = match["value"].strip(".,").replace(",", ".")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from rotorid.errors import InputError, ReadError
 from rotorid.io.opening import open_tables
 from rotorid.io.table import Column, Table
 from rotorid.io.timing import on_grid, weigh_clock
+from rotorid.limits import MAGNITUDE
 from rotorid.record import Booleans, Channel, Floats, Record
 from rotorid.units import check_unit, si_factor, to_si
 
@@ -275,9 +277,41 @@ def stamps_of(table: Table, timing: Source) -> Floats:
     return _stamps(table.read([key])[key], timing, table)
 
 
+def largest_of(values: Floats) -> float:
+    """Return the largest size of numbers, of those that are numbers."""
+    if not len(values):
+        return 0.0
+    low, high = float(values.min()), float(values.max())
+    if np.isnan(low):
+        low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+    return max(-low, high)
+
+
+def check_magnitude(largest: float, factor: float, place: str) -> None:
+    """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
+
+    Parameters
+    ----------
+    largest : float
+        The largest size in the column; infinity and no number at all are told elsewhere.
+    factor : float
+        What turns the column into SI.
+    place : str
+    """
+    size = abs(largest * factor)
+    if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
+        raise InputError(
+            f"samples up to {size:.3g} in SI",
+            f"samples of {1 / MAGNITUDE:g} to {MAGNITUDE:g}",
+            "check the unit and the scale of the column, and its numbers",
+            place=place,
+        )
+
+
 def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats, str]:
     """Return the samples of a channel in SI, and their unit."""
     factor, unit = _factor(column, source, table, name)
+    check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
     return column.values * factor, unit
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from rotorid.errors import InputError, ReadError
 from rotorid.files import open_regular
-from rotorid.limits import COMPRESSION, UNPACKED_BYTES
+from rotorid.limits import COMPRESSION, RATES, UNPACKED_BYTES
 from rotorid.record import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
@@ -57,6 +57,11 @@ class Column:
     values: Floats
     unit: str | None = None
     rate: Rate | None = None
+
+    def __post_init__(self) -> None:
+        """Take a rate that no logger has for none."""
+        if self.rate is not None and not RATES[0] <= self.rate.hertz <= RATES[1]:
+            object.__setattr__(self, "rate", None)
 
 
 class Table(Protocol):

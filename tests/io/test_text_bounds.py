@@ -1,0 +1,144 @@
+"""Text tables that are no tables: long lines, fields and heads, in time that grows with them."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from rotorid.errors import ReadError
+from rotorid.io import open_table
+from rotorid.io.dialect import find_dialect, is_value
+from rotorid.limits import (
+    COLUMNS,
+    DIGITS,
+    LINE_CHARACTERS,
+    PREAMBLE_CHARACTERS,
+    RATES,
+    UNIT_CHARACTERS,
+)
+
+ROWS = "1,2\n" * 600
+
+
+def table(folder: Path, text: str | bytes) -> Path:
+    path = folder / "run.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        '"' + " (" * 60_000 + '",y\n',
+        '"a' + " " * 120_000 + '[",y\n',
+        '"' + "a[b" * 40_000 + ']",y\n',
+        "1" * 120_000 + "x,y\n",
+        "1:" * 60_000 + ",y\n",
+        ("sample rate " * 90 + "\n") * 390 + "x,y\n",
+        ("sampling interval" + " " * 900 + "-\n") * 390 + "x,y\n",
+        ("sample time [[[(" * 70 + "\n") * 390 + "x,y\n",
+    ],
+)
+def test_heads_take_time_by_their_length(head: str, tmp_path: Path) -> None:
+    """Regular expressions that go back took 49 s for the first, and minutes for the last."""
+    path, started = table(tmp_path, head + ROWS), time.process_time()
+    opened = open_table(path)
+    assert opened.read([opened.names[0]])[opened.names[0]].values[0] == 1
+    assert time.process_time() - started < 2
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("x [um]", ("x", "um")),
+        ("x(mm/s)", ("x", "mm/s")),
+        ("gap [left] [um]", ("gap [left]", "um")),
+        ("x []", ("x", None)),
+        ("x [-]", ("x", None)),
+        ("x [seven]", ("x [seven]", None)),
+        ("[um]", ("[um]", None)),
+        ("x [um] raw", ("x [um] raw", None)),
+        ("x [um)", ("x [um)", None)),
+        ("]", ("]", None)),
+        (f"x [{'m' * (UNIT_CHARACTERS + 1)}]", (f"x [{'m' * 65}]", None)),
+        (f"x [{'m*' * 31}mm]", ("x", "m*" * 31 + "mm")),
+    ],
+)
+def test_names_with_units(name: str, found: tuple[str, str | None]) -> None:
+    dialect = find_dialect([f"{name},y", *["1,2"] * 4])
+    assert dialect is not None
+    assert (dialect.names[0], dialect.units[0]) == found
+
+
+@pytest.mark.parametrize(
+    ("line", "hertz"),
+    [
+        ("Sample rate [kHz]: 5", 5000),
+        ("Sampling Rate (Hz),5000", 5000),
+        ("Sample Rate: 10 kHz", 10_000),
+        ("scan rate (Hz)=2000", 2000),
+        ("Delta_X\t0.001", 1000),
+        ("Sample interval [ms]: 0.5", 2000),
+        ("sampling frequency 1e4 Hz", 10_000),
+        ("sample time;0.1 ms", 10_000),
+        ("x" * (PREAMBLE_CHARACTERS - 25) + " sample rate 2000 Hz kept", 2000),
+        ("x" * (PREAMBLE_CHARACTERS - 10) + " sample rate 2000 Hz", None),
+    ],
+)
+def test_rates_in_the_head(line: str, hertz: float | None) -> None:
+    """The unit may stand before the number or behind it: a kHz is not a Hz."""
+    dialect = find_dialect([line, "x,y", *["1,2"] * 4])
+    assert dialect is not None
+    assert (dialect.rate and dialect.rate.hertz) == (hertz and pytest.approx(hertz))
+
+
+def test_rates_that_no_logger_has(tmp_path: Path) -> None:
+    assert RATES == (1e-9, 1e12)
+    for interval, kept in (("1e-320", False), ("1e-13", False), ("1e-11", True)):
+        path = table(tmp_path, f"Delta_X {interval}\nx,y\n{ROWS}")
+        assert (open_table(path).read(["x"])["x"].rate is not None) == kept
+
+
+def test_long_lines(tmp_path: Path) -> None:
+    last = "1," + "2" + " " * (LINE_CHARACTERS - 5) + "\n"
+    assert open_table(table(tmp_path, "x,y\n" + ROWS + last)).read(["y"])["y"].values[-1] == 2
+    for more in ("1,2 " + " " * (LINE_CHARACTERS - 4), "1," * LINE_CHARACTERS):
+        with pytest.raises(ReadError, match="a line of more than 1048576 characters"):
+            open_table(table(tmp_path, "x,y\n" + ROWS + more)).read(["x"])
+
+
+def test_a_hole_in_the_file(tmp_path: Path) -> None:
+    """A file of which a terabyte was never written: the line that it makes is not read."""
+    path = table(tmp_path, "x,y\n" + "1,2\n" * 20_000)
+    with path.open("r+b") as stream:
+        stream.truncate(10**12)
+    with pytest.raises(ReadError, match="a line of more than"):
+        open_table(path).read(["x"])
+
+
+def test_bounds_of_columns_and_fields(tmp_path: Path) -> None:
+    for count in (COLUMNS, COLUMNS + 1):
+        rows = [",".join(f"c{i}" for i in range(count)), *[",".join("1" * count)] * 3]
+        path = table(tmp_path, "\n".join(rows) + "\n")
+        if count == COLUMNS:
+            assert len(open_table(path).names) == 10_000
+        else:
+            with pytest.raises(ReadError, match=r"run.csv: found 10001 columns; expected 10000"):
+                open_table(path)
+    assert is_value("1" * DIGITS)
+    assert not is_value("1" * (DIGITS + 1))
+
+
+@pytest.mark.parametrize("day", ["2024-99-45 12:00:00", "2024-02-30T12:00:00Z"])
+def test_days_that_are_none(day: str, tmp_path: Path) -> None:
+    path = table(tmp_path, "t,y\n" + f"{day},2\n" * 20)
+    with pytest.raises(ReadError, match=r"column t: found .* out of range"):
+        open_table(path).read(["t"])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_letters_of_windows(encoding: str, tmp_path: Path) -> None:
+    path = table(tmp_path, ("Kr\xe4fte [\xb5m],y\n" + ROWS).encode(encoding))
+    assert open_table(path).names == ("Kr\xe4fte", "y")
