@@ -203,7 +203,8 @@ def report(**options: Any) -> int:
 
 @cli.command(epilog=_example("rotorid export run.json --to run.mat"))
 @click.argument("result", type=_FILE)
-@click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat or .tex.")
+@click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat, .tex, .json.")
+@click.option("--speed", default="0 rpm", show_default=True, help="Of the state space.")
 @_quiet_option
 @_force_option
 @_debug_option

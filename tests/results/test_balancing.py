@@ -9,7 +9,7 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 import rotorid as rid
 from rotorid import cli
 from rotorid.distributions import bound_of_length
-from rotorid.results.balancing import CONFIDENCE
+from rotorid.results.balancing import CONFIDENCE, Balance
 from rotorid.results.machine import machine_of
 from rotorid.results.masses import Masses, chosen
 from rotorid.results.planes import rotor_mass
@@ -18,7 +18,7 @@ ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
 UNBALANCE = ("xi", "zeta", "mu", "eta")
 
 
-def vector(found: rid.Balance) -> np.ndarray:
+def vector(found: Balance) -> np.ndarray:
     return np.array([c.unbalance_kg_m * np.exp(1j * c.angle_rad) for c in found.corrections])
 
 

@@ -7,11 +7,11 @@ import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
-from rotorid.results.critical import critical_speeds
+from rotorid.results.critical import Campbell, critical_speeds
 from rotorid.results.machine import machine_of
 
 
-def speeds_of(found: rid.Campbell) -> list[float]:
+def speeds_of(found: Campbell) -> list[float]:
     return [each.speed_rad_s for each in found.critical]
 
 

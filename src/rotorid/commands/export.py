@@ -7,15 +7,20 @@ from pathlib import Path
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, show, write
 from rotorid.estimate import load_estimate
-from rotorid.results.export import exported, kind_of
+from rotorid.results.export import exported, kind_of, plant_of
 from rotorid.writing import check_apart
 
 
-def run(result: Path, target: Path, force: bool) -> int:
+def run(result: Path, target: Path, speed: str, force: bool) -> int:
     """Write a result for another program."""
     targets = check_outputs((target, kind_of(target)), force=force)
     estimate = load_estimate(result)
     check_apart(targets, [result])
-    write((target, lambda: exported(estimate, target)))
-    show([f"{target}: {len(estimate.parameters)} parameters, {len(estimate.nuisance)} nuisance"])
+    write((target, lambda: exported(estimate, target, speed=speed)))
+    found = f"{len(estimate.parameters)} parameters, {len(estimate.nuisance)} nuisance"
+    if target.suffix.lower() in (".json", ".mat"):
+        plant = plant_of(estimate, speed)
+        space = f"state space of {0 if plant is None else len(plant.A)} states at {speed}"
+        found = space if target.suffix.lower() == ".json" else f"{found}, {space}"
+    show([f"{target}: {found}"])
     return OK

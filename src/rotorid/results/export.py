@@ -1,8 +1,9 @@
-"""An estimate for other programs: CSV, MATLAB, LaTeX."""
+"""An estimate for other programs: CSV, MATLAB, LaTeX; its state space as JSON and for MATLAB."""
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Callable, Iterable
 from io import BytesIO, StringIO
@@ -12,9 +13,12 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Value
+from rotorid.results.modes import finite_speed
+from rotorid.results.state_space import StateSpace, state_space
 from rotorid.screen import one_line, printable
 from rotorid.writing import Kind, write_whole
 
+SCHEMA = "rotorid-state-space/1"
 _COLUMNS = ("kind", "name", "unit", "value", "std", "std_inflated", "fixed")
 _MAT_TEXT = b"MATLAB 5.0 MAT-file, written by rotorid export"
 _MAT_TEXT_BYTES = 116
@@ -23,7 +27,9 @@ _LATEX = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasc
 _LATEX |= {c: "\\" + c for c in "&%$#_{}"}
 
 
-def export(estimate: Estimate, path: str | Path, *, ending: str | None = None) -> None:
+def export(
+    estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
+) -> None:
     """Write the parameters, nuisance and derived quantities of an estimate, and their covariance.
 
     Parameters
@@ -31,14 +37,18 @@ def export(estimate: Estimate, path: str | Path, *, ending: str | None = None) -
     estimate : Estimate
     path : str or Path
         Its ending says how: ``.csv`` (a row per quantity, then its row of the covariance),
-        ``.mat`` (MATLAB 5, one struct ``estimate``), ``.tex`` (two ``tabular``).
+        ``.mat`` (MATLAB 5: a struct ``estimate``, and a struct ``plant`` of a linear machine, for
+        ``ss(plant.A, plant.B, plant.C, plant.D)``), ``.tex`` (two ``tabular``), ``.json`` (the
+        state space).
     ending : str, optional
         In place of the path's.
+    speed : float or str
+        Of the state space: rad/s, or a text with unit.
 
     Raises
     ------
     InputError
-        For any other ending.
+        For any other ending, and for a state space that the machine does not have.
     OSError
         Where the file cannot be written.
 
@@ -52,12 +62,19 @@ def export(estimate: Estimate, path: str | Path, *, ending: str | None = None) -
     >>> print(path.read_text().splitlines()[1])
     parameter,m,kg,2.0,0.01,,False,0.0001
     """
-    write_whole(path, exported(estimate, path, ending=ending))
+    write_whole(path, exported(estimate, path, ending=ending, speed=speed))
 
 
-def exported(estimate: Estimate, path: str | Path, *, ending: str | None = None) -> bytes:
+def exported(
+    estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
+) -> bytes:
     """Return the content of the file that `export` writes."""
-    return WRITERS[_known_ending(path, ending)](estimate)
+    known = _known_ending(path, ending)
+    if known == ".json":
+        return _json(estimate, speed)
+    if known == ".mat":
+        return _mat(estimate, speed)
+    return WRITERS[known](estimate)
 
 
 def kind_of(path: str | Path) -> Kind:
@@ -67,10 +84,10 @@ def kind_of(path: str | Path) -> Kind:
 
 def _known_ending(path: str | Path, ending: str | None = None) -> str:
     ending = (ending or Path(path).suffix).lower()
-    if ending not in WRITERS:
+    if ending not in _BEGINS:
         raise InputError(
             f"the ending {ending!r}",
-            f"one of {', '.join(WRITERS)}",
+            f"one of {', '.join(_BEGINS)}",
             "name the file so, for example result.csv",
             file=str(path),
         )
@@ -104,7 +121,21 @@ def _csv(estimate: Estimate) -> bytes:
     return _encoded(stream.getvalue())
 
 
-def _mat(estimate: Estimate) -> bytes:
+def plant_of(estimate: Estimate, speed: float | str) -> StateSpace | None:
+    """Return the state space of an estimate; None where its machine has none."""
+    finite_speed(speed)
+    try:
+        return state_space(estimate, speed=speed)
+    except InputError:
+        return None
+
+
+def _json(estimate: Estimate, speed: float | str) -> bytes:
+    plant = state_space(estimate, speed=speed).to_dict()
+    return (json.dumps({"schema": SCHEMA, **plant}, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _mat(estimate: Estimate, speed: float | str) -> bytes:
     from scipy.io import savemat  # only here
 
     def cells(texts: Iterable[str]) -> np.ndarray:
@@ -128,7 +159,18 @@ def _mat(estimate: Estimate) -> bytes:
         "covariance_name": cells(_covariance_names(estimate)),
     }
     stream = BytesIO()
-    savemat(stream, {"estimate": content}, oned_as="column")  # type: ignore[arg-type]
+    structs: dict[str, object] = {"estimate": content}
+    plant = plant_of(estimate, speed)
+    if plant is not None:
+        structs["plant"] = {name: getattr(plant, name) for name in "ABCD"} | {
+            "speed": plant.speed,
+            **{
+                f"{kind}_{what}": cells(pair[k] for pair in getattr(plant, f"{kind}s"))
+                for kind in ("state", "input", "output")
+                for k, what in enumerate(("name", "unit"))
+            },
+        }
+    savemat(stream, structs, oned_as="column")  # type: ignore[arg-type]
     # The text at its beginning is free; with the date that stands there no two files are alike.
     return _MAT_TEXT.ljust(_MAT_TEXT_BYTES) + stream.getvalue()[_MAT_TEXT_BYTES:]
 
@@ -164,9 +206,10 @@ def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
 
 
-WRITERS: dict[str, Callable[[Estimate], bytes]] = {".csv": _csv, ".mat": _mat, ".tex": _tex}
+WRITERS: dict[str, Callable[[Estimate], bytes]] = {".csv": _csv, ".tex": _tex}
 _BEGINS = {
     ".csv": re.escape(",".join(_COLUMNS).encode()),
     ".mat": re.escape(_MAT_TEXT),
     ".tex": re.escape(_TEX_MARK.encode()),
+    ".json": rb'\{\s*"schema": "rotorid-state-space/',
 }

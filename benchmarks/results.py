@@ -1,0 +1,77 @@
+"""What the deviations of modes, critical speeds and balancing hold, record by record.
+
+    OPENBLAS_NUM_THREADS=1 python benchmarks/results.py modes 500
+    OPENBLAS_NUM_THREADS=1 python benchmarks/results.py balancing 500
+
+A line after every fifty records. `modes`: an anisotropic rotor whose two bounce modes lie within a
+few deviations of each other, identified from fifteen lines. `balancing`: random rigid rotors in
+two planes, four sensors with runout, unknown k_i, two speeds.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import numpy as np
+from result_cases import balanced, covered, identified
+
+
+def modes(count: int) -> None:
+    """Print what intervals of modes and critical speeds hold."""
+    found, begin = [], time.process_time()
+    for seed in range(count):
+        found.append(identified(seed))
+        if (seed + 1) % 50 and seed + 1 < count:
+            continue
+        good = [each for each in found if each.status == "ok"]
+        print(f"{seed + 1} records, {len(good)} ok, {time.process_time() - begin:.0f} s")
+        close = np.array([each.close for each in good])
+        held = np.array([covered(each.frequency) for each in good])
+        rms = _rms(np.array([each.frequency for each in good]))
+        print(f"  frequency: cover {_percent(held)}, rms of error / deviation {rms}")
+        among = f"{100 * held[close].mean():.1f} %" if close.any() else "-"
+        print(f"  close: {_percent(close)}, of which covered {among}")
+        ratios = np.array([each.damping for each in good])
+        away = (ratios[..., 0] - ratios[..., 2]) / ratios[..., 1]
+        print(f"  damping: cover {_percent(np.abs(away) < 1.96)}")
+        criticals = np.array([each.critical for each in good])
+        print(
+            f"  critical: cover {_percent(np.array([covered(c) for c in criticals]))}, "
+            f"rms {_rms(criticals)}",
+            flush=True,
+        )
+
+
+def _rms(rows: np.ndarray) -> str:
+    away = (rows[..., 0] - rows[..., 4]) / rows[..., 1]
+    return ", ".join(f"{v:.2f}" for v in np.sqrt((away**2).mean(axis=0)))
+
+
+def _percent(held: np.ndarray) -> str:
+    return ", ".join(f"{100 * v:.1f}" for v in held.mean(axis=0)) + " %"
+
+
+def balancing(count: int) -> None:
+    """Print what the stated residual holds, and how much of the unbalance is gone."""
+    found, begin = [], time.process_time()
+    for seed in range(count):
+        found.append(balanced(seed))
+        if (seed + 1) % 50 and seed + 1 < count:
+            continue
+        good = [each for each in found if each.status == "ok"]
+        left, before = np.array([e.left for e in good]), np.array([e.before for e in good])
+        stated = np.array([e.stated for e in good])
+        gone = 100 * (1 - np.median(left.sum(axis=1) / before.sum(axis=1)))
+        print(
+            f"{seed + 1} rotors, {len(good)} ok, {time.process_time() - begin:.0f} s: residual "
+            f"below the stated one {_percent(left <= stated)}, median removed {gone:.2f} %",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    {"modes": modes, "balancing": balancing}[sys.argv[1]](int(sys.argv[2]))
