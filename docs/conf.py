@@ -22,6 +22,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
+    "running",
 ]
 exclude_patterns = ["_build", "**/README.md", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}

@@ -26,6 +26,11 @@ eval "$(_ROTORID_COMPLETE=bash_source rotorid)"
 For zsh put `zsh_source` there, and for fish, in a file of `~/.config/fish/completions`,
 `_ROTORID_COMPLETE=fish_source rotorid | source`.
 """
+PYTHON = """# Python, name by name
+
+What the docstrings say: the equation, what is taken as known, shapes and units, errors, an example
+that runs. `help(rid.identify)` shows the same.
+"""
 HEAD = """# Commands
 
 What `rotorid COMMAND --help` prints, for every command. Exit codes: 0 done; 1 no answer (or one
@@ -73,4 +78,5 @@ def python_pages() -> dict[str, str]:
             members = "   :members:\n" if kind == "class" else ""
             parts.append(f"```{{eval-rst}}\n.. auto{kind}:: rotorid.{name}\n{members}```\n")
         pages[f"python-{title.lower().replace(' ', '-')}"] = "\n".join(parts)
-    return pages
+    listed = "\n".join(pages)
+    return {**pages, "python": f"{PYTHON}\n```{{toctree}}\n{listed}\n```\n"}

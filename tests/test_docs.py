@@ -1,6 +1,7 @@
 """What the documentation says is there, is there; what it shows as code, runs."""
 
 import importlib
+import importlib.util
 import re
 import tomllib
 from pathlib import Path
@@ -106,15 +107,13 @@ def columns_of(experiment: str) -> dict[str, tuple[str, float]]:
 def test_python_of_the_readme_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    record = simulated("three-mass")
-    write(record, tmp_path / "run-140hz.h5", {name: (name, 1.0) for name in record.names})
     monkeypatch.chdir(tmp_path)
     (code,) = blocks(ROOT / "README.md", "python")
     assert len([line for line in code.splitlines() if line]) <= 10
     found: dict[str, object] = {}
     exec(code, found)
     assert "m2" in capsys.readouterr().out
-    assert rid.load_estimate("run-140hz.json").value("m2") == pytest.approx(11.322, rel=0.01)
+    assert rid.load_estimate("run.json").value("m2") == pytest.approx(11.322, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -161,3 +160,33 @@ def test_experiment_file_of_the_maximum_likelihood_page_is_one(tmp_path: Path) -
     assert isinstance(estimator, rid.MaximumLikelihood)
     assert estimator.gains == ("ki", "ks")
     assert estimator.runout
+
+
+def test_the_drawing_is_that_of_its_script_and_of_the_models() -> None:
+    """Signs of the drawing: those of the equations of the shipped models and rigs."""
+    spec = importlib.util.spec_from_file_location("drawing", ROOT / "docs" / "make_drawing.py")
+    assert spec is not None
+    assert spec.loader is not None
+    drawing = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(drawing)
+    shown = drawing.drawing()
+    assert shown == (ROOT / "docs" / "images" / "coordinates.svg").read_text(encoding="utf-8")
+    assert "x_a = x - L_a θ_y,  y_a = y + L_a θ_x" in shown
+    assert "F_x = k_i i + k_s x" in shown
+    rigid = rid.load_model("rigid")
+    values = rigid.values(rigid.nominal)
+    work = rigid.require_linear().matrices(values).B
+    length = rigid.nominal["L_a"]
+    # The displacement that does work with F_xa and F_ya, over x, y, theta_x, theta_y.
+    assert work[:, 0].tolist() == [1.0, 0.0, 0.0, -length]
+    assert work[:, 1].tolist() == [0.0, 1.0, length, 0.0]
+    # Rotation from x to y: what lies along x at phi = 0 lies along y a quarter turn later.
+    loads = rigid.require_linear().load_columns([0.0, 0.0], [0.0, np.pi / 2], 1.0)
+    along = loads @ rigid.monomial_values(rigid.values({**rigid.nominal, "zeta": 0.0}))
+    assert along[0, 0] > 0
+    assert along[1, 1] == pytest.approx(along[0, 0])
+    from rotorid.actuators.laws import Linear
+
+    law = Linear(120.0, 2e5)
+    assert law.force(np.array([1.0]), np.array([0.0]))[0] > 0
+    assert law.force(np.array([0.0]), np.array([1e-6]))[0] > 0

@@ -131,8 +131,26 @@ def test_currents_need_a_law(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=names, comments="")
     found = parse(draft([tmp_path / "run.csv"], "jeffcott", tmp_path))
     law = {"law": "linear", "current": {"column": "i_x", "unit": "A"}}
-    assert found["channels"]["F_x"] == law | {"position": "?", "ki": "?", "ks": "?"}
+    assert found["channels"]["F_x"] == law | {"position": "x", "ki": "?", "ks": "?"}
     assert found["records"][0]["speed"] == "1800 rpm"
+
+
+def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
+    """As forces and positions are: a logger's A and B, the displacement that does work beside."""
+    names = [f"I {p} [A]" for p in ("AX", "AY", "BX", "BY")]
+    names += [f"Pos {p} [um]" for p in ("AX", "AY", "BX", "BY")]
+    table = np.random.default_rng(1).normal(size=(400, 8))
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=";", header=";".join(names), comments="")
+    text = draft([path], "three-mass", tmp_path)
+    channels = parse(text)["channels"]
+    for name, column, position in (("F_x1", "I AX", "x1"), ("F_y3", "I BY", "y3")):
+        assert channels[name]["current"]["column"] == column
+        assert channels[name]["position"] == position
+    assert "taken A for 1, B for 3, by their order: check" in text
+    swapped = draft([path], "rigid", tmp_path)  # B of this model holds the lengths
+    law = parse(swapped)["channels"]["F_ya"]
+    assert (law["current"]["column"], law["position"]) == ("I AY", "?")
 
 
 @pytest.mark.parametrize(

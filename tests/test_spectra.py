@@ -126,7 +126,7 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
     assert estimate.status == "rejected"
     assert [s.term for s in estimate.suspects] == ["speed"]
     assert estimate.suspects[0].value == pytest.approx(SPEED, rel=1e-5)
-    assert "Hz), which its lines show, with which the cost falls" in estimate.warnings[0]
+    assert "Hz), which its lines show, with which the misfit falls" in estimate.warnings[0]
     assert abs(estimate.value("k") / TRUTH["k"] - 1) < 0.01
 
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 SCHEMA = "rotorid-estimate/2"
 NOTICED = 0.01  # p-value below which the tables say where the misfit lies
 WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
+FAR = 10.0  # deviations in a value, from which on it is not shown in percent
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
 HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
 _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
@@ -727,7 +728,7 @@ def _suspect_tables(estimate: Estimate) -> list[Table]:
     rows = [
         (
             s.term,
-            f"{s.drop:.3g}",
+            _plain(f"{s.drop:.3g}"),
             "" if s.share is None else f"{100 * s.share:.3g}",
             "" if s.value is None else f"{s.value:.4g}",
             "" if s.unit == "1" else s.unit,
@@ -764,7 +765,9 @@ def _misfit_table(title: str, rows: Sequence[tuple[str, LineMisfit | EquationMis
         return named[1].cost - named[1].expected
 
     worst = sorted(rows, key=excess, reverse=True)[:WORST]
-    cells = [(name, f"{row.cost:.4g}", f"{row.expected:.4g}") for name, row in worst]
+    cells = [
+        (name, _plain(f"{row.cost:.4g}"), _plain(f"{row.expected:.4g}")) for name, row in worst
+    ]
     return table((title, "found", "by noise"), cells)
 
 
@@ -783,7 +786,8 @@ def _row(value: Value) -> tuple[str, ...]:
     digits = 6
     if np.isfinite([value.value, value.std]).all():
         digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
-    percent = _two_digits(100 * value.std / abs(value.value))
+    far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
+    percent = "" if far else _two_digits(100 * value.std / abs(value.value))
     number = _plain(f"{value.value:#.{min(max(digits, 2), 12)}g}")
     return value.name, number, _two_digits(value.std), percent, inflated, unit
 

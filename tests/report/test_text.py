@@ -65,7 +65,7 @@ def test_what_there_is_to_say() -> None:
         "misfit 1053 where noise alone leaves 84.2 (82 degrees of freedom), p = 1e-09",
         "predicted against measured, off by: F_x1 0.412 %, F_y1 zero",
         "suspect              misfit falls by",
-        "damping k1                   9.6e+04",
+        "damping k1                     96000",
         "260 periods, 3 lines from 20 to 220 Hz",
         "condition number 25.99",
         "inflated: deviations as if all of the misfit were noise",

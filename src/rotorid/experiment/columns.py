@@ -130,17 +130,28 @@ def by_planes(
         wanted = {key: name for name in names if (key := _place(name)) and key[0] in planes}
         left = {name for name in wanted.values() if name not in taken}
         like = [c for c in free if left and converts(c.unit or "", model.units[min(left)])]
-        named = {str(i): c.name for i, c in enumerate(like)}
-        theirs = _planes(named)
-        places = {key: like[int(i)] for i, name in named.items() if (key := _place(name))}
-        if len(theirs) != len(planes) or len(places) != len(like) or len(left) != len(like):
-            continue
-        order = dict(zip(planes, theirs, strict=True))
-        said = ", ".join(f"{c.upper()} for {m}" for m, c in order.items() if m != c)
-        for (plane, axis), name in wanted.items():
-            if column := places.get((order[plane], axis)):
-                found[name] = column, said and f"taken {said}, by their order: check"
+        if len(left) == len(like):
+            found |= _in_order(wanted, like, planes)
     return found
+
+
+def _in_order(
+    wanted: Mapping[tuple[str, str], str], like: Sequence[Found], planes: Sequence[str]
+) -> dict[str, tuple[Found, str]]:
+    """Return the columns of quantities by plane and axis, with what was assumed; all or none."""
+    named = {str(i): c.name for i, c in enumerate(like)}
+    theirs = _planes(named)
+    places = {key: like[int(i)] for i, name in named.items() if (key := _place(name))}
+    if len(theirs) != len(planes) or len(places) != len(like):
+        return {}
+    order = dict(zip(planes, theirs, strict=True))
+    said = ", ".join(f"{c.upper()} for {m}" for m, c in order.items() if m != c)
+    note = said and f"taken {said}, by their order: check"
+    return {
+        name: (column, note)
+        for (plane, axis), name in wanted.items()
+        if (column := places.get((order[plane], axis)))
+    }
 
 
 def _planes(names: Mapping[str, str]) -> list[str]:
@@ -164,16 +175,21 @@ def _apart(part: str) -> list[str]:
 
 def currents(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
-) -> dict[str, Found]:
-    """Return the column of the current of each input that has no force of its own."""
+) -> dict[str, tuple[Found, str]]:
+    """Return the column of the current of each input that has no force, and what was assumed."""
     free = [c for c in columns if c.unit and converts(c.unit, _LAW_UNIT)]
+    inputs = {key: name for name in model.inputs if (key := _place(name))}
+    if len(inputs) == len(model.inputs) == len(free) and not set(model.inputs) & set(taken):
+        planes = _planes({name: name for name in model.inputs})
+        if ordered := _in_order(inputs, free, planes):
+            return ordered
     found = {}
     for name in model.inputs:
         if name in taken or not free:
             continue
         best = max(free, key=lambda c: likeness(name[1:], c.name.lstrip("iI"), False))
         if likeness(name[1:], best.name.lstrip("iI"), False) >= _LIKE:
-            found[name] = best
+            found[name] = best, ""
             free.remove(best)
     return found
 

@@ -346,9 +346,11 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
             table[name] = _column(taken[name], unit)
             if name in guessed and guessed[name][1]:
                 table[name].comment(guessed[name][1])
-        elif name in laws:
-            table[name] = _law(laws[name], name)
-            table[name].comment("F = ki i + ks x; docs/experiments.md has the other laws")
+        elif model is not None and name in laws:
+            column, assumed = laws[name]
+            table[name] = _law(column, _place_of_work(model, name))
+            told = "F = ki i + ks x; docs/experiments.md has the other laws"
+            table[name].comment(f"{told}; {assumed}" if assumed else told)
         elif model is not None and name in model.inputs:
             table[name] = _inline({"column": OPEN, "unit": unit})
             table[name].comment("no column, or more than one, looks like it")
@@ -357,7 +359,7 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
     if hidden:
         table.add(tomlkit.comment(f"no column, or more than one, looks like {', '.join(hidden)}"))
         table.add(tomlkit.comment("a coordinate without a column is not measured, which may be"))
-    used = {c.name for c in (*taken.values(), *laws.values())}
+    used = {c.name for c in taken.values()} | {c.name for c, _ in laws.values()}
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
@@ -374,9 +376,18 @@ def _column(column: Found, unit: str) -> tomlkit.items.InlineTable:
     return _inline({"column": column.name, "unit": column.unit or OPEN})
 
 
-def _law(column: Found, name: str) -> tomlkit.items.InlineTable:
+def _law(column: Found, position: str) -> tomlkit.items.InlineTable:
     current = {"column": column.name, "unit": column.unit or OPEN}
-    return _inline({"law": "linear", "current": current, "position": OPEN, "ki": OPEN, "ks": OPEN})
+    law = {"law": "linear", "current": current, "position": position, "ki": OPEN, "ks": OPEN}
+    return _inline(law)
+
+
+def _place_of_work(model: Model, name: str) -> str:
+    """Return the displacement that does work with an input: B'q; open where B holds parameters."""
+    terms = [t for t in model.input_terms if model.inputs[t.input] == name]
+    if len(terms) != 1 or model.monomials[terms[0].monomial].any() or terms[0].coefficient != 1:
+        return OPEN
+    return model.coordinates[terms[0].row]
 
 
 def _parameters(model: Model) -> tomlkit.items.Table:

@@ -44,7 +44,10 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
     try:
         plan = load_experiment(path)
     except InputError as error:
-        entries = _draft_entries(path)
+        try:
+            entries = _draft_entries(path)
+        except InputError:
+            raise error from None  # what the file is not says more than that it is no TOML
         if entries is None:
             raise
         told = f"read as a draft, every column as it is, because of this: {error}"

@@ -406,12 +406,12 @@ def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:
     if doubt.alternatives:
         costs = ", ".join(f"{other.cost:.4g}" for other in doubt.alternatives)
         found.append(
-            f"not identifiable: other answers fit as well (cost {costs}); see the alternatives"
+            f"not identifiable: other answers fit as well (misfit {costs}); see the alternatives"
         )
     if doubt.bent:
         found.append(
             f"not identifiable: {', '.join(doubt.bent)}: they move together much further than "
-            "their stated deviations before the cost rises"
+            "their stated deviations before the misfit rises"
         )
     if found:
         found.append(f"cure: {_cure(problem, start, doubt)}")

@@ -268,13 +268,13 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
     found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
     if p_value < REJECTED:
         found.append(
-            f"the data reject the model: cost {point.cost:.4g} where {expected:.4g} is expected "
+            f"the data reject the model: misfit {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); see the suspects; until the cause is "
             "found neither std nor std_inflated covers the error"
         )
     elif p_value < DOUBTFUL:
         found.append(
-            f"the model is doubtful: cost {point.cost:.4g} where {expected:.4g} is expected "
+            f"the model is doubtful: misfit {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); record more periods, or declare gains and delays of the "
             "channels as known with a deviation"
         )

@@ -668,6 +668,6 @@ def sentence(findings: Sequence[Finding], cost: float, expected: float) -> str:
     others = [f.suspect.term for f in alike(findings, expected)[1:]]
     group = f" (the data cannot tell it from {', '.join(others[:4])})" if others else ""
     return (
-        f"the data reject the model; first suspect: {first.said}, with which the cost falls from "
+        f"the data reject the model; first suspect: {first.said}, with which the misfit falls from "
         f"{cost:.4g} to {first.left:.4g} where {expected:.4g} is expected{group}: {first.cure}"
     )

@@ -120,13 +120,13 @@ def _too_good(fit: Fit) -> Iterator[str]:
     if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
         if all(record.lines.covariance.kind == "stated" for record in fit.records):
             yield (
-                f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected: the stated std "
-                f"is too large, {np.sqrt(cost / expectation.mean):.2g} times as much would do, and "
-                "deviations are too wide"
+                f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected: the stated "
+                f"std is too large, {np.sqrt(cost / expectation.mean):.2g} times as much would do, "
+                "and deviations are too wide"
             )
             return
         yield (
-            f"the cost is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
+            f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
             "chance: the scatter that was taken for noise holds more than noise (settling, drift, "
             "motion that carries over between periods), and deviations are too wide; skip more, "
             "record longer, or look at the record with rotorid inspect"
