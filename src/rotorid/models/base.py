@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.models import cost
 from rotorid.models.dependence import independent_signals
 from rotorid.models.expression import Expression, Monomial
 from rotorid.models.terms import Product
@@ -98,17 +99,22 @@ def base_names(
 def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fraction]]:
     """Return the reduced row echelon form of sparse rows, by the column of each pivot."""
     reduced: dict[int, dict[int, Fraction]] = {}
-    for row in rows:
-        for pivot in sorted(reduced.keys() & row.keys()):
-            row = _without(row, pivot, reduced[pivot])
-        if not row:
-            continue
+    with cost.bounded():
+        for row in rows:
+            _reduce(row, reduced)
+    return dict(sorted(reduced.items()))
+
+
+def _reduce(row: dict[int, Fraction], reduced: dict[int, dict[int, Fraction]]) -> None:
+    """Add a row to those that are reduced; nothing where it follows from them."""
+    for pivot in sorted(reduced.keys() & row.keys()):
+        row = _without(row, pivot, reduced[pivot])
+    if row:
         first = min(row)
         row = {column: value / row[first] for column, value in row.items()}
         for pivot, above in reduced.items():
             reduced[pivot] = _without(above, first, row)
         reduced[first] = row
-    return dict(sorted(reduced.items()))
 
 
 def _without(
@@ -116,6 +122,9 @@ def _without(
 ) -> dict[int, Fraction]:
     """Take from a row what makes one of its columns zero."""
     factor = row.get(column, Fraction(0))
+    if not factor:
+        return row
+    cost.spend_exact(pivot.values(), factor)
     left = {k: row.get(k, Fraction(0)) - factor * pivot.get(k, Fraction(0)) for k in row | pivot}
     return {k: value for k, value in left.items() if value}
 

@@ -9,21 +9,24 @@ many digits a relation at more points than signals is an identity.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from decimal import Decimal, localcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from itertools import takewhile
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from rotorid.models.evaluation import MAX_VALUE, evaluate
-from rotorid.models.expression import Expression, Factor, number, product
+from rotorid.models.expression import Expression, Factor, product
 
-_DIGITS = 100
-_TOLERANCE = Decimal("1e-40")  # what is left of a dependent column
 _MAX_GROUP = 80  # signals; larger groups count as independent
+# Nodes of signals to evaluate to a hundred digits, in all: a second and a half. What is beyond
+# counts as independent; thirty functions that double precision cannot tell apart are within.
+_EVALUATIONS = 30_000
+_SPARE = 5  # points of each size beyond the number of independent signals
 _SCALES = (Fraction(1), Fraction(3), Fraction(1, 30), Fraction(1, 10**5))
 
+Real = Any  # a number of a hundred digits; mpmath carries no types
 Combination = Mapping[Expression, Fraction]
 
 
@@ -31,10 +34,17 @@ def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combi
     """Write each signal as a combination of independent ones."""
     everything = list(dict.fromkeys(signals))
     found: dict[Expression, Combination] = {s: {s: Fraction(1)} for s in everything}
+    known: dict[tuple[Expression, ...], Mapping[Expression, Combination]] = {}
+    left = _EVALUATIONS
     for outer, members in _groups(everything).items():
-        if 1 < len(members) <= _MAX_GROUP and not all(_is_power_product(m) for m in members):
-            for inner, relation in _relations(_suspects(members)).items():
-                found[_times(outer, inner)] = {_times(outer, s): c for s, c in relation.items()}
+        key = tuple(members)
+        if key not in known:
+            if not 1 < len(members) <= _MAX_GROUP or all(_is_power_product(m) for m in members):
+                continue
+            known[key], spent = _relations(_suspects(members), left)
+            left -= spent
+        for inner, relation in known[key].items():
+            found[_times(outer, inner)] = {_times(outer, s): c for s, c in relation.items()}
     return found
 
 
@@ -94,69 +104,82 @@ def _names(signals: Sequence[Expression]) -> list[Expression]:
     return sorted(set[Expression]().union(*(s.free_symbols for s in signals)), key=str)
 
 
-def _relations(signals: Sequence[Expression]) -> dict[Expression, Combination]:
-    """Return the dependent signals in terms of the others, by Gauss and Jordan."""
-    relations: dict[Expression, Combination] = {}
+def _relations(
+    signals: Sequence[Expression], most: int
+) -> tuple[dict[Expression, Combination], int]:
+    """Return the dependent signals in terms of the others, and how many nodes were evaluated.
+
+    So many points are looked at as the independent signals that show ask for, and no more.
+    """
+    spent, rank = 0, min(4, len(signals))
     if not signals:
-        return relations
-    with localcontext() as context:
-        context.prec = _DIGITS
-        rows = _samples(signals)
-        size = [max((abs(row[j]) for row in rows), default=0) for j in range(len(signals))]
-        pivots: list[int] = []
-        for j, signal in enumerate(signals):
-            left = range(len(pivots), len(rows))
-            best = max(left, key=lambda i: abs(rows[i][j]), default=None)
-            if best is None:
-                break  # too few points: the rest counts as independent
-            if abs(rows[best][j]) <= _TOLERANCE * size[j]:
-                ratios = [_near(row[j]) for row in rows[: len(pivots)]]
-                relations[signal] = {
-                    signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c
-                }
-                continue
-            rows[left[0]], rows[best] = rows[best], rows[left[0]]
-            _eliminate(rows, left[0], j)
-            pivots.append(j)
+        return {}, spent
+    nodes, samples = sum(map(_nodes, signals)), _samples(signals)
+    rows: list[list[Real]] = []
+    while True:
+        wanted = len(_SCALES) * (rank + _SPARE)
+        if (spent := nodes * wanted) > most:
+            return {}, most
+        rows += islice(samples, wanted - len(rows))
+        if len(rows) < wanted:
+            return {}, spent  # too few points where all are real: all count as independent
+        relations = _eliminated(signals, list(rows))
+        found = len(signals) - len(relations)
+        if found <= rank:
+            return relations, spent
+        rank = min(max(found, 2 * rank), len(signals))
+
+
+def _nodes(value: Expression) -> int:
+    return 1 + sum(_nodes(part) for part in value.parts if isinstance(part, Expression))
+
+
+def _eliminated(
+    signals: Sequence[Expression], rows: list[list[Real]]
+) -> dict[Expression, Combination]:
+    """Return the dependent signals in terms of the others, by Gauss and Jordan."""
+    from rotorid.models.exact import TOLERANCE, near
+
+    relations: dict[Expression, Combination] = {}
+    size = [max(abs(row[j]) for row in rows) for j in range(len(signals))]
+    pivots: list[int] = []
+    for j, signal in enumerate(signals):
+        left = range(len(pivots), len(rows))
+        best = max(left, key=lambda i: abs(rows[i][j]), default=None)
+        if best is None:
+            break  # too few points: the rest counts as independent
+        if abs(rows[best][j]) <= TOLERANCE * size[j]:
+            ratios = [near(row[j]) for row in rows[: len(pivots)]]
+            relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
+            continue
+        rows[left[0]], rows[best] = rows[best], rows[left[0]]
+        _eliminate(rows, left[0], j)
+        pivots.append(j)
     return relations
 
 
-def _eliminate(rows: list[list[Decimal]], pivot: int, column: int) -> None:
+def _eliminate(rows: list[list[Real]], pivot: int, column: int) -> None:
     head = [value / rows[pivot][column] for value in rows[pivot]]
     for i, row in enumerate(rows):
         factor = row[column]
         rows[i] = head if i == pivot else [a - factor * b for a, b in zip(row, head, strict=True)]
 
 
-def _samples(signals: Sequence[Expression]) -> list[list[Decimal]]:
-    """Evaluate signals at points where all are real; of each size five more than signals.
+def _samples(signals: Sequence[Expression]) -> Iterator[list[Real]]:
+    """Evaluate signals at points where all are real, as many of each size.
 
     Points of one size alone would let functions that are alike there pass for dependent.
     """
-    from rotorid.models.symbolic import to_sympy  # its arithmetic of any length
+    from rotorid.models.exact import values_at  # its arithmetic takes its time to load
 
-    names, wanted, rows = _names(signals), len(_SCALES) * (len(signals) + 5), []
-    symbols, symbolic = ([to_sympy(v) for v in values] for values in (names, signals))
-    for k in range(8 * wanted):
-        point = {name: to_sympy(number(_coordinate(i, k))) for i, name in enumerate(symbols)}
-        values = (signal.evalf(_DIGITS, subs=point) for signal in symbolic)
-        real = list(takewhile(lambda value: value.is_Float or value.is_Rational, values))
-        if len(real) == len(signals):
-            rows.append([Decimal(str(value)) for value in real])
-        if len(rows) == wanted:
-            return rows
-    return []
+    names, most = _names(signals), 8 * len(_SCALES) * (len(signals) + _SPARE)
+    for k in range(most):
+        point = {str(name): _coordinate(i, k) for i, name in enumerate(names)}
+        if (values := values_at(point, signals)) is not None:
+            yield values
 
 
 def _coordinate(i: int, k: int) -> Fraction:
     """Return coordinate i of point k: several sizes, both signs, no pattern."""
     mixed = (7919 * (k + 1) ** 2 + 104729 * (i + 1) ** 3) % 99991
     return _SCALES[k % len(_SCALES)] * (Fraction(mixed, 49999) - 1)
-
-
-def _near(value: Decimal) -> Fraction:
-    """Return the simple fraction that a number is, else the number in double precision."""
-    simple = Fraction(value).limit_denominator(10**6)
-    if abs(Fraction(value) - simple) < Fraction(1, 10**30):
-        return simple
-    return Fraction(repr(float(value)))

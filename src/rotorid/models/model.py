@@ -127,6 +127,10 @@ class Model:
         products = (*self.equations.left, *self.equations.right)
         return sort_monomials({p.monomial for p in products})
 
+    @property
+    def _places(self) -> dict[Monomial, int]:
+        return {monomial: i for i, monomial in enumerate(self._monomials)}
+
     @cached_property
     def monomials(self) -> Integers:
         """Exponents of the parameters in each monomial, shape (monomial, parameter)."""
@@ -136,8 +140,9 @@ class Model:
     @cached_property
     def terms(self) -> tuple[Term, ...]:
         """The left sides."""
+        place = self._places
         return tuple(
-            Term(p.row, self._monomials.index(p.monomial), float(p.coefficient), p.signal)
+            Term(p.row, place[p.monomial], float(p.coefficient), p.signal)
             for p in self.equations.left
         )
 
@@ -145,10 +150,9 @@ class Model:
     def input_terms(self) -> tuple[InputTerm, ...]:
         """The right sides."""
         index = {symbol(name): i for i, name in enumerate(self.inputs)}
+        place = self._places
         return tuple(
-            InputTerm(
-                p.row, index[p.signal], self._monomials.index(p.monomial), float(p.coefficient)
-            )
+            InputTerm(p.row, index[p.signal], place[p.monomial], float(p.coefficient))
             for p in self.equations.right
         )
 

@@ -8,9 +8,9 @@ nothing: the grammar in `symbolic` reads it, or says what is wrong.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from fractions import Fraction
 
+from rotorid.models import cost
 from rotorid.models.expression import Expression, symbol
 
 MAX_TERMS = 300  # of any part: more are for the grammar, which bounds them
@@ -40,7 +40,8 @@ def read_plain(
     `linear` are the names that stand in no function. ``None`` where the text is not plain.
     """
     try:
-        return _Reader(text, names, linear).read(equation=start == "equation")
+        with cost.bounded():
+            return _Reader(text, names, linear).read(equation=start == "equation")
     except _NotPlainError:
         return None
 
@@ -56,6 +57,7 @@ class _Reader:
             match = _TOKEN.match(text, place)
             if match is None:
                 raise _NotPlainError
+            cost.spend(1)
             kind = str(match.lastgroup)
             self.tokens.append((kind, match[kind]))
             place = match.end()
@@ -66,7 +68,7 @@ class _Reader:
         if equation:
             if not self.accepts("="):
                 raise _NotPlainError
-            total = _added(total, self.sum(), -1)
+            _add(total, self.sum(), -1)
         if self.tokens:
             raise _NotPlainError
         return {powers: c for powers, c in total.items() if c}
@@ -87,9 +89,9 @@ class _Reader:
         self.nesting += 1
         if self.nesting > _NESTING:
             raise _NotPlainError
-        total = self.product()
+        total = dict(self.product())
         while sign := self.accepts("+", "-"):
-            total = _added(total, self.product(), 1 if sign == "+" else -1)
+            _add(total, self.product(), 1 if sign == "+" else -1)
         self.nesting -= 1
         return total
 
@@ -158,27 +160,30 @@ def _reciprocal(divisor: Polynomial) -> Polynomial:
     return {frozenset(): 1 / divisor[frozenset()]}
 
 
-def _added(one: Polynomial, other: Polynomial, sign: int) -> Polynomial:
-    total = dict(one)
+def _add(total: Polynomial, other: Polynomial, sign: int) -> None:
+    """Add terms to a total, or take them from it."""
+    cost.spend(len(other))
     for powers, coefficient in other.items():
-        total[powers] = total.get(powers, Fraction(0)) + sign * coefficient
-    return _checked(total)
+        found = total[powers] = total.get(powers, Fraction(0)) + sign * coefficient
+        cost.check_digits(found.numerator, found.denominator)
+    if len(total) > MAX_TERMS:
+        raise _NotPlainError
 
 
 def _multiplied(one: Polynomial, other: Polynomial) -> Polynomial:
     if len(one) * len(other) > MAX_TERMS:
         raise _NotPlainError
+    cost.spend(cost.PRODUCT * len(one) * len(other))
     total: Polynomial = {}
     for first, c in one.items():
         for second, d in other.items():
-            powers = Counter(dict(first))
-            powers.update(dict(second))
+            powers = dict(first)
+            for base, power in second:
+                powers[base] = powers.get(base, 0) + power
             key = frozenset(powers.items())
             total[key] = total.get(key, Fraction(0)) + c * d
-    return _checked(total)
-
-
-def _checked(total: Polynomial) -> Polynomial:
-    if len(total) > MAX_TERMS or any(sum(n for _, n in powers) > _DEGREE for powers in total):
-        raise _NotPlainError
+    for found, coefficient in total.items():
+        cost.check_digits(coefficient.numerator, coefficient.denominator)
+        if sum(n for _, n in found) > _DEGREE:
+            raise _NotPlainError
     return total

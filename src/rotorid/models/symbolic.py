@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from importlib.resources import files
@@ -21,6 +21,7 @@ from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
 from lark.exceptions import VisitError
 
 from rotorid.errors import ModelError
+from rotorid.models import cost
 from rotorid.models.expression import (
     FUNCTIONS,
     MAX_EXPONENT,
@@ -115,6 +116,11 @@ class _Node:
     terms: int = 1
     degree: int = 0
     depth: int = 0
+    size: int = 1  # nodes, or terms when expanded where there are more
+    nested: int = 0  # functions, roots and divisors inside each other
+
+    def with_value(self, value: Symbolic) -> _Node:
+        return replace(self, value=value)
 
 
 class _Builder(Transformer[Token, Any]):
@@ -125,6 +131,7 @@ class _Builder(Transformer[Token, Any]):
         self.names, self.linear, self.inner = names, linear, inner
 
     def number(self, children: list[Token]) -> _Node:
+        cost.spend(cost.NODE)
         text = str(children[0])
         value = float(text)
         if not re.search("[1-9]", re.split("[eE]", text)[0]):
@@ -134,6 +141,7 @@ class _Builder(Transformer[Token, Any]):
         return _Node(sp.Rational(text))
 
     def name(self, children: list[Token]) -> _Node:
+        cost.spend(cost.NODE)
         name = str(children[0])
         if name == "pi":
             return _Node(sp.pi)
@@ -144,33 +152,34 @@ class _Builder(Transformer[Token, Any]):
     def sum(self, children: list[Any]) -> _Node:
         nodes: list[_Node] = children[::2]
         signs = [1, *(-1 if sign == "-" else 1 for sign in children[1::2])]
-        value = sp.Add(*(s * node.value for s, node in zip(signs, nodes, strict=True)))
-        return self._checked(
-            value, sum(n.terms for n in nodes), max(n.degree for n in nodes), nodes
-        )
+        whole = _joined(nodes, sum(n.terms for n in nodes), max(n.degree for n in nodes))
+        values = (s * node.value for s, node in zip(signs, nodes, strict=True))
+        return self._made(whole, lambda: sp.Add(*values))
 
     def negative(self, children: list[_Node]) -> _Node:
         (node,) = children
-        return self._checked(-node.value, node.terms, node.degree, children)
+        return self._made(_joined(children, node.terms, node.degree), lambda: -node.value)
 
     def product(self, children: list[Any]) -> _Node:
-        nodes: list[_Node] = children[::2]
-        factors = [nodes[0].value]
-        for operator, node in zip(children[1::2], nodes[1:], strict=True):
-            factors.append(node.value if operator == "*" else self._reciprocal(node))
+        nodes: list[_Node] = [children[0]]
+        for operator, node in zip(children[1::2], children[2::2], strict=True):
+            nodes.append(node if operator == "*" else self._reciprocal(node))
         terms = 1
         for node in nodes:
             terms = min(terms * node.terms, 10 * MAX_TERMS)
-        return self._checked(sp.Mul(*factors), terms, sum(n.degree for n in nodes), nodes)
+        whole = _joined(nodes, terms, sum(n.degree for n in nodes))
+        return self._made(whole, lambda: sp.Mul(*(node.value for node in nodes)))
 
-    def _reciprocal(self, node: _Node) -> Symbolic:
-        divisor = sp.expand(node.value)
-        self._refuse_parameters(divisor, "a division by")
+    def _reciprocal(self, node: _Node) -> _Node:
+        if node.value.is_Rational and node.value != 0:
+            return _joined([node], 1, node.degree).with_value(1 / node.value)
+        divisor = self._expanded(node, node.terms, "a division by")
         if vanishes(divisor):
             raise ModelError(
                 f"a division by zero (by {shown(node.value)})", "a divisor", "remove it"
             )
-        return 1 / divisor
+        whole = _joined([node], 1, node.degree, nested=node.nested + 1)
+        return self._made(whole, lambda: 1 / divisor)
 
     def power(self, children: list[_Node]) -> _Node:
         base, exponent = children
@@ -179,16 +188,6 @@ class _Builder(Transformer[Token, Any]):
             raise ModelError(
                 f"the exponent {shown(value)}", "a rational number", "write a number there"
             )
-        whole = bool(value.is_Integer) and value >= 0
-        if not whole:
-            expanded = sp.expand(base.value)
-            self._refuse_parameters(expanded, f"the power {shown(value)} of")
-            if vanishes(expanded):
-                raise ModelError(
-                    f"the power {shown(value)} of zero ({shown(base.value)})",
-                    "a base other than zero",
-                    "remove it",
-                )
         size = max(1, abs(int(value)))
         number = base.value.is_number
         degree = 0 if number else max(base.degree, 1) * size
@@ -197,8 +196,23 @@ class _Builder(Transformer[Token, Any]):
             raise ModelError(
                 f"the power {shown(value)}", f"a degree of at most {limit}", "write it smaller"
             )
-        terms = min(base.terms**size, 10 * MAX_TERMS) if whole else 1
-        return self._checked(base.value**value, terms, degree, children)
+        if base.value.is_Rational:
+            cost.check_power(_fraction(base.value), size)
+        terms = min(base.terms**size, 10 * MAX_TERMS)
+        if value.is_Integer and value >= 0:
+            return self._made(_joined(children, terms, degree), lambda: base.value**value)
+        if terms > MAX_TERMS:
+            raise _too_many()
+        expanded = self._expanded(base, terms, f"the power {shown(value)} of")
+        if vanishes(expanded):
+            raise ModelError(
+                f"the power {shown(value)} of zero ({shown(base.value)})",
+                "a base other than zero",
+                "remove it",
+            )
+        # What is above the whole part of an exponent is multiplied out like any power.
+        whole = _joined(children, terms if value > 1 else 1, degree, nested=base.nested + 1)
+        return self._made(whole, lambda: base.value**value)
 
     def call(self, children: list[Any]) -> _Node:
         function, node = str(children[0]), children[1]
@@ -210,16 +224,32 @@ class _Builder(Transformer[Token, Any]):
             )
         if function not in FUNCTIONS:
             raise _unknown(function, frozenset(FUNCTIONS), "a function: one of")
-        argument = sp.expand(node.value)
-        self._refuse_parameters(argument, f"{function} of")
+        argument = self._expanded(node, node.terms, f"{function} of", tested=False)
         if argument.is_number and abs(float(argument)) > 300 and function == "exp":
             raise ModelError(f"exp({shown(argument)})", "a finite number", "scale it")
         # One nonlinear function counts as one factor, however large its argument.
-        return self._checked(_FUNCTIONS[function](argument), 1, 1, [node])
+        whole = _joined([node], 1, 1, nested=node.nested + 1)
+        return self._made(whole, lambda: _FUNCTIONS[function](argument))
 
     def equation(self, children: list[_Node]) -> Symbolic:
         left, right = children
-        return self._checked(left.value - right.value, left.terms + right.terms, 0, children).value
+        whole = _joined(children, left.terms + right.terms, 0)
+        cost.spend(cost.TERM * whole.terms)  # it is expanded next
+        return self._made(whole, lambda: left.value - right.value).value
+
+    def _expanded(self, node: _Node, terms: int, what: str, *, tested: bool = True) -> Symbolic:
+        """Multiply out what stands in a function, a root or a divisor, there to test for zero."""
+        if node.nested >= cost.NESTED:
+            raise ModelError(
+                f"functions and roots nesting deeper than {cost.NESTED}",
+                f"{cost.NESTED} levels at most",
+                "give what is inside a name, or leave it out",
+            )
+        evaluated = cost.EVALUATED * node.size if tested else 0
+        cost.spend(cost.FUNCTION + cost.TERM * (terms - 1) + evaluated)
+        expanded = sp.expand(node.value)
+        self._refuse_parameters(expanded, what)
+        return expanded
 
     def _refuse_parameters(self, value: Symbolic, what: str) -> None:
         held = sorted(str(s) for s in value.free_symbols if str(s) in self.linear)
@@ -230,19 +260,41 @@ class _Builder(Transformer[Token, Any]):
                 "name the whole expression as a parameter of its own",
             )
 
-    def _checked(self, value: Symbolic, terms: int, degree: int, nodes: list[_Node]) -> _Node:
-        depth = 1 + max(node.depth for node in nodes)
-        if terms > MAX_TERMS:
-            raise ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
-        if degree > MAX_DEGREE:
-            raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
-        if depth > MAX_NESTING:
+    def _made(self, whole: _Node, value: Callable[[], Symbolic]) -> _Node:
+        """Check the bounds of an expression, make it, and check what it is."""
+        if whole.terms > MAX_TERMS:
+            raise _too_many()
+        if whole.degree > MAX_DEGREE:
+            raise ModelError(f"degree {whole.degree}", f"{MAX_DEGREE} at most", "write it smaller")
+        if whole.depth > MAX_NESTING:
             raise _too_deep()
-        if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
-            raise _not_real(value)
-        if value.is_number and value != 0:
-            check_number(value)
-        return _Node(value, terms, degree, depth)
+        cost.spend(cost.NODE + whole.size)
+        found = value()
+        if found.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
+            raise _not_real(found)
+        factor = found.as_coeff_Mul(rational=True)[0]
+        cost.check_digits(int(factor.p), int(factor.q))
+        if found.is_number and not found.is_Rational:
+            cost.spend(4 * cost.EVALUATED * whole.size)  # to as many digits as it takes
+        if found.is_number and found != 0:
+            check_number(found)
+        return whole.with_value(found)
+
+
+def _joined(nodes: list[_Node], terms: int, degree: int, *, nested: int = 0) -> _Node:
+    """Return the bounds of what is made of some expressions, without its value."""
+    return _Node(
+        None,
+        terms,
+        degree,
+        1 + max(node.depth for node in nodes),
+        1 + sum(max(node.size, node.terms) for node in nodes),
+        max(nested, *(node.nested for node in nodes)),
+    )
+
+
+def _too_many() -> ModelError:
+    return ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
 
 
 def vanishes(value: Symbolic) -> bool:
@@ -330,13 +382,14 @@ def parse(
         raise _too_deep()
     builder = _Builder(names, linear, "a declared name: one of")
     try:
-        return _value(builder.transform(_parser(start).parse(text)))
+        with cost.bounded():
+            return _value(builder.transform(_parser(start).parse(text)))
     except VisitError as error:
         if isinstance(error.orig_exc, ModelError):
             raise error.orig_exc from None
         if isinstance(error.orig_exc, RecursionError):
             raise _too_deep() from None
-        raise
+        raise error.orig_exc from None
     except UnexpectedInput as error:
         raise _syntax_error(error, text, start) from None
     except RecursionError:

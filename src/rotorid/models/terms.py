@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rotorid.errors import ModelError
+from rotorid.models import cost
 from rotorid.models.expression import (
     MAX_EXPONENT,
     MAX_TERMS,
@@ -60,6 +61,11 @@ class Equations:
 
 def split_equations(texts: Sequence[str], names: Names) -> Equations:
     """Expand equations into products."""
+    with cost.bounded():
+        return _split(texts, names)
+
+
+def _split(texts: Sequence[str], names: Names) -> Equations:
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):
