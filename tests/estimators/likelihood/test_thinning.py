@@ -1,6 +1,7 @@
 """Few lines lead to the minimum of many."""
 
 from dataclasses import replace
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.estimators.likelihood import result, search, solver, thinning
+from rotorid.estimators.likelihood import assembly, result, search, solver, thinning
+from rotorid.estimators.likelihood.noise import Noise, noise_factor
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import SINGULAR, _motion
 from rotorid.estimators.likelihood.solver import HOPELESS, Solution
@@ -16,6 +18,7 @@ from rotorid.estimators.likelihood.suspects import PLAIN, Suspicion
 from rotorid.estimators.likelihood.tangent import Tangent
 from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
 from rotorid.observation import bind
+from rotorid.signals.covariance import LineCovariance
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +123,22 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
         assert solver.joins(problem, start, moved) == joined
     assert not solver.joins(problem, start, ())
     assert solver.JOINED == 0.01
+
+
+def test_the_noise_of_a_record_is_factored_once(
+    record: rid.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On all lines and on few; what is set free to see what it would do changes no noise."""
+    factored = []
+
+    def counting(covariance: LineCovariance, *rest: Any) -> Noise:
+        factored.append(len(covariance.matrices))
+        return noise_factor(covariance, *rest)
+
+    monkeypatch.setattr(assembly, "noise_factor", counting)
+    assert rid.identify(MODEL, lines_of(record), KNOWN).status == "ok"
+    assert len(factored) == 2
+    assert max(factored) == 991
 
 
 def test_a_rotor_that_floats_at_dc() -> None:

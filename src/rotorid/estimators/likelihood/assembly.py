@@ -16,7 +16,7 @@ import numpy as np
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
-from rotorid.estimators.likelihood.noise import noise_factor
+from rotorid.estimators.likelihood.noise import Noise, noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
 from rotorid.estimators.likelihood.passage import position_slopes
 from rotorid.estimators.likelihood.polynomial import Monomials
@@ -268,8 +268,13 @@ def sensing_of(reads: Floats, rank: int) -> Sensing:
     return Sensing(right, basis[rank:].T, left[:, rank:].T, reads)
 
 
-def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likelihood:
-    """Build the likelihood of one record, the `number`-th of its machine."""
+def assemble(
+    layout: Layout, observation: Observation, number: int = 0, noise: Noise | None = None
+) -> Likelihood:
+    """Build the likelihood of one record, the `number`-th of its machine.
+
+    `noise` is that of the same record, where it was factored before.
+    """
     layout = layout.of_record(number)
     lines, reads = observation.lines, observation.reads
     order = list(observation.order)
@@ -290,7 +295,7 @@ def assemble(layout: Layout, observation: Observation, number: int = 0) -> Likel
     )
     sensing = sensing_of(reads * scales.coordinates, observation.rank)
     equations = rows + len(sensing.redundancy) - sensing.hidden.shape[1]
-    noise = noise_factor(ordered, data, len(observation.inputs), equations)
+    noise = noise or noise_factor(ordered, data, len(observation.inputs), equations)
     return Likelihood(
         scaled,
         monomials,

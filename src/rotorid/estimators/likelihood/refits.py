@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
 from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.noise import Noise
 from rotorid.estimators.likelihood.nuisances import Nuisance
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.preparation import Prepared, generic
@@ -44,7 +46,9 @@ class Case:
         prepared = extended(self.prepared, nuisances)
         starts = [u.start for n in nuisances for u in n.unknowns]
         unknowns = np.concatenate([self.point.unknowns, starts])
-        return Case(prepared, self.records, assembled(prepared, self.records).at(unknowns))
+        noises = [likelihood.noise for likelihood in self.point.problem.likelihoods]
+        problem = assembled(prepared, self.records, noises)
+        return Case(prepared, self.records, problem.at(unknowns))
 
     def freed(self, name: str) -> Case:
         """Return the case with a known value, or a measured mode, set free."""
@@ -106,9 +110,14 @@ def _widened(relations: Relations, added: int) -> Relations:
     return replace(relations, monomials=Monomials(factors, count))
 
 
-def assembled(prepared: Prepared, records: Sequence[Observation]) -> Problem:
-    """Return the problem of some records."""
-    likelihoods = tuple(assemble(prepared.layout, r, k) for k, r in enumerate(records))
+def assembled(
+    prepared: Prepared, records: Sequence[Observation], noises: Sequence[Noise] = ()
+) -> Problem:
+    """Return the problem of some records, whose noise may have been factored before."""
+    likelihoods = tuple(
+        assemble(prepared.layout, record, number, noise)
+        for number, (record, noise) in enumerate(zip_longest(records, noises))
+    )
     return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
 
 
