@@ -11,6 +11,7 @@ PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
 REPORT := rotorid-demo.html
+PAPER := rotorid-demo-paper.html
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_USER
 export PYTHONNOUSERSITE := 1
@@ -20,7 +21,7 @@ export PIP_NO_INPUT := 1
 .PHONY: help demo test statistics docs mutants clean
 
 help:
-	@echo "make demo         set up, run the demonstration, write its report ($(REPORT))"
+	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
 	@echo "make test         set up, then lint, type check and the fast tests: minutes"
 	@echo "make statistics   the slow tests: coverage of deviations, banks of faults; the documentation"
 	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
@@ -28,8 +29,8 @@ help:
 	@echo "make clean        remove the environment and what the tools leave behind"
 
 demo: $(VENV)/.ready-demo
-	$(BIN)/rotorid demo --report $(REPORT)
-	@echo "The report lies in $(CURDIR)/$(REPORT)"
+	$(BIN)/rotorid demo --machine $(REPORT) --report $(PAPER)
+	@echo "The report of the machine lies in $(CURDIR)/$(REPORT), that of the paper in $(PAPER)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
 test statistics docs mutants: export OPENBLAS_NUM_THREADS := 1
@@ -56,7 +57,7 @@ clean:
 	rm -rf $(VENV) build dist src/*.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -rf docs/_build docs/gallery docs/generated
-	rm -f $(REPORT)
+	rm -f $(REPORT) $(PAPER)
 
 # The environment, renewed where the packages it holds may have changed. An interpreter that no
 # longer runs (a Python that was upgraded or removed) makes it start afresh.

@@ -166,9 +166,22 @@ def test_a_model_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "demo.json"
-    assert cli.run(["demo", "--runs", "3", "--json", str(target)]) == 0
+    machine = tmp_path / "machine.html"
+    options = ["--json", str(target), "--machine", str(machine)]
+    assert cli.run(["demo", "--runs", "3", *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
+    head = printed.out.partition("Table 1")[0]
+    assert head.index("A levitated rotor from its bearings") < head.index("root mean square")
+    rows = [line.split() for line in head.splitlines()]
+    errors = {row[0]: float(row[4]) for row in rows if len(row) > 5 and row[4][0] in "+-"}
+    assert {"m1", "I_p", "k1", "ki[F_x1]", "ks"} <= set(errors)
+    assert max(map(abs, errors.values())) < 4
+    sizes = head.partition("root mean square")[2].splitlines()
+    table = [line for line in sizes if line.startswith(("parameter", "m1", "I_t*eta"))]
+    assert all(len(line) <= 80 for line in table)  # bound and ml are seen at every width
+    assert table[0].split()[:3] == ["parameter", "bound", "ml"]
+    assert "rotorid " in machine.read_text(encoding="utf-8")
     for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias", "ml", "bound"):
         assert text in printed.out
     data = json.loads(target.read_text())
@@ -335,7 +348,7 @@ def test_an_interrupt_is_one_line_and_no_file(
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(commands.demo, "run_demo", interrupt)
+    monkeypatch.setattr(commands.demo, "run_machine", interrupt)
     # A shell starts what runs in the background with the signal ignored, these tests included.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -111,18 +111,23 @@ def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
 
 
-@cli.command(epilog=_example("rotorid demo --report demo.html"))
+@cli.command(epilog=_example("rotorid demo --machine machine.html --report paper.html"))
 @click.option(
     "--runs",
     type=click.IntRange(min=1, max=MAX_RUNS),
     default=60,
     show_default=True,
-    help="Records, each with its own noise.",
+    help="Records of the paper's example, each with its own noise.",
 )
+@click.option("--machine", type=_FILE, help="Write the report of the levitated machine (HTML).")
 @_output_options
 @_debug_option
 def demo(**options: Any) -> int:
-    """Simulate the paper's example, identify it, and print its Table 1 beside the paper's."""
+    """Identify a levitated machine, its truth beside the answer; then the paper's example.
+
+    The machine is known by the sensors and currents of its bearings alone. Of the paper's example
+    the Table 1 is printed beside the paper's; --json and --report are of it.
+    """
     return _work("demo", **options)
 
 

@@ -17,15 +17,22 @@ from rotorid.commands.console import (
     progress,
 )
 from rotorid.demo import run_demo
+from rotorid.demo.machine import run_machine
 from rotorid.report.demo_page import demo_page
+from rotorid.report.machine_page import machine_page
+from rotorid.writing import check_apart
 
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
 
 
-def run(runs: int, json: Path | None, report: Path | None, force: bool) -> int:
-    """Run the example and show its table beside the paper's."""
-    check_outputs((json, FIGURES), (report, REPORT), force=force)
-    with progress("simulating and identifying") as told:
+def run(
+    runs: int, json: Path | None, report: Path | None, machine: Path | None, force: bool
+) -> int:
+    """Identify a levitated machine, then the paper's example; show them beside the truth."""
+    targets = check_outputs((json, FIGURES), (report, REPORT), (machine, REPORT), force=force)
+    check_apart(targets, [])
+    _show_machine(machine)
+    with progress("the paper's example") as told:
         result = run_demo(runs, rng=np.random.default_rng(NOISE), progress=told)
 
     def html() -> str:
@@ -34,5 +41,22 @@ def run(runs: int, json: Path | None, report: Path | None, force: bool) -> int:
         return demo_report(result)
 
     figures = as_json(result.to_dict())
-    answer(demo_page(result), json=(json, figures), report=(report, as_text(html)))
+    page = ["", "The example of Levy and Arogeti", *demo_page(result)]
+    answer(page, json=(json, figures), report=(report, as_text(html)))
     return OK
+
+
+def _show_machine(report: Path | None) -> None:
+    """Identify the levitated machine, show it beside its truth, and write its report."""
+    with progress("a levitated machine"):
+        result = run_machine(np.random.default_rng(NOISE))
+
+    def html() -> str:
+        from rotorid.report.estimate import estimate_report  # pictures take their time to load
+        from rotorid.results.evidence import with_evidence
+
+        known = with_evidence(result.estimate, result.model, result.periods, result.estimator)
+        return estimate_report(known)
+
+    page = machine_page(result)
+    answer(page, json=(None, as_json({})), report=(report, as_text(html)))
