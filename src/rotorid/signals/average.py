@@ -18,7 +18,6 @@ from rotorid.signals.period_lines import (
     period_size,
     too_short,
 )
-from rotorid.signals.spectrum import transfer_of_recording
 from rotorid.signals.sums import PeriodSums
 from rotorid.units import quantity
 
@@ -83,23 +82,13 @@ def average(
     samples = record.samples[used].reshape(periods, size, len(record.channels))
     sums = PeriodSums(size, len(record.channels), lines)
     sums.add(samples if isinstance(kept, slice) else samples[kept], 0)
-    transfer = transfer_of_recording(
-        record.channels, lines * record.sample_rate / size, record.sample_rate
-    )
     check_nyquist(record, size, lines)
-    periods_of_record = PeriodicRecord(
-        channels=record.channels,
-        sample_rate=record.sample_rate,
-        harmonics=lines,
-        spectra=sums.ordered() * transfer,
-        variance=sums.variance,
-        mean=sums.mean,
-        speed=record.speed,
-        time=_times(record, used).reshape(periods, size)[kept],
-        angle=record.rotor_angle()[used].reshape(periods, size)[kept],
+    periods_of_record = sums.periods(
+        record,
+        _times(record, used).reshape(periods, size)[kept],
+        record.rotor_angle()[used].reshape(periods, size)[kept],
         phase_known=record.phase_known,
         phase_std=record.phase_std,
-        source=record.source,
         warnings=warnings,
     )
     rise = ramps(record, periods_of_record)

@@ -18,7 +18,6 @@ from rotorid.signals.period_lines import (
     period_size,
     too_short,
 )
-from rotorid.signals.spectrum import transfer_of_recording
 from rotorid.signals.sums import PeriodSums
 
 
@@ -28,11 +27,6 @@ class Blocks(Sampled, Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the channels."""
-        ...
-
-    @property
-    def speed(self) -> float:
-        """Mean speed in rad/s."""
         ...
 
     @property
@@ -73,22 +67,8 @@ def average_blocks(
         raise too_short(blocks, sums.count * size, size)
     count = np.arange(first, first + sums.count * size)
     time = (count / blocks.sample_rate).reshape(sums.count, size)
-    transfer = transfer_of_recording(
-        blocks.channels, lines * blocks.sample_rate / size, blocks.sample_rate
-    )
-    record = PeriodicRecord(
-        channels=blocks.channels,
-        sample_rate=blocks.sample_rate,
-        harmonics=lines,
-        spectra=sums.ordered() * transfer,
-        variance=sums.variance,
-        mean=sums.mean,
-        speed=blocks.speed,
-        time=time,
-        angle=blocks.phase + blocks.speed * time,
-        phase_known=phase_known,
-        source=blocks.source,
-    )
+    angle = blocks.phase + blocks.speed * time
+    record = sums.periods(blocks, time, angle, phase_known=phase_known)
     excerpt = Record(blocks.channels, looked_at.samples(), blocks.sample_rate)
     return replace(record, checks=check_record(excerpt, record))
 

@@ -33,6 +33,11 @@ class Sampled(Protocol):
         """Where the samples come from."""
         ...
 
+    @property
+    def speed(self) -> float:
+        """Mean speed in rad/s."""
+        ...
+
 
 def period_size(record: Sampled, fundamental: float | None, samples: int | None) -> int:
     """Return the samples of a period, which are a whole number."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rotorid.record import Complexes, Floats, Integers
-from rotorid.signals.spectrum import line_spectra
+from rotorid.record import Complexes, Floats, Integers, PeriodicRecord
+from rotorid.signals.period_lines import Sampled
+from rotorid.signals.spectrum import line_spectra, transfer_of_recording
 
 _FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
@@ -94,6 +95,35 @@ class PeriodSums:
     def ordered(self) -> Complexes:
         """Return the lines of the periods in their order, shape (period, line, channel)."""
         return np.concatenate([self.spectra[first] for first in sorted(self.spectra)])
+
+    def periods(
+        self,
+        recorded: Sampled,
+        time: Floats,
+        angle: Floats,
+        *,
+        phase_known: bool,
+        phase_std: float = 0.0,
+        warnings: tuple[str, ...] = (),
+    ) -> PeriodicRecord:
+        """Return what the sums are of, with hold, delay and dynamics of its channels undone."""
+        rate, channels = recorded.sample_rate, recorded.channels
+        transfer = transfer_of_recording(channels, self.lines * rate / self.size, rate)
+        return PeriodicRecord(
+            channels=channels,
+            sample_rate=rate,
+            harmonics=self.lines,
+            spectra=self.ordered() * transfer,
+            variance=self.variance,
+            mean=self.mean,
+            speed=recorded.speed,
+            time=time,
+            angle=angle,
+            phase_known=phase_known,
+            phase_std=phase_std,
+            source=recorded.source,
+            warnings=warnings,
+        )
 
 
 def median(values: Floats) -> Floats:
