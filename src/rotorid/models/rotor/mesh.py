@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rotorid.errors import ModelError
 from rotorid.models.rotor.drawing import SAME, Rotor
