@@ -24,6 +24,7 @@ from rotorid.experiment.columns import (
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
+from rotorid.io.reading import check_magnitude, largest_of
 from rotorid.io.table import Rate, Table
 from rotorid.models import Model, load_model
 from rotorid.record import Floats
@@ -132,8 +133,11 @@ def _columns(table: Table) -> list[Found]:
         try:
             key = table.find(name)
             column = table.read([key])[key]
+            check_magnitude(largest_of(column.values), 1.0, name)
         except InputError:
-            continue  # a column of words is no channel
+            continue  # a column of words is no channel, nor are numbers that no machine has
+        if not np.isfinite(column.values).any() or np.isinf(column.values).any():
+            continue
         found.append(Found(name, column.values, column.unit, role_of(name, column.unit)))
     longest = max((len(c.values) for c in found), default=0)
     if longest == 0:

@@ -87,7 +87,7 @@ def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
     try:
         text = read_bytes(path).decode("utf-8-sig")
         entries = tomllib.loads(text).get("records", [])
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+    except (ReadError, ValueError, RecursionError):  # told where the file is read in earnest
         return None
     if not isinstance(entries, list) or not entries:
         return None

@@ -34,6 +34,7 @@ class MatTable(NamedArrays):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
         places = {name: self.place(name) for name in names}
+        self.check_held(list(places))
         whole: dict[str, Floats] = {}
         for path in dict.fromkeys(place.path for place in places.values()):
             whole[path] = self._numbers(path)

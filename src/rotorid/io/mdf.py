@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import mmap
+import struct
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.files import open_regular
 from rotorid.io.clock import even_rate
 from rotorid.io.table import (
     Column,
@@ -29,7 +32,10 @@ from rotorid.io.table import (
     silent,
 )
 
-_MASTER = 2
+# A packed block: its name, its size, no links, what it was, two bytes and a number of how it was
+# packed, its size before and after.
+_PACKED, _PACKED_HEAD = b"##DZ", struct.Struct("<4s4xQQ2s6xQQ")
+_PACKED_KINDS = (b"DT", b"SD", b"RD", b"DV", b"DI", b"RV", b"RI", b"dt", b"sd", b"rd")
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,8 @@ class MdfTable(NamedArrays):
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
+        names = list(names)
+        self.check_held(names)
         with _opened(self.file) as data:
             return {name: self._column(data, name) for name in names}
 
@@ -64,17 +72,35 @@ def open_mdf(path: Path) -> MdfTable:
     start = head(path)
     if content(start) != "MDF data":
         raise not_what_it_says(path, start, "MDF data")
+    _check_packed(path)
     channels, shapes = {}, {}
     with _opened(str(path)) as data:
         for number, group in enumerate(data.groups):
             samples = int(group.channel_group.cycles_nr)
-            check_size(samples, str(path), itemsize=1)
+            check_size(samples, str(path))
             # asammdf makes room for a record before it reads one
             check_size(int(group.channel_group.samples_byte_nr), str(path), itemsize=1)
             for index, channel in enumerate(group.channels):
                 name = f"{number}/{channel.name}"
                 channels[name], shapes[name] = (number, index), (samples,)
     return MdfTable(str(path), shapes, channels)
+
+
+def _check_packed(path: Path) -> None:
+    """Refuse packed blocks that say that they are far more than the file can hold."""
+    total = 0
+    with open_regular(path) as stream, reading(str(path), "MDF data"):
+        data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        with data:
+            place = data.find(_PACKED)
+            while place >= 0:
+                block = data[place : place + _PACKED_HEAD.size]
+                if len(block) == _PACKED_HEAD.size:
+                    _id, size, links, kind, unpacked, packed = _PACKED_HEAD.unpack(block)
+                    is_block = not links and kind in _PACKED_KINDS and size >= packed
+                    total += unpacked if is_block else 0
+                place = data.find(_PACKED, place + 4)
+    check_size(total, str(path), itemsize=1)
 
 
 @contextmanager

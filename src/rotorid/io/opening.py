@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -61,11 +62,12 @@ class JoinedTables:
     @property
     def names(self) -> list[str]:
         """Names of the columns, with their file where they are not unique."""
-        every = [name for table in self.tables.values() for name in table.names]
+        every = {file: table.names for file, table in self.tables.items()}
+        counts = Counter(name for names in every.values() for name in names)
         return [
-            name if every.count(name) == 1 else f"{file}:{name}"
-            for file, table in self.tables.items()
-            for name in table.names
+            name if counts[name] == 1 else f"{file}:{name}"
+            for file, names in every.items()
+            for name in names
         ]
 
     def find(self, name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.errors import ReadError
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -19,6 +21,7 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
+from rotorid.limits import COLUMNS
 from rotorid.record import Floats
 
 
@@ -29,6 +32,7 @@ class ParquetTable(NamedArrays):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
         wanted = {name: self.place(name).path for name in names}
+        self.check_held(list(wanted))
         with reading(self.file, "Parquet data"), _opened(self.file) as data:
             table = data.read(columns=list(dict.fromkeys(wanted.values())))
             return {
@@ -58,11 +62,18 @@ def open_parquet(path: Path) -> ParquetTable:
         import pyarrow.types as kinds
 
         schema, rows = data.schema_arrow, data.metadata.num_rows
-        repeated = {name for name in schema.names if schema.names.count(name) > 1}
+        if len(schema.names) > COLUMNS:
+            raise ReadError(
+                f"{len(schema.names)} columns",
+                f"{COLUMNS} at most",
+                "export a part of them",
+                file=str(path),
+            )
+        counts = Counter(schema.names)
         names = [
             field.name
             for field in schema
-            if field.name not in repeated
+            if counts[field.name] == 1
             and (
                 kinds.is_integer(field.type)
                 or kinds.is_floating(field.type)
@@ -71,7 +82,7 @@ def open_parquet(path: Path) -> ParquetTable:
                 or kinds.is_timestamp(field.type)
             )
         ]
-        check_size(rows, str(path), itemsize=1)
+        check_size(rows, str(path))
     return ParquetTable(str(path), dict.fromkeys(names, (rows,)))
 
 

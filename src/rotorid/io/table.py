@@ -272,6 +272,10 @@ class NamedArrays:
         shapes = [self.shapes[self.place(name).path] for name in names]
         return 8 * sum(max(shape, default=0) for shape in shapes)
 
+    def check_held(self, names: Sequence[str]) -> None:
+        """Refuse to read columns that are together more than the file can hold."""
+        check_held(self.bytes_of(names), Path(self.file).stat().st_size, self.file)
+
     def find_scalar(self, name: str) -> str:
         """Return the path of an array of one number."""
         scalars = [path for path, shape in self.shapes.items() if np.prod(shape) == 1]

@@ -34,6 +34,8 @@ class TdmsTable(NamedArrays):
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
+        names = list(names)
+        self.check_held(names)
         with _opened(self.file) as data:
             found = {name: self._channel(data, name) for name in names}
             return {name: Column(_floats(c[:]), *_stated(c)) for name, c in found.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -72,9 +73,8 @@ def _names(sets: list[Mapping[str, Any]]) -> list[str]:
     if all(first) and len(set(first)) == len(first):
         return first
     nodes = [f"{s.get('rsp_node', '')}{_DIRECTION.get(int(s.get('rsp_dir', 0)), '')}" for s in sets]
-    return [
-        name if nodes.count(name) == 1 else f"{name}#{number}" for number, name in enumerate(nodes)
-    ]
+    counts = Counter(nodes)
+    return [name if counts[name] == 1 else f"{name}#{number}" for number, name in enumerate(nodes)]
 
 
 def text_of(value: Any) -> str:

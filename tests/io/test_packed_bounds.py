@@ -1,0 +1,93 @@
+"""Parquet, TDMS, MDF and MAT files that stand for far more numbers than their bytes can hold."""
+
+from __future__ import annotations
+
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from io_writers import WRITERS, write_mdf
+
+from rotorid.errors import ReadError
+from rotorid.io import open_table, open_tables
+from rotorid.io.table import check_held
+from rotorid.limits import COLUMNS, COMPRESSION, UNPACKED_BYTES
+
+TOO_MANY = "bytes of numbers declared in .* bytes; expected numbers that the file holds"
+
+
+def test_what_bytes_may_stand_for() -> None:
+    assert (COMPRESSION, UNPACKED_BYTES) == (250, 64_000_000)
+    for size, held in ((64_000_000, 1), (250_000_000, 1_000_000)):
+        check_held(size, held, "run.h5")
+        with pytest.raises(ReadError, match=TOO_MANY):
+            check_held(size + 1, held, "run.h5")
+
+
+def test_columns_at_rest_together(tmp_path: Path) -> None:
+    """One of a few kB may be large; twenty of them are too much."""
+    path = tmp_path / "run.mat"
+    values = {f"x{i}": np.zeros(500_000) for i in range(20)}
+    scipy.io.savemat(path, values, do_compression=True)
+    opened = open_table(path)
+    assert len(opened.read(["x0"])["x0"].values) == 500_000
+    with pytest.raises(ReadError, match=TOO_MANY):
+        opened.read(list(values))
+
+
+def test_parquet(tmp_path: Path) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    pa = pytest.importorskip("pyarrow")
+    path = tmp_path / "run.parquet"
+    pq.write_table(pa.table({"x": np.zeros(8_000_001)}), path)
+    with pytest.raises(ReadError, match=TOO_MANY):
+        open_table(path)
+    pq.write_table(pa.table({f"x{i}": np.zeros(500_000) for i in range(20)}), path)
+    opened = open_table(path)
+    with pytest.raises(ReadError, match=TOO_MANY):
+        opened.read([f"x{i}" for i in range(20)])
+    started = time.process_time()
+    pq.write_table(pa.table({f"x{i}": [1.0, 2.0] for i in range(COLUMNS + 1)}), path)
+    with pytest.raises(ReadError, match="found 10001 columns; expected 10000 at most"):
+        open_table(path)
+    assert time.process_time() - started < 5
+
+
+def test_mdf(tmp_path: Path) -> None:
+    """A packed block says how large it is unpacked, and the reader would believe it."""
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "run.mf4"
+    write_mdf(path, {"x": (np.sin(np.arange(20_000) / 50), "um")})
+    with asammdf.MDF(path) as data:
+        data.save(tmp_path / "packed.mf4", compression=2)
+    path = tmp_path / "packed.mf4"
+    whole = path.read_bytes()
+    assert len(open_table(path).read(["0/x"])["0/x"].values) == 20_000
+    place = whole.find(b"##DZ")
+    damaged = bytearray(whole)
+    struct.pack_into("<Q", damaged, place + 32, 64_000_001)
+    path.write_bytes(damaged)
+    with pytest.raises(ReadError, match=TOO_MANY):
+        open_table(path)
+    chance = whole + bytes(damaged[place : place + 16]) + b"\1" + bytes(damaged[place + 17 :])
+    path.write_bytes(chance)  # no such block has links: numbers that look like one
+    assert len(open_table(path).read(["0/x"])["0/x"].values) == 20_000
+
+
+def test_many_names_take_time_by_their_number(tmp_path: Path) -> None:
+    started = time.process_time()
+    for part in "ab":
+        rows = [",".join(f"{part}{i}" for i in range(9000)), *[",".join("1" * 9000)] * 3]
+        (tmp_path / f"{part}.csv").write_text("\n".join(rows))
+    assert len(open_tables([tmp_path / "a.csv", tmp_path / "b.csv"]).names) == 18_000
+    assert time.process_time() - started < 4
+
+
+def test_a_file_twice_by_other_names(tmp_path: Path) -> None:
+    WRITERS["run.csv"](tmp_path / "run.csv", {"x": (np.ones(4), "um")})
+    (tmp_path / "link.csv").symlink_to("run.csv")
+    with pytest.raises(ReadError, match="found a file twice"):
+        open_tables([tmp_path / "run.csv", tmp_path / "link.csv"])
