@@ -100,7 +100,7 @@ def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) ->
     assert "jeffcott, batch" in out
     packages = {name.partition(".")[0] for name in names}
     assert not packages & (HEAVY - {"numpy", "pydantic", "scipy"})
-    parts = ("linalg", "special", "stats", "signal", "optimize", "interpolate", "ndimage")
+    parts = ("linalg", "sparse", "special", "stats", "signal", "optimize", "interpolate", "ndimage")
     slow = {f"scipy.{part}" for part in parts}
     ours = {"rotorid.estimators.maximum_likelihood", "rotorid.models.symbolic", "rotorid.rig"}
     assert not names & (slow | ours)

@@ -6,14 +6,13 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from rotorid.models.rotor.drawing import AXES, Rotor
 from rotorid.models.rotor.elements import PLANES, both_planes, turned
 from rotorid.models.rotor.quantity import SPEED, Factors, Quantity
 from rotorid.record import Floats
 
-Sparse = scipy.sparse.csr_array
 Key = tuple[Factors, int, int, bool]
 
 
@@ -34,7 +33,7 @@ class Piece:
     order: int
     power: int
     structural: bool
-    matrix: Sparse
+    matrix: scipy.sparse.csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class _Gatherer:
         """Return what was gathered."""
         return tuple(Piece(*key, self._matrix(blocks)) for key, blocks in self.blocks.items())
 
-    def _matrix(self, blocks: list[tuple[int, Floats]]) -> Sparse:
+    def _matrix(self, blocks: list[tuple[int, Floats]]) -> scipy.sparse.csr_array:
         rows, columns, values = [], [], []
         for first, block in blocks:
             r, c = np.nonzero(block)
@@ -75,7 +74,8 @@ class _Gatherer:
             values.append(block[r, c])
         where = (np.concatenate(rows), np.concatenate(columns))
         shape = (self.size, self.size)
-        return Sparse(scipy.sparse.coo_array((np.concatenate(values), where), shape=shape))
+        entries = scipy.sparse.coo_array((np.concatenate(values), where), shape=shape)
+        return scipy.sparse.csr_array(entries)
 
 
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
