@@ -31,10 +31,10 @@ from .identify import identify as identify
 from .io import read_record as read_record
 from .lines import Lines as Lines
 from .models import Model as Model
-from .models import from_ross as from_ross
 from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models
+from .models.rotor.ross import from_ross as from_ross
 from .order_tracking import phasors as phasors
 from .predict import predict as predict
 from .record import Channel as Channel

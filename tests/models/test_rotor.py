@@ -9,9 +9,16 @@ from rotor_files import random_rotor, uniform
 
 import rotorid as rid
 import rotorid.models
+from rotorid.commands.models import run
+from rotorid.estimators.likelihood import reduction
+from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.nuisances import Nuisances
+from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.elements import Beam
+from rotorid.models.rotor.inertia import inertia
 from rotorid.models.rotor.mesh import bending
+from rotorid.observation import bind_all
 from rotorid.rig.lines import add_noise, line_record
 
 BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
@@ -241,3 +248,119 @@ def test_a_support_may_depend_on_the_speed():
         added, [[1e5 + 0.5 * 300**2, 6000], [-6000, 0]], rtol=1e-9, atol=1e-6
     )
     assert m.D[x, x] == m.D[y, y] == 40.0
+
+
+@pytest.mark.slow
+def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch):
+    model = rid.load_model("flexible")
+    record = drawn_record(model, np.random.default_rng(3))
+    whole = rid.identify(model, record, "ml")
+    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    seen = []
+
+    def spied(point, covariance, records):
+        seen.append((len(records[0].model.coordinates), shift(point, covariance, records)))
+        return seen[-1][1]
+
+    shift = reduction.shift_by_reduction
+    monkeypatch.setattr("rotorid.estimators.maximum_likelihood.shift_by_reduction", spied)
+    estimate = rid.identify(model, record, "ml")
+    assert seen[-1][0] < len(model.coordinates)
+    assert seen[-1][1] < reduction.NEGLIGIBLE
+    for name in model.parameter_names:
+        assert abs(estimate.value(name) - whole.value(name)) < 0.1 * whole.std(name)
+
+
+def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch):
+    model = rid.load_model("flexible")
+    record = drawn_record(model, np.random.default_rng(3))
+    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    knowledge = Knowledge(start=model.nominal)
+    bound = bind_all(model, [record])
+    coarse = reduction.reduced(bound, model.nominal, share=1e-3)
+    found, whole = (
+        fit(records[0].model, records, knowledge, Nuisances())
+        for records in (coarse.records, bound)
+    )
+    told = reduction.shift_by_reduction(
+        found.solution.point, found.inference.covariance, found.records
+    )
+    off = found.solution.point.unknowns - whole.solution.point.unknowns
+    size = np.sqrt(np.diag(whole.inference.covariance))
+    true = np.abs(off / size).max()
+    assert true > 1
+    assert 0.5 < told / true < 2
+
+
+def test_the_page_of_a_rotor_shows_its_drawing_and_its_mass(capsys):
+    run("flexible")
+    page = capsys.readouterr().out
+    assert "D disc, A actuator, s sensor, u unbalance" in page
+    assert "4.1668 kg" in page
+    assert "255  wheel  disc, unbalance" in page
+
+
+def test_mass_and_inertia_of_a_cylinder():
+    whole = inertia(rid.parse_model(uniform(outer="80 mm", length="0.5 m")), {})
+    mass = 7850 * np.pi * 0.04**2 * 0.5
+    np.testing.assert_allclose(whole.mass, mass)
+    np.testing.assert_allclose(whole.centre, 0.25)
+    np.testing.assert_allclose(whole.transverse, mass * (0.5**2 / 12 + 0.04**2 / 4))
+    np.testing.assert_allclose(whole.polar, mass * 0.04**2 / 2)
+
+
+FAULTS = (
+    (
+        'length = "40 mm"',
+        'length = "-40 mm"',
+        r"sections\.0\.length: found -0\.04 m",
+    ),
+    (
+        'outer = "16 mm"',
+        'outer = "16 mm", inner = "16 mm"',
+        r"sections\.0\.inner: found inner",
+    ),
+    (
+        'material = "steel"',
+        'material = "stel"',
+        r"found the material 'stel'",
+    ),
+    (
+        'a = { at = "115 mm" }',
+        'a = { at = "1150 mm" }',
+        r"a\.at: found a place at 1\.15 m",
+    ),
+    ('a = { at = "115 mm" }', 'A = { at = "115 mm" }', r"found 'A' at 0\.07 m and, in"),
+    ('a = { at = "115 mm" }', 'a = { at = "70 mm" }', r"found 'a' and 'A' at 0\.07 m"),
+    ('a = { at = "115 mm" }', 'node3 = { at = "115 mm" }', r"found the place 'node3'"),
+    ('a = { at = "115 mm" }', 'a = { at = "115 kg" }', r"sensors\.a\.at: found unit 'kg'"),
+    ('a = { at = "115 mm" }', 'a = { at = "115" }', r"found '115' without a unit"),
+    (
+        'length = "40 mm"',
+        'length = "40 mm", elements = 1000000',
+        r"elements: found 1000000",
+    ),
+    ('mass = "m_w"', 'mass = "m_w + 1"', r"discs\.wheel\.mass: found a term in 1"),
+    ('mass = "m_w"', 'mass = "c_i"', r"discs\.wheel\.mass: found a term in s"),
+    ('mass = "m_w"', 'mass = "m_x"', r"discs\.wheel\.mass: found 'm_x'"),
+    ('mass = "m_w"', 'mass = "m_w*Omega/Omega"', r"discs\.wheel\.mass"),
+    ('mass = "m_w"', 'mass = "-1 kg"', r"discs\.wheel\.mass: found -1"),
+    ('internal = "c_i"', 'internal = "2e-6 s"', r"parameters\.c_i: found 'c_i' in no quantity"),
+    ('G = "81 GPa"', 'G = "81 MPa"', r"steel: found E = 2\.1e\+11 Pa"),
+    ('E = "210 GPa"', 'E = "s_A"', r"materials\.steel\.E: found a term in 1"),
+    (
+        's_A = { unit = "1", nominal = 1.0,',
+        's_A = { unit = "1",',
+        r"found s_A without nominal",
+    ),
+    ("[damping]", "[dampings]", r"found the unknown key 'dampings'"),
+)
+
+
+@pytest.mark.parametrize(("one", "other", "told"), FAULTS)
+def test_a_wrong_drawing_is_refused_in_one_line(one, other, told):
+    text = FLEXIBLE.read_text(encoding="utf-8").replace(one, other, 1)
+    with pytest.raises(rid.InputError, match=told) as caught:
+        rid.parse_model(text, file="flexible.toml")
+    assert str(caught.value).startswith("flexible.toml: ")
+    assert "\n" not in str(caught.value)

@@ -12,6 +12,14 @@ def run(name: str | None) -> int:
     """List the shipped models, or show one."""
     if name is None:
         show([model_list(load_model(shipped) for shipped in shipped_models())])
+        return OK
+    model = load_model(name)
+    if hasattr(model, "rotor"):
+        from rotorid.models.rotor.model import RotorModel  # scipy: where a rotor is drawn
+        from rotorid.report.rotor_page import rotor_page
+
+        assert isinstance(model, RotorModel)
+        show(rotor_page(model))
     else:
-        show(model_page(load_model(name)))
+        show(model_page(model))
     return OK

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from rotorid.errors import InputError, NotConvergedError
@@ -12,16 +12,22 @@ from rotorid.estimators import gate
 from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.knowledge import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
 from rotorid.estimators.likelihood.exact import exactness
-from rotorid.estimators.likelihood.fit import fit
+from rotorid.estimators.likelihood.fit import Fit, fit
 from rotorid.estimators.likelihood.left_out import parts_left_out
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
+from rotorid.estimators.likelihood.reduction import (
+    NEGLIGIBLE,
+    Reduced,
+    reduced,
+    shift_by_reduction,
+)
 from rotorid.estimators.likelihood.result import nothing_found, summarize
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.likelihood.verdict import block_scatter, verdict
 from rotorid.estimators.modes import Mode, in_units_of
 from rotorid.models import Model
-from rotorid.observation import Data, bind_all
+from rotorid.observation import Data, Observation, bind_all
 
 
 @dataclass(frozen=True)
@@ -146,16 +152,13 @@ class MaximumLikelihood:
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()
         refuse_filtered(bound, "ml")
+        smaller = None
+        if bound and not self.base:
+            known = {name: pair[0] for name, pair in knowledge.known.items()}
+            values = {**known, **knowledge.start, **knowledge.fixed}
+            smaller = reduced(bound, values, knowledge.modes)
         try:
-            found = fit(
-                model,
-                bound,
-                knowledge,
-                self.nuisances,
-                base=self.base,
-                covariance=self.covariance,
-                neighbours=self.neighbours,
-            )
+            model, found = self._fitted(model, bound, smaller, knowledge)
         except NotConvergedError as error:
             return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
@@ -165,6 +168,36 @@ class MaximumLikelihood:
         judged = gate.passed(estimate, verdict(model, estimate, found))
         scatter = block_scatter(found) if judged.status == "rejected" else None
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))
+
+    def _fitted(
+        self,
+        model: Model,
+        bound: Sequence[Observation],
+        records: Reduced | None,
+        knowledge: Knowledge,
+    ) -> tuple[Model, Fit]:
+        """Fit; where the model was reduced, until the whole one would not move the estimate."""
+        while True:
+            here = model if records is None else records.model
+            found = fit(
+                here,
+                bound if records is None else records.records,
+                knowledge,
+                self.nuisances,
+                base=self.base,
+                covariance=self.covariance,
+                neighbours=self.neighbours,
+            )
+            if records is None or here.coordinates == model.coordinates:
+                return here, found
+            point, spread = found.solution.point, found.inference.covariance
+            if shift_by_reduction(point, spread, found.records) <= NEGLIGIBLE:
+                return here, found
+            named = zip(point.problem.layout.unknowns, point.unknowns, strict=True)
+            values = {u.name: float(v) for u, v in named}
+            records = records.finer(values)
+            start = {u.name: values[u.name] for u in point.problem.layout.unknowns if not u.fixed}
+            knowledge = replace(knowledge, start={**knowledge.start, **start})
 
 
 def _check_each(model: Model, each: Sequence[str]) -> None:

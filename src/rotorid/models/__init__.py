@@ -4,8 +4,6 @@ from rotorid.models.base import BaseParameters
 from rotorid.models.linear import LinearForm, Matrices
 from rotorid.models.loader import load_model, parse_model, shipped_models
 from rotorid.models.model import Model, Motion, Parameter
-from rotorid.models.rotor import RotorModel
-from rotorid.models.rotor.ross import from_ross
 
 __all__ = [
     "BaseParameters",
@@ -14,8 +12,6 @@ __all__ = [
     "Model",
     "Motion",
     "Parameter",
-    "RotorModel",
-    "from_ross",
     "load_model",
     "parse_model",
     "shipped_models",

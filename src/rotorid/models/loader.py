@@ -14,8 +14,6 @@ from pydantic import Field
 from rotorid.errors import InputError, ModelError, ReadError
 from rotorid.models.model import Model, build_model
 from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
-from rotorid.models.rotor.file import RotorFile, read_rotor
-from rotorid.models.rotor.model import rotor_model
 from rotorid.models.terms import Names
 from rotorid.toml import Schema, holds_key, parse_toml, read_bytes
 from rotorid.units import check_unit
@@ -127,14 +125,18 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     """
     raw = data.encode() if isinstance(data, str) else data
     if holds_key(raw, "sections"):
-        model = _build_rotor(parse_toml(raw, RotorFile, file=file), name, file)
+        model = _build_rotor(raw, name, file)
     else:
         model = _build(parse_toml(raw, _ModelFile, file=file), name, file)
     return replace(model, file_text=raw.decode())
 
 
-def _build_rotor(entry: RotorFile, name: str, file: str) -> Model:
+def _build_rotor(data: bytes, name: str, file: str) -> Model:
     """Return the model of a rotor file."""
+    from rotorid.models.rotor.file import RotorFile, read_rotor  # scipy: where a rotor is drawn
+    from rotorid.models.rotor.model import rotor_model
+
+    entry = parse_toml(data, RotorFile, file=file)
     try:
         parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
         check_names({"parameters": entry.parameters})

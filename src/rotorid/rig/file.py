@@ -108,7 +108,7 @@ def shipped_rigs() -> tuple[str, ...]:
     Examples
     --------
     >>> shipped_rigs()
-    ('rigid', 'three-mass')
+    ('flexible', 'rigid', 'three-mass')
     """
     library = files("rotorid.rig").joinpath("library")
     return tuple(

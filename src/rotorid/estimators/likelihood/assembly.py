@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
-from rotorid.estimators.likelihood.cost import Entries, Likelihood, Scatter, Sensing
+from rotorid.estimators.likelihood.cost import Entries, Likelihood, Sensing
 from rotorid.estimators.likelihood.noise import Noise, noise_factor
 from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
 from rotorid.estimators.likelihood.passage import position_slopes
@@ -42,14 +41,15 @@ sin(phi): up to the seventh."""
 class Term:
     """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
 
-    The coefficient is that of each line: it may depend on the speed there.
+    Where it depends on the line otherwise than by its order, `along` is a factor of each line.
     """
 
     row: int
     column: int
     order: int
     factors: Factors
-    coefficient: Complexes | Floats | float
+    coefficient: float
+    along: Complexes | None = None
 
 
 def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
@@ -61,13 +61,15 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
     model, speed = layout.model, observation.lines.speed
     linear = linear_form(model)
     terms, scale = [], _scale(layout)
-    factor = {t.factor: _at_speeds(t.factor, speed) for t in linear.stiffness}
-    lag: dict[bool, Any] = {False: 1.0, True: 1j * (observation.lines.omega > 0)}
+    profiles = {
+        key: _profile(*key, observation.lines.omega, speed)
+        for key in {(t.factor, t.structural) for t in linear.stiffness}
+    }
     for t in linear.stiffness:
         factors = layout.monomial_factors[t.monomial]
-        if factors is not None and np.any(factor[t.factor]):
-            value = -t.coefficient * factor[t.factor]
-            terms.append(Term(t.row, t.column, t.order, factors, value * lag[t.structural]))
+        size, along = profiles[t.factor, t.structural]
+        if factors is not None and size:
+            terms.append(Term(t.row, t.column, t.order, factors, -t.coefficient * size, along))
     for b in linear.input_terms:
         factors = layout.monomial_factors[b.monomial]
         assert factors is not None
@@ -93,19 +95,35 @@ def _scale(layout: Layout) -> Factors:
 def _missing_terms(layout: Layout, observation: Observation) -> list[Term]:
     """Return the entries that are freed to see what they explain."""
     speed = observation.lines.speed
-    return [
-        Term(e.row, e.column, e.order, (int(at[0]),), -e.coefficient * speed**e.speed_power)
-        for nuisance, at in layout.places()
-        if isinstance(nuisance, Missing)
-        for e in nuisance.entries
-    ]
+    found: list[Term] = []
+    powers: dict[int, tuple[float, Complexes | None]] = {}
+    for nuisance, at in layout.places():
+        if isinstance(nuisance, Missing):
+            for e in nuisance.entries:
+                if e.speed_power not in powers:
+                    powers[e.speed_power] = _common(speed**e.speed_power)
+                size, along = powers[e.speed_power]
+                value = -e.coefficient * size
+                found.append(Term(e.row, e.column, e.order, (int(at[0]),), value, along))
+    return found
 
 
-def _at_speeds(factor: Expression, speed: Floats) -> Floats | float:
-    """Return an expression in Omega at the speed of each line; one number where all are alike."""
+def _profile(
+    factor: Expression, structural: bool, omega: Floats, speed: Floats
+) -> tuple[float, Complexes | None]:
+    """Return an expression in Omega on each line, with the lag of structural damping."""
     distinct = np.unique(speed)
     values = np.array([speed_factor(factor, value) for value in distinct])
-    return float(values[0]) if len(values) == 1 else values[np.searchsorted(distinct, speed)]
+    along = values[np.searchsorted(distinct, speed)]
+    return _common(along * 1j * (omega > 0) if structural else along)
+
+
+def _common(along: Complexes | Floats) -> tuple[float, Complexes | None]:
+    """Return a factor of every line, and what is left of it: nothing where all lines are alike."""
+    first = along[0] if len(along) else 1.0
+    if first.imag == 0 and (along == first).all():
+        return float(first.real), None
+    return 1.0, np.asarray(along, dtype=np.complex128)
 
 
 def _constant(unknown: int | None, known: float) -> tuple[float, Factors]:
@@ -291,7 +309,8 @@ def assemble(
     loads[:, :, : load.shape[2]] = load
     columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
-        entries, weight=entries.weight * columns[entries.column] / scales.rows[entries.row]
+        entries,
+        coefficient=entries.coefficient * columns[entries.column] / scales.rows[entries.row],
     )
     sensing = sensing_of(reads * scales.coordinates, observation.rank)
     equations = rows + len(sensing.redundancy) - sensing.hidden.shape[1]
@@ -327,15 +346,21 @@ def _transient(observation: Observation) -> Transient | None:
 
 
 def _entries(terms: Sequence[Term], where: Mapping[Factors, int], omega: Floats) -> Entries:
-    order = np.array([term.order for term in terms])
-    whole = [np.broadcast_to(term.coefficient, len(omega)) for term in terms]
-    coefficient = np.stack(whole, axis=1)
-    return Entries(
-        np.array([term.row for term in terms], dtype=np.int64),
-        np.array([term.column for term in terms], dtype=np.int64),
-        np.array([where[tuple(sorted(term.factors))] for term in terms], dtype=np.int64),
-        coefficient * (1j * omega[:, None]) ** order,
-    )
+    kinds: dict[tuple[int, int], int] = {}
+    weights = []
+    for term in terms:
+        key = (term.order, id(term.along))
+        if key not in kinds:
+            kinds[key] = len(kinds)
+            power = (1j * omega) ** term.order
+            weights.append(power if term.along is None else power * term.along)
+    columns = [
+        (t.row, t.column, where[tuple(sorted(t.factors))], kinds[t.order, id(t.along)])
+        for t in terms
+    ]
+    row, column, monomial, kind = np.array(columns, dtype=np.int64).reshape(-1, 4).T
+    coefficient = np.array([term.coefficient for term in terms])
+    return Entries(row, column, monomial, kind, coefficient, np.stack(weights, axis=1))
 
 
 def _scales(
@@ -349,10 +374,7 @@ def _scales(
 ) -> Scales:
     """Scales of rows and coordinates at the start, tied to the sizes of forces and readings."""
     n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
-    matrix = np.zeros((len(data), rows, n + inputs), dtype=np.complex128)
-    values = entries.weight * monomials.values(layout.start)[entries.monomial]
-    flat = entries.row * (n + inputs) + entries.column
-    Scatter.by(flat).into(matrix.reshape(len(data), -1), values[:, Scatter.by(flat).order])
+    matrix = entries.matrix(monomials.values(layout.start), rows, n + inputs)
     forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]
     variance = np.einsum("kii->ki", covariance.matrices).real.clip(0)
     pushed = (np.abs(matrix[:, :, n:]) ** 2 @ variance[:, :inputs, None])[:, :, 0]

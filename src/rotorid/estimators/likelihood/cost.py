@@ -44,39 +44,67 @@ from rotorid.record import Complexes, Floats, Integers
 
 @dataclass(frozen=True)
 class Entries:
-    """Entries of ``[P, B]``, sums of ``weight * mu[monomial]``, one weight per line.
+    """Entries of ``[P, B]``, sums of ``coefficient * weights[kind] * mu[monomial]``.
 
     Parameters
     ----------
-    row, column, monomial : int array, shape (term,)
+    row, column, monomial, kind : int array, shape (term,)
         Columns are the coordinates, then the inputs.
-    weight : complex array, shape (line, term)
+    coefficient : array, shape (term,)
+    weights : complex array, shape (line, kind)
+        What the terms of a kind have in common on each line: a power of i omega, and of the
+        speed.
     """
 
     row: Integers
     column: Integers
     monomial: Integers
-    weight: Complexes
+    kind: Integers
+    coefficient: Floats
+    weights: Complexes
+
+    def matrix(self, mu: Floats, rows: int, columns: int) -> Complexes:
+        """Return the sum of the terms on each line, shape (line, row, column)."""
+        kinds, size = self.weights.shape[1], rows * columns
+        flat = (self.kind * rows + self.row) * columns + self.column
+        values = self.coefficient * mu[self.monomial]
+        summed = np.bincount(flat, values, minlength=kinds * size).reshape(kinds, size)
+        return _complex(self.weights @ summed).reshape(-1, rows, columns)
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """Sums terms into a dense array: sorted once, one `add.reduceat` for each use."""
+class Slopes:
+    """Derivatives of ``[P, B] @ sources`` by the monomials, which are linear in the sources.
 
-    order: Integers
+    Parameters
+    ----------
+    spread : complex array, shape (column, group)
+        A group is one row of one kind of one monomial.
+    kind : int array, shape (group,)
+    starts, targets : int array
+        Where the groups of a target begin, and its place in the flattened (row, monomial).
+    """
+
+    spread: Complexes
+    kind: Integers
     starts: Integers
     targets: Integers
 
     @classmethod
-    def by(cls, key: Integers) -> Scatter:
-        """Build from the flat index of each term."""
-        order = np.argsort(key, kind="stable")
-        targets, starts = np.unique(key[order], return_index=True)
-        return cls(order, starts, targets)
+    def of(cls, entries: Entries, live: Integers, columns: int, monomials: int) -> Slopes:
+        """Build from the terms whose monomial is no constant."""
+        target = entries.row[live] * monomials + entries.monomial[live]
+        kinds = entries.weights.shape[1]
+        groups, where = np.unique(target * kinds + entries.kind[live], return_inverse=True)
+        spread = np.zeros((columns, len(groups)), dtype=np.complex128)
+        np.add.at(spread, (entries.column[live], where), entries.coefficient[live])
+        targets, starts = np.unique(groups // kinds, return_index=True)
+        return cls(spread, groups % kinds, starts, targets)
 
-    def into(self, out: Complexes, terms: Complexes) -> None:
-        """Add terms, shape (line, term), in sorted order, to `out`, shape (line, flat)."""
+    def into(self, out: Complexes, sources: Complexes, weights: Complexes) -> None:
+        """Add to `out`, shape (line, flattened (row, monomial))."""
         if len(self.starts):
+            terms = (sources @ self.spread) * weights[:, self.kind]
             out[:, self.targets] += np.add.reduceat(terms, self.starts, axis=1)
 
 
@@ -152,14 +180,11 @@ class Likelihood:
         self.inputs = data.shape[1] - sensing.right.shape[1]
         self.all_rows = rows + len(sensing.redundancy)
         self.equations = self.all_rows - sensing.hidden.shape[1]
+        live = np.flatnonzero(
+            np.any(monomials.factors < monomials.unknowns, axis=1)[entries.monomial]
+        )
         width = self.coordinates + self.inputs
-        self._matrix = Scatter.by(entries.row * width + entries.column)
-        count = load.shape[3]
-        self._columns = Scatter.by(entries.row * count + entries.monomial)
-        self._matrix_weight = entries.weight[:, self._matrix.order]
-        self._matrix_monomial = entries.monomial[self._matrix.order]
-        self._columns_weight = entries.weight[:, self._columns.order]
-        self._columns_column = entries.column[self._columns.order]
+        self._slopes = Slopes.of(entries, live, width, load.shape[3])
         real = np.where(multiplicity == 1.0, 0.0, np.sqrt(multiplicity))
         self._parts = np.stack([np.sqrt(multiplicity), real], axis=1)
 
@@ -168,11 +193,11 @@ class Likelihood:
         """Number of lines."""
         return int(self.data.shape[0])
 
-    def coefficients(self, unknowns: Floats) -> Complexes:
-        """Return the terms of the equations that multiply the motion, shape (line, term)."""
+    def coefficients(self, unknowns: Floats) -> Floats:
+        """Return the terms of the equations that multiply the motion, shape (term,)."""
         every, moved = self.entries, self.entries.column < self.coordinates
         values = self.monomials.values(unknowns)[every.monomial[moved]]
-        return _complex(every.weight[:, moved] * values)
+        return np.asarray(every.coefficient[moved] * values)
 
     def loads_at(self, unknowns: Floats) -> Complexes:
         """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
@@ -264,8 +289,7 @@ class Evaluation:
     def _set_columns(self) -> None:
         """Set the columns of all rows."""
         p, n = self.problem, self.problem.coordinates
-        matrix = np.zeros((p.lines, p.all_rows, n + p.inputs), dtype=np.complex128)
-        p._matrix.into(matrix.reshape(p.lines, -1), p._matrix_weight * self.mu[p._matrix_monomial])
+        matrix = p.entries.matrix(self.mu, p.all_rows, n + p.inputs)
         self.stiffness, self.inputs = matrix[:, :, :n], matrix[:, :, n:]
         sensors = self.stiffness @ p.sensing.right
         sensors[:, p.rows :] = p.sensing.redundancy
@@ -419,10 +443,7 @@ class Evaluation:
         sources = np.concatenate([motion, forces], axis=1)
         monomial_columns = np.zeros((p.lines, p.all_rows, p.load.shape[3]), dtype=np.complex128)
         monomial_columns[:, : p.rows] = self.load
-        p._columns.into(
-            monomial_columns.reshape(p.lines, -1),
-            p._columns_weight * sources[:, p._columns_column],
-        )
+        p._slopes.into(monomial_columns.reshape(p.lines, -1), sources, p.entries.weights)
         jacobian = _complex(monomial_columns @ p.monomials.jacobian(self.unknowns))
         p.calibration.add_directions(jacobian, self, data, p.load)
         return jacobian

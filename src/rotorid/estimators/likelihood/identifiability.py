@@ -356,6 +356,6 @@ def _sensors(trial: Trial) -> list[tuple[str, int]]:
     read = {model.coordinates[term.coordinate] for term in single}
     return [
         (name, trial.left_open(record.with_sensor(Channel(name, model.units[name])), 0))
-        for name in model.coordinates
+        for name in model.measurable
         if name not in read and name not in record.lines.names
     ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from rotorid.models.rotor.drawing import AXES, Rotor
+from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.elements import PLANES, both_planes, turned
 from rotorid.models.rotor.quantity import SPEED, Factors, Quantity
 from rotorid.record import Floats
@@ -146,13 +146,3 @@ def inputs_of(rotor: Rotor) -> Floats:
 def coordinates_of(rotor: Rotor) -> tuple[str, ...]:
     """Return the names of the coordinates."""
     return tuple(name for node in rotor.nodes for name in node.coordinates)
-
-
-def aliases_of(rotor: Rotor) -> dict[str, str]:
-    """Return the coordinates that have a second name: of places that share a node."""
-    return {
-        f"{axis}_{name}": own
-        for node in rotor.nodes
-        for name in node.names[1:]
-        for axis, own in zip(AXES, node.coordinates, strict=True)
-    }

@@ -182,6 +182,7 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
         **damping,
     )
     _check_places(rotor, entry)
+    _check_channels(rotor)
     _check_numbers(rotor)
     return divided(rotor, [section.elements for section in entry.sections], MAX_ELEMENTS)
 
@@ -301,6 +302,20 @@ def _check_places(rotor: Rotor, entry: RotorFile) -> None:
                     "one place of that name",
                     "give the other another name",
                     place=f"{place}.at",
+                )
+
+
+def _check_channels(rotor: Rotor) -> None:
+    """Refuse two names of one place where channels would have to know which of them it has."""
+    shown = [*rotor.sensors.items(), *rotor.actuators.items()]
+    for k, (name, at) in enumerate(shown):
+        for other, there in shown[:k]:
+            if name != other and abs(at - there) <= 1e-9 * rotor.length:
+                raise ModelError(
+                    f"{other!r} and {name!r} at {at:g} m",
+                    "one name of one place, after which its coordinates are called",
+                    f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}",
+                    place=f"sensors.{other}",
                 )
 
 

@@ -18,14 +18,14 @@ from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.assembly import (
     Load,
     Piece,
-    aliases_of,
     coordinates_of,
     inputs_of,
     loads_of,
     pieces_of,
 )
-from rotorid.models.rotor.drawing import Rotor
+from rotorid.models.rotor.drawing import AXES, Rotor
 from rotorid.models.rotor.quantity import Factors
+from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
 from rotorid.models.terms import DERIVATIVES, Equations, Names, sort_monomials
 from rotorid.record import Floats
 from rotorid.units import multiply_units
@@ -42,7 +42,7 @@ _TURNING = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RotorModel(Model):
     """A model from a drawing: M, D, G, K are sums of constant matrices times monomials.
 
@@ -55,8 +55,10 @@ class RotorModel(Model):
     pieces, loads : sequence of Piece and of Load
     push : array, shape (row, input)
         B.
-    readings : mapping of str to mapping of str to float
-        Names that channels may read besides the coordinates, as combinations of these.
+    reduction : Reduction, optional
+        Of a reduced rotor: its basis.
+    whole : RotorModel, optional
+        Of a reduced rotor: what it was made of.
 
     Examples
     --------
@@ -70,7 +72,23 @@ class RotorModel(Model):
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
     loads: tuple[Load, ...] = field(kw_only=True, compare=False, repr=False)
     push: Floats = field(kw_only=True, compare=False, repr=False)
-    readings: Mapping[str, Mapping[str, float]] = field(kw_only=True, compare=False, repr=False)
+    reduction: Reduction | None = field(kw_only=True, default=None, compare=False, repr=False)
+    whole: RotorModel | None = field(kw_only=True, default=None, compare=False, repr=False)
+
+    @cached_property
+    def readings(self) -> dict[str, dict[str, float]]:
+        """Names besides the coordinates, of places that share a node, as combinations of these."""
+        return {
+            f"{axis}_{name}": {own: 1.0}
+            for node in self.rotor.nodes
+            for name in node.names[1:]
+            for axis, own in zip(AXES, node.coordinates, strict=True)
+        }
+
+    def coordinates_at(self, place: str) -> tuple[str, ...]:
+        """Return x, y, theta_x and theta_y of a named place."""
+        rotor = self.rotor
+        return rotor.nodes[rotor.node(rotor.places[place])].coordinates
 
     @property
     def used(self) -> frozenset[str]:
@@ -230,6 +248,58 @@ class RotorModel(Model):
             columns[row, monomial] += coefficient
         return columns
 
+    @property
+    def measurable(self) -> tuple[str, ...]:
+        """The coordinates that a sensor could read."""
+        count = len(self.coordinates) if self.reduction is None else len(self.reduction.kept)
+        return self.coordinates[:count]
+
+    def reduced(
+        self,
+        reads: set[str],
+        omega: Floats,
+        speed: Floats,
+        values: Mapping[str, float],
+        share: float,
+    ) -> RotorModel:
+        """Return a model with fewer coordinates, where that pays; see `Model.reduced`."""
+        full = self if self.whole is None else self.whole
+        known = {**full.nominal, **values}
+        if (
+            not share
+            or len(omega) * float(len(full.coordinates)) ** 3 <= WORTH
+            or not (omega > 0).any()
+            or not set(full.parameter_names) <= known.keys() | full.load_names
+        ):
+            return full
+        loads = [part[:, None] for x in full.loads for part in (x.cosine, x.sine)]
+        pushed = np.unique(np.concatenate([full.push, *loads], axis=1) != 0, axis=1).astype(float)
+        shown = {full.coordinates.index(name) for name in reads} | set(np.nonzero(pushed)[0])
+        kept = np.array(sorted(shown), dtype=np.int64)
+        basis = reduction(full.pieces, pushed, kept, Band(omega, speed, known), share)
+        count = basis.transform.shape[1]
+        if count >= len(full.coordinates):
+            return full
+        inner = [f"inner{k + 1}" for k in range(count - len(basis.kept))]
+        names = (*(full.coordinates[k] for k in basis.kept), *inner)
+        return replace(
+            full,
+            texts=tuple(f"balance of {q}" for q in names),
+            names=replace(full.names, coordinates=names),
+            units={**full.units, **dict.fromkeys(inner, "m")},
+            pieces=basis.of_pieces(full.pieces),
+            loads=basis.of_loads(full.loads),
+            push=basis.transform.T @ full.push,
+            reduction=basis,
+            whole=full,
+        )
+
+    @property
+    def load_names(self) -> frozenset[str]:
+        """The parameters that loads alone hold."""
+        moving = {name for piece in self.pieces for name, _ in piece.factors}
+        return self.used - moving
+
     def substitute(self, fixed: Mapping[str, float]) -> RotorModel:
         """Return the model with some parameters replaced by numbers (SI).
 
@@ -327,5 +397,4 @@ def rotor_model(
         pieces=pieces_of(rotor),
         loads=loads_of(rotor),
         push=inputs_of(rotor),
-        readings={alias: {own: 1.0} for alias, own in aliases_of(rotor).items()},
     )
