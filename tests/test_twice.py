@@ -209,3 +209,40 @@ x = { amplitude = "a", phase = "p", unit = "um" }
     path.write_text(HEAD + phasors)
     with pytest.raises(InputError, match="found 'a' and 'p' for F and for x"):
         rid.load_experiment(path)
+
+
+MODES = (
+    """
+model = "jeffcott"
+parameters.m = {{ fixed = "1 kg" }}
+[[modes]]
+frequency = "10 Hz"
+std = "0.1 Hz"
+{}
+"""
+    + '[[modes]]\nfrequency = "10 Hz"\nstd = "0.1 Hz"\n{}\n' * 2
+)
+
+
+@pytest.mark.parametrize(
+    ("said", "place"),
+    [
+        (
+            ("mode = 1", "mode = 2", "mode = 1"),
+            r"modes\.2: found the natural frequency of modes\.0",
+        ),
+        (("", "", ""), r"modes\.2: found the natural frequency of modes\.0"),
+        (("mode = 1", "mode = 1", ""), r"modes\.1: found the natural frequency of modes\.0"),
+        (("", "", 'speed = "50 Hz"'), None),
+        (("mode = 1", "mode = 2", ""), None),
+    ],
+)
+def test_natural_frequencies_twice(
+    said: tuple[str, ...], place: str | None, tmp_path: Path
+) -> None:
+    (tmp_path / "run.toml").write_text(MODES.format(*said))
+    if place is None:
+        assert len(rid.load_experiment(tmp_path / "run.toml").entry.modes) == 3
+    else:
+        with pytest.raises(InputError, match=place):
+            rid.load_experiment(tmp_path / "run.toml")

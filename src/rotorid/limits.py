@@ -27,6 +27,9 @@ turning n digits into a number costs n^2."""
 LINE_CHARACTERS = 1 << 20
 """Of a line of a text table: ten thousand columns of a hundred characters."""
 
+SMALL_TEXT = 16_000_000
+"""Bytes of a text table of which one line may be all: it takes a tenth of a second to refuse."""
+
 COLUMNS = 10_000
 """Of a text table: loggers have hundreds of channels."""
 

@@ -55,6 +55,17 @@ def holds_key(data: bytes, key: str) -> bool:
 
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
     """Parse TOML text into a schema."""
+    table = parse_table(data, file=file)
+    try:
+        return schema.model_validate(table)
+    except ValidationError as error:
+        raise _first_fault(error, schema, file) from None
+    except RecursionError:
+        raise _too_deep(file) from None
+
+
+def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
+    """Parse TOML text; what would take long, or is no TOML, is one line."""
     data = data.removeprefix(BOM_UTF8)  # Windows' editors put it there
     if _LONG_KEY.search(data):
         raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
@@ -81,18 +92,13 @@ def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
             place=place.rstrip(")"),
         ) from None
     except RecursionError:
-        raise ReadError(
-            "nesting too deep", "TOML of a few levels", "flatten it", file=file
-        ) from None
+        raise _too_deep(file) from None
     _check_values(table, file)
-    try:
-        return schema.model_validate(table)
-    except ValidationError as error:
-        raise _first_fault(error, schema, file) from None
-    except RecursionError:
-        raise ReadError(
-            "nesting too deep", "TOML of a few levels", "flatten it", file=file
-        ) from None
+    return table
+
+
+def _too_deep(file: str) -> ReadError:
+    return ReadError("nesting too deep", "TOML of a few levels", "flatten it", file=file)
 
 
 def _check_values(table: dict[str, Any], file: str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rotorid.errors import ReadError
-from rotorid.io import open_table
+from rotorid.io import delimited, open_table
 from rotorid.io.dialect import find_dialect, is_value
 from rotorid.limits import (
     COLUMNS,
@@ -16,6 +16,7 @@ from rotorid.limits import (
     LINE_CHARACTERS,
     PREAMBLE_CHARACTERS,
     RATES,
+    SMALL_TEXT,
     UNIT_CHARACTERS,
 )
 
@@ -101,7 +102,12 @@ def test_rates_that_no_logger_has(tmp_path: Path) -> None:
         assert (open_table(path).read(["x"])["x"].rate is not None) == kept
 
 
-def test_long_lines(tmp_path: Path) -> None:
+def test_long_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, started = table(tmp_path, "x,y\n" + ROWS + "1," * 7_990_000), time.process_time()
+    assert path.stat().st_size < SMALL_TEXT == 16_000_000
+    assert len(open_table(path).read(["x"])["x"].values) == 601
+    assert time.process_time() - started < 3
+    monkeypatch.setattr(delimited, "SMALL_TEXT", 0)
     last = "1," + "2" + " " * (LINE_CHARACTERS - 5) + "\n"
     assert open_table(table(tmp_path, "x,y\n" + ROWS + last)).read(["y"])["y"].values[-1] == 2
     for more in ("1,2 " + " " * (LINE_CHARACTERS - 4), "1," * LINE_CHARACTERS):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from rotorid.io import Source, read_record
 from rotorid.line_inspection import LineInspection, inspect_lines
 from rotorid.record import Record
 from rotorid.signals.inspection import Inspection, inspect_record
-from rotorid.toml import read_bytes
+from rotorid.toml import parse_table, read_bytes
 from rotorid.units import to_si
 
 OPEN = "?"
@@ -85,9 +84,9 @@ def _inspect(record: Record, entry: RecordEntry) -> Inspection:
 def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
     """Return the records of a file that leaves something open, None where it does not."""
     try:
-        text = read_bytes(path).decode("utf-8-sig")
-        entries = tomllib.loads(text).get("records", [])
-    except (ReadError, ValueError, RecursionError):  # told where the file is read in earnest
+        data = read_bytes(path)
+        entries = parse_table(data).get("records", [])
+    except ReadError:  # told where the file is read in earnest
         return None
     if not isinstance(entries, list) or not entries:
         return None
@@ -95,7 +94,7 @@ def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
         isinstance(e, dict) and ("fundamental" in e or "period_samples" in e) for e in entries
     ]
     named = all(isinstance(e, dict) and ("file" in e or "files" in e) for e in entries)
-    return entries if named and (f'"{OPEN}"' in text or not all(periodic)) else None
+    return entries if named and (f'"{OPEN}"'.encode() in data or not all(periodic)) else None
 
 
 def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:

@@ -32,6 +32,7 @@ from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
 from rotorid.experiment.twice import (
     check_contents,
     check_measured,
+    check_modes,
     check_records,
     shared_currents,
 )
@@ -324,6 +325,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             own_values(record.parameters, model, f"records.{number}.parameters")
         every = [own_entries(record, entry.channels) for record in entry.records]
         check_records(entry.records, every, model.inputs, where)
+        check_modes(entry.modes)
         return Experiment(
             file=str(path),
             folder=where,

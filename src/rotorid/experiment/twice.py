@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.experiment.recording import Recording
-from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
 from rotorid.filtered import FilteredRecord
 from rotorid.observation import Measured
 from rotorid.record import Channel, PeriodicRecord
@@ -103,6 +103,25 @@ def check_records(
         for first, second in combinations(numbers, 2):
             if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
                 raise _again(first, second, path.name)
+
+
+def check_modes(modes: Sequence[ModeEntry]) -> None:
+    """Refuse a measured natural frequency twice; two modes may have one, where axes are alike.
+
+    Raises
+    ------
+    InputError
+        With the entry that comes second, or third.
+    """
+    for number, one in enumerate(modes):
+        before = modes[:number].count(one)
+        if before > (0 if one.mode is not None else 1):
+            raise InputError(
+                f"the natural frequency of modes.{modes.index(one)} again",
+                "each measurement once",
+                "remove one; of two modes of one frequency, give each its own mode = 1, 2",
+                place=f"modes.{number}",
+            )
 
 
 def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
