@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point

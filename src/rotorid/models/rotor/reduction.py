@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 
-from rotorid.models.rotor.assembly import Load, Piece, Sparse
+from rotorid.models.rotor.assembly import Load, Piece
 from rotorid.models.rotor.elements import PLANES
 from rotorid.models.rotor.quantity import Factors
 from rotorid.record import Complexes, Floats, Integers
@@ -41,7 +41,8 @@ class Reduction:
     def of_pieces(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
         """Return the matrices in the reduced coordinates."""
         basis = self.transform
-        return tuple(replace(p, matrix=Sparse(basis.T @ (p.matrix @ basis))) for p in pieces)
+        sparse = scipy.sparse.csr_array
+        return tuple(replace(p, matrix=sparse(basis.T @ (p.matrix @ basis))) for p in pieces)
 
     def of_loads(self, loads: Sequence[Load]) -> tuple[Load, ...]:
         """Return the loads on the reduced coordinates."""
