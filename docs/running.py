@@ -19,6 +19,7 @@ import os
 import re
 import shlex
 import tempfile
+import textwrap
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,6 +31,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from rotorid.cli import run as run_command
 
+WIDTH = 88  # characters of a block beside the list of pages
 _FOLDERS: dict[str, Path] = {}
 _NAMES: dict[str, dict[str, Any]] = {}
 
@@ -66,6 +68,7 @@ class _Running(SphinxDirective):
         """Return the first lines of what was printed, without this machine's folder in it."""
         kept = self.options.get("lines")
         lines = text.replace(f"{self.folder}{os.sep}", "").rstrip().splitlines()
+        lines = [part for line in lines for part in _broken(line)]
         if kept is None or len(lines) <= kept:
             return "\n".join(lines)
         return "\n".join([*lines[:kept], "..."])
@@ -73,6 +76,15 @@ class _Running(SphinxDirective):
     def failed(self, what: str, why: str) -> ExtensionError:
         """Return the error of a block that did not do what the page says."""
         return ExtensionError(f"{self.env.docname}, line {self.lineno}: {what}: {why}")
+
+
+def _broken(line: str) -> list[str]:
+    """Return a sentence in lines that a page can show; rows of tables stay as they are."""
+    if len(line) <= WIDTH or "  " in line.strip():
+        return [line]
+    return textwrap.wrap(
+        line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 @contextlib.contextmanager
