@@ -248,7 +248,7 @@ def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
             raise InputError(
                 f"{found[name]!r} for {other} and for {name}",
                 "a column of its own for each channel",
-                "correct the name of the column",
+                "write the name of the right column",
                 place=_place(name, "column"),
             )
     return found
