@@ -51,8 +51,8 @@ def check_columns(entries: Entries) -> None:
                 raise InputError(
                     f"{' and '.join(map(repr, column))} for {other} and for {name}",
                     "a column of its own for each channel",
-                    "write the name of the right column; a sensor that sees several coordinates is one "
-                    "channel with reads, a force that acts on several is one input of the model",
+                    "write the name of the right column; a sensor that sees several coordinates is "
+                    "one channel with reads, a force that acts on several one input of the model",
                     place=f"channels.{name}",
                 )
 
