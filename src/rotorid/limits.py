@@ -33,6 +33,10 @@ SMALL_TEXT = 16_000_000
 COLUMNS = 10_000
 """Of a text table: loggers have hundreds of channels."""
 
+NAMES, NAME_CHARACTERS = 500, 100
+"""Names of a file, and characters of each, among which the nearest to a misspelt one is sought:
+likeness takes the product of two lengths, 10 us for two of ten letters."""
+
 UNIT_CHARACTERS = 64
 """Of a unit in the head of a column: ``kg m^2 s^-2`` has eleven."""
 

@@ -60,6 +60,7 @@ def test_names(path: Path) -> None:
         ("label", "'label' of text; expected real numbers"),
         ("complex", "'complex' of complex numbers; expected real numbers"),
         ("force", "no column 'force'"),
+        ("a\0b", "no column"),
         ("packd", "did you mean 'packed'"),
         ("adc[99999999999]", "no column"),
     ],

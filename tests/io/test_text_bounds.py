@@ -14,6 +14,8 @@ from rotorid.limits import (
     COLUMNS,
     DIGITS,
     LINE_CHARACTERS,
+    NAME_CHARACTERS,
+    NAMES,
     PREAMBLE_CHARACTERS,
     RATES,
     SMALL_TEXT,
@@ -135,6 +137,20 @@ def test_bounds_of_columns_and_fields(tmp_path: Path) -> None:
                 open_table(path)
     assert is_value("1" * DIGITS)
     assert not is_value("1" * (DIGITS + 1))
+
+
+def test_names_like_a_misspelt_one(tmp_path: Path) -> None:
+    """The nearest is told, in a time that names of any length and number bear."""
+    assert (NAMES, NAME_CHARACTERS) == (500, 100)
+    with pytest.raises(ReadError, match="did you mean 'fx'"):
+        open_table(table(tmp_path, "fx,y\n" + ROWS)).find("fxx")
+    for count, length in ((10_000, 90), (3, 100_000)):
+        names = ",".join(f"{'ab' * (length // 2)}{i}" for i in range(count))
+        rows = (",".join("1" * count) + "\n") * 3
+        opened, started = open_table(table(tmp_path, names + "\n" + rows)), time.process_time()
+        with pytest.raises(ReadError, match="no column"):
+            opened.find("ba" * (length // 2))
+        assert time.process_time() - started < 3
 
 
 @pytest.mark.parametrize("day", ["2024-99-45 12:00:00", "2024-02-30T12:00:00Z"])

@@ -6,6 +6,7 @@ A record listed n times makes the stated deviations sqrt(n) too small, and nothi
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
@@ -136,8 +137,9 @@ def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
     for number, record in enumerate(records):
         for name in record.paths:
             path = _resolved(folder / name)
-            if path.is_file():
-                sized.setdefault(_look(path), []).append((number, path))
+            with suppress(OSError, ValueError):  # told where it is opened
+                if path.is_file():
+                    sized.setdefault(_look(path), []).append((number, path))
     for alike in sized.values():
         for (first, one), (second, other) in combinations(alike, 2):
             if one != other and _overlap(records[first], records[second]) and _same(one, other):

@@ -173,7 +173,7 @@ def _steps(path: str) -> list[str]:
 
 def _key(group: h5py.Group, name: str) -> bytes | None:
     """Return a name as the file has it: in UTF-8, or as older programs of Windows wrote it."""
-    for encoding in ("utf-8", "latin-1"):
+    for encoding in ("utf-8", "latin-1") if "\0" not in name else ():
         try:
             key = name.encode(encoding)
         except UnicodeEncodeError:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rotorid.errors import InputError, ReadError
 from rotorid.files import open_regular
-from rotorid.limits import COMPRESSION, RATES, UNPACKED_BYTES
+from rotorid.limits import COMPRESSION, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
 from rotorid.record import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
@@ -184,8 +184,10 @@ def too_large(file: str) -> ReadError:
 def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") -> ReadError:
     """Return the error for a name that is not in the file, with the nearest that is."""
     there = list(names)
-    near = difflib.get_close_matches(name, there, n=1)
-    shown = ", ".join(there[:8]) + (f", ... ({len(there)} in all)" if len(there) > 8 else "")
+    likely = [other for other in there[:NAMES] if len(other) <= NAME_CHARACTERS]
+    near = difflib.get_close_matches(name, likely, n=1) if len(name) <= NAME_CHARACTERS else []
+    shown = ", ".join(other[:NAME_CHARACTERS] for other in there[:8])
+    shown += f", ... ({len(there)} in all)" if len(there) > 8 else ""
     return ReadError(
         f"no {kind} {name!r}",
         f"one of {shown}" if there else f"a {kind}; the file has none",
