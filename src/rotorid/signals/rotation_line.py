@@ -41,7 +41,7 @@ def shown_rotation(
     near = standing_out[(distance < NEAR * stated) & (distance > APART)]
     if not len(near):
         return None
-    if near.min() < AROUND or near.max() + AROUND >= len(lines):
+    if near.max() + AROUND >= len(lines):  # before them there are plenty
         return None
     strongest = int(near[np.argmax(_strength(lines, near))])
     window = np.arange(strongest - AROUND, strongest + AROUND + 1)
