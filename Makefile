@@ -5,8 +5,12 @@
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
 #   ONLY="..."          modules whose constants `make mutants` changes
+#   FUZZ_SECONDS=60     how long `make fuzz` tries each of FUZZ_TARGETS="model toml result csv mat"
 
 VENV ?= .venv
+CONSTRAINTS ?= constraints.txt
+FUZZ_SECONDS ?= 60
+FUZZ_TARGETS ?= model toml result csv mat
 PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
@@ -18,7 +22,7 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics docs mutants clean
+.PHONY: help demo test statistics docs mutants fuzz test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
@@ -26,6 +30,9 @@ help:
 	@echo "make statistics   the slow tests: coverage of deviations, banks of faults; the documentation"
 	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
 	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
+	@echo "make fuzz         damaged files for as long as FUZZ_SECONDS says, guided by coverage"
+	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
+	@echo "make test-newest  and with the newest there are"
 	@echo "make clean        remove the environment and what the tools leave behind"
 
 demo: $(VENV)/.ready-demo
@@ -33,8 +40,8 @@ demo: $(VENV)/.ready-demo
 	@echo "The report of the machine lies in $(CURDIR)/$(REPORT), that of the paper in $(PAPER)"
 
 # One BLAS thread per worker: the matrices are small, and the workers fill the cores.
-test statistics docs mutants: export OPENBLAS_NUM_THREADS := 1
-test statistics docs mutants: export OMP_NUM_THREADS := 1
+test statistics docs mutants fuzz test-lowest test-newest: export OPENBLAS_NUM_THREADS := 1
+test statistics docs mutants fuzz test-lowest test-newest: export OMP_NUM_THREADS := 1
 
 test: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -53,9 +60,23 @@ docs: $(VENV)/.ready-test
 mutants: $(VENV)/.ready-test
 	$(BIN)/python tests/mutants.py $(ONLY)
 
+fuzz: $(VENV)/.ready-fuzz
+	set -e; for target in $(FUZZ_TARGETS); do \
+	    $(BIN)/python tests/fuzz_atheris.py $$target --seconds $(FUZZ_SECONDS); \
+	done
+
+# Old packages use what others have deprecated since: that is theirs to mend.
+test-lowest:
+	$(MAKE) VENV=.venv-lowest CONSTRAINTS=.venv-lowest/lowest.txt .venv-lowest/.ready-test
+	.venv-lowest/bin/pytest -n auto -m "not slow" -W ignore::DeprecationWarning $(PYTEST_ARGS)
+
+test-newest:
+	$(MAKE) VENV=.venv-newest CONSTRAINTS=/dev/null .venv-newest/.ready-test
+	.venv-newest/bin/pytest -n auto -m "not slow" $(PYTEST_ARGS)
+
 clean:
-	rm -rf $(VENV) build dist src/*.egg-info
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-lowest .venv-newest build dist src/*.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .fuzz
 	rm -rf docs/_build docs/gallery docs/generated
 	rm -f $(REPORT) $(PAPER)
 
@@ -63,7 +84,8 @@ clean:
 # longer runs (a Python that was upgraded or removed) makes it start afresh.
 $(VENV)/.ready-demo: EXTRAS :=
 $(VENV)/.ready-test: EXTRAS := [test]
-$(VENV)/.ready-demo $(VENV)/.ready-test: pyproject.toml constraints.txt
+$(VENV)/.ready-fuzz: EXTRAS := [test,fuzz]
+$(VENV)/.ready-demo $(VENV)/.ready-test $(VENV)/.ready-fuzz: pyproject.toml constraints.txt
 	@for python in $(PYTHON); do \
 	    "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
 	    python=; \
@@ -82,5 +104,8 @@ $(VENV)/.ready-demo $(VENV)/.ready-test: pyproject.toml constraints.txt
 	"$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || clear=--clear; \
 	echo "Setting up $(VENV) with $$("$$python" --version), a minute or two"; \
 	"$$python" -m venv $$clear "$(VENV)"
-	@"$(BIN)/python" -m pip install --quiet --constraint constraints.txt --editable '.$(EXTRAS)'
+	@case "$(CONSTRAINTS)" in \
+	    */lowest.txt) "$(BIN)/python" tests/lowest.py > "$(CONSTRAINTS)" ;; \
+	esac
+	@"$(BIN)/python" -m pip install --quiet --constraint "$(CONSTRAINTS)" --editable '.$(EXTRAS)'
 	@touch "$@"

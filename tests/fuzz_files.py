@@ -283,7 +283,7 @@ def _responses(binary: int = 0) -> bytes:
 
 
 def _phasor_table() -> bytes:
-    rpm = np.linspace(1000, 4000, 12)
+    rpm = np.linspace(1000, 4000, 8)
     omega = rpm * np.pi / 30
     motion = 1e6 * 1e-4 * omega**2 / (1e6 - 5 * omega**2 + 60j * omega)
     table = np.column_stack(

@@ -329,3 +329,23 @@ def test_a_record_in_place_of_the_experiment_is_told(
         assert told.count("\n") == 1
         assert "expected an experiment file" in told
         assert f"rotorid new {path}" in told
+
+
+@pytest.mark.parametrize(("size", "name"), [(1.0, "px"), (1e100, "fx"), (1e-200, "fx")])
+def test_columns_without_a_spectrum_are_not_searched_for_lines(
+    size: float, name: str, tmp_path: Path
+) -> None:
+    """A constant one, and one whose squares no number holds; the others are."""
+    rng = np.random.default_rng(3)
+    values = {"fx": rng.standard_normal(400), "px": rng.standard_normal(400)}
+    values[name] = np.full(400, 2.0) if size == 1 else values[name] * size
+    table = np.column_stack([np.arange(400) / RATE, values["fx"], values["px"]])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
+    text = draft([tmp_path / "run.csv"], None, tmp_path)
+    assert f"where {'fx' if name == 'px' else 'px'} is large" in text
+
+
+def test_a_record_at_rest_has_no_band(tmp_path: Path) -> None:
+    table = np.column_stack([np.arange(400) / RATE, np.zeros(400), np.ones(400)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
+    assert "is large" not in draft([tmp_path / "run.csv"], None, tmp_path)

@@ -35,26 +35,10 @@ def fuzz(*arguments: str) -> str:
     return done.stdout
 
 
-PENDING = pytest.mark.xfail(reason="what readers and messages still let through", strict=False)
-
-
-# What the readers and messages of today do not hold yet; some of it hangs.
-WAITING: tuple[str, ...] = (
-    "a record listed twice",
-    "a record listed 200 times",
-    "samples of 1e-162",
-    "model: a power of a power of a decimal",
-    "model: nested cube roots, many",
-    "model: a power of a power of an integer",
-)
-
-
-@PENDING
 def test_some_damaged_files() -> None:
-    assert "nothing found" in fuzz("--each", "40", *FAST)
+    assert "nothing found" in fuzz("--each", "25", *FAST)
 
 
-@PENDING
 @pytest.mark.slow
 def test_a_thousand_damaged_files_of_each_format() -> None:
     assert "nothing found" in fuzz("--each", "1000")
@@ -65,11 +49,11 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]
     """What came of every case of the corpus."""
     target = tmp_path_factory.mktemp("corpus") / "outcomes.json"
     with contextlib.suppress(AssertionError):  # each case is a test of its own
-        fuzz("--corpus", str(target), *(word for name in WAITING for word in ("--but", name)))
+        fuzz("--corpus", str(target))
     return {outcome["name"]: outcome for outcome in json.loads(target.read_text())}
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name not in WAITING])
+@pytest.mark.parametrize("name", CASES)
 def test_corpus(name: str, corpus: dict[str, dict[str, Any]]) -> None:
     assert not corpus[name]["faults"], corpus[name]
 
@@ -106,7 +90,8 @@ def outcomes(*cases: Case) -> list[tuple[str, ...]]:
 def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A harness that finds nothing must find what there is: a signal, a hang, memory, files."""
     monkeypatch.setattr(harness, "SECONDS", 0.3)
-    monkeypatch.setattr(harness, "PATIENCE", 4.0)
+    monkeypatch.setattr(harness, "PATIENCE", 5.0)
+    monkeypatch.setattr(harness, "BYTES", 40_000_000)
     monkeypatch.setattr(harness, "LOADED", ())
 
     def badly(arguments: list[str]) -> int:
@@ -118,7 +103,7 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         elif what == "slow":
             sum(range(30_000_000))
         elif what == "memory":
-            bytearray(b"a") * (harness.BYTES + 50_000_000)
+            bytearray(b"a") * (2 * harness.BYTES)
         elif what == "file":
             Path("left.part").write_text("half")
         elif what == "change":

@@ -228,7 +228,7 @@ TEXT_CASES: dict[str, Callable[[], Case]] = {
         record(experiment_toml=several(200)), LEAST_SQUARES, check=told_twice
     ),
     "a record listed twice": answered(record(experiment_toml=several(2)), check=told_twice),
-    "a column for a hundred coordinates": refused(of_hundred(), says="one column read twice"),
+    "a column for a hundred coordinates": refused(of_hundred(), says="'px' for x0"),
     # numbers beyond what squares hold
     **{
         f"samples of 1e{power}": answered(scaled(10.0**power), arguments)
@@ -331,6 +331,9 @@ TEXT_CASES: dict[str, Callable[[], Case]] = {
     ),
     "a unit with an escape sequence": refused(
         record(model_toml=good.MODEL.replace(b'"kg"', rb'"\u001b[2Jkg"'))
+    ),
+    "a unit of forty letters and a dot": refused(
+        record(experiment_toml=good.OF_CSV.replace(b'"1 kHz"', b'"0.' + b"h" * 40 + b'1 s"'))
     ),
     "a unit of powers": refused(record(model_toml=good.MODEL.replace(b'"kg"', b'"kg^9^9^9^9"'))),
     "a quantity of powers": refused(

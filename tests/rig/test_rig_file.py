@@ -125,6 +125,7 @@ def test_currents_as_excitation() -> None:
 BAD = [
     ("[rotation]", "[rotatoin]", "rotatoin: found the unknown key 'rotatoin'.*did you mean"),
     ('"13 s"', '"13 m"', "duration: found unit 'm'; expected a unit that converts to s"),
+    ('rate = "10 kHz"', 'rate = "0 Hz"', "controller: rate: found 0.0 Hz; expected more than 0"),
     ('"13 s"', '"0 s"', "duration: found 0.0 s; expected one sample or more"),
     ('"13 s"', '"1e9 s"', r"duration: found 1e\+13 samples.*expected at most 5000000"),
     ('ki = "120 N/A"', "", "actuators.all: found no ki"),

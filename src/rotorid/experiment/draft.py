@@ -269,7 +269,8 @@ def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None)
     driving = run.driving()
     forces = [c for c in channels if c.unit and any(converts(c.unit, u) for u in _DRIVES)]
     entry["band"] = [OPEN, OPEN]
-    if rate is not None and (looked_at := driving or forces or channels):
+    looked_at = [c for c in driving or forces or channels if np.ptp(c.values) > 0]
+    if rate is not None and looked_at:
         column = max(looked_at, key=lambda c: float(np.ptp(c.values)))
         entry["band"] = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
         entry["band"].comment(f"no period found: the whole record, where {column.name} is large")
@@ -292,6 +293,7 @@ def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> No
         "no period found, and the model is not linear: five to ten times the motion's frequencies"
     )
     moving = [c for c in run.channels() if c.unit and any(converts(c.unit, u) for u in _MOTIONS)]
+    moving = [c for c in moving if np.ptp(c.values) > 0]
     if rate is not None and moving:
         column = max(moving, key=lambda c: float(np.ptp(c.values)))
         highest = _excited_band(column.values, rate)[1]

@@ -33,6 +33,7 @@ from rotorid.rig.parts import (
 )
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
+from rotorid.rig.schedule import check_rate
 from rotorid.rig.schema import (
     ActuatorEntry,
     ControllerEntry,
@@ -399,6 +400,7 @@ def build_controller(
         feedback = tuple(
             _feedback(name, j, entry, model, values, sensors) for j, name in enumerate(model.inputs)
         )
+        check_rate(entry.rate, "rate")
         period = 1 / entry.rate
         if entry.kind == "pid":
             return side_by_side(

@@ -45,16 +45,21 @@ class Schedule(NamedTuple):
     lag: int
 
 
+def check_rate(rate: float, place: str) -> None:
+    """Refuse the rate of a clock that does not tick."""
+    if not (np.isfinite(rate) and rate > 0):
+        raise InputError(
+            f"{rate} Hz",
+            "more than 0 Hz",
+            "give how often its clock ticks in a second",
+            place=place,
+        )
+
+
 def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Schedule:
     """Merge the clocks of controller and logger; both tick at t = 0."""
-    for name, value in (("rate", control_rate), ("sample_rate", sample_rate)):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(
-                f"{value} Hz",
-                "more than 0 Hz",
-                "give how often its clock ticks in a second",
-                place=name,
-            )
+    check_rate(control_rate, "rate")
+    check_rate(sample_rate, "sample_rate")
     if not (np.isfinite(delay) and delay >= 0):
         raise InputError(
             f"{delay} s",
