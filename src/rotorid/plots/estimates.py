@@ -30,6 +30,8 @@ MOST_DOTS = 60
 """Lines up to which each is a dot."""
 TWO = 2.0
 """Deviations to either side that a band of noise holds."""
+LEAST = 0.01
+"""Misfit over its expectation at or below which a line is drawn at the bottom."""
 WORST = 5.0
 """Differences over their noise from which on a colour is at its end."""
 RPM = 30 / np.pi
@@ -40,7 +42,7 @@ def waves(record: Shown) -> list[Panel]:
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
-    title, stretch = time_unit(float(time[-1] - time[0]))
+    title, stretch = time_unit(float(time[-1]))
     shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
     return [wave(c, stretch * time, title) for c in shown[:MOST_PANELS]]
 
@@ -69,7 +71,7 @@ def differences(record: Shown) -> list[Panel]:
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
-    title, stretch = time_unit(float(time[-1] - time[0]))
+    title, stretch = time_unit(float(time[-1]))
     shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
     return [_difference(c, stretch * time, title) for c in shown[:MOST_PANELS]]
 
@@ -162,8 +164,8 @@ def misfit(
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.asarray(cost, dtype=float) / np.asarray(expected, dtype=float)
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
-    least = float(np.nanmin(ratio, initial=1.0))
-    ratio = np.where(np.isnan(ratio), least, ratio)  # without any misfit: no place on the axis
+    least = max(float(np.nanmin(ratio, initial=1.0)), LEAST)
+    ratio = np.where(ratio > least, ratio, least)  # a line that is met whole has no place there
     where, numbers = np.asarray(records), sorted(set(records))
     curves = []
     for place, number in enumerate(numbers):

@@ -27,7 +27,7 @@ _GROWING = [[0, "#f7fbff"], [0.4, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 # ColorBrewer's RdBu and Blues
 _INCH = 110
 """Pixels of an inch of a panel's height: on a screen a panel stands alone, and is larger."""
-_SHARP = 6
+_SHARP = 5
 """Significant digits of what is drawn."""
 
 

@@ -38,8 +38,7 @@ MOST_PLACES = 12
 SAME = 1e-9
 """Relative difference of two frequencies up to which they are one."""
 HIGHEST = 3.0
-"""Frequencies of a diagram go to this many times the rotation, or to the fourth curve."""
-LOWEST_CURVES = 4
+"""Curves of a diagram are shown up to this many times the fastest rotation."""
 _NODE = re.compile(r"node\d+$")
 
 
@@ -71,10 +70,9 @@ def campbell(found: Diagram) -> Panel:
 
 def _highest(frequency: Floats, turning: float) -> float:
     """Return the frequency up to which a diagram is drawn."""
-    with np.errstate(all="ignore"):
-        tops = np.sort(np.nanmax(np.where(np.isfinite(frequency), frequency, 0.0), axis=0))
-    few = float(tops[:LOWEST_CURVES][-1]) if len(tops) else 0.0
-    return 1.08 * max(few, HIGHEST * turning, 1e-9)
+    tops = np.where(np.isfinite(frequency), frequency, 0.0).max(axis=0, initial=0.0)
+    near = tops[tops <= HIGHEST * turning]
+    return 1.08 * float(max([turning, *(near if len(near) else np.sort(tops)[:1])]))
 
 
 def shapes(found: Modes, pairs: Sequence[tuple[int, int]], alone: Sequence[int]) -> list[Panel]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -127,6 +128,34 @@ def shown_unit(unit: str) -> tuple[str, float]:
 def time_unit(longest: float) -> tuple[str, float]:
     """Return the title of an axis of time, and the factor from s."""
     return ("time in s", 1.0) if longest > 1 else ("time in ms", 1e3)
+
+
+def thinned(panel: Panel, most: int) -> Panel:
+    """Return a panel whose curves have at most so many points: extremes are kept."""
+    return replace(panel, curves=tuple(_thinned(curve, most) for curve in panel.curves))
+
+
+def _thinned(curve: Curve, most: int) -> Curve:
+    """Return a curve with the lowest and the highest point of each of `most` / 2 stretches."""
+    if len(curve.x) <= most or curve.look == "stems" or curve.error is not None:
+        return curve
+    bounds = np.linspace(0, len(curve.x), max(1, most // 2) + 1).astype(int)
+    if curve.base is not None:
+        pairs = list(pairwise(bounds))
+        middle = np.array([(a + b - 1) // 2 for a, b in pairs])
+        high = np.array([np.max(curve.y[a:b]) for a, b in pairs])
+        low = np.array([np.min(curve.base[a:b]) for a, b in pairs])
+        return replace(curve, x=curve.x[middle], y=high, base=low, told=())
+    low_first = np.where(np.isfinite(curve.y), curve.y, np.inf)
+    high_first = np.where(np.isfinite(curve.y), curve.y, -np.inf)
+    picked = {
+        int(a + find(values[a:b]))
+        for a, b in pairwise(bounds)
+        for find, values in ((np.argmin, low_first), (np.argmax, high_first))
+    }
+    kept = np.array(sorted(picked))
+    told = tuple(curve.told[i] for i in kept) if curve.told else ()
+    return replace(curve, x=curve.x[kept], y=curve.y[kept], told=told)
 
 
 def envelope(values: Floats, most: int) -> tuple[Floats, Floats, int]:

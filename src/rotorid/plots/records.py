@@ -16,6 +16,7 @@ from rotorid.plots.panel import (
     Axis,
     Curve,
     Floats,
+    Look,
     Matrix,
     Panel,
     envelope,
@@ -106,24 +107,26 @@ def _spectrum(record: Periods, c: int) -> Panel:
     return Panel(title, HERTZ, Axis(axis.title, log=True, ends=(floor, 3 * top)), drawn)
 
 
-def whole(record: Whole) -> list[Panel]:
-    """Return every channel's lines of a whole record, or of a table, and their noise."""
+def rows(record: Whole, *, turning: bool) -> list[Panel]:
+    """Return every channel of a table, by its speed or its frequency, and the noise."""
+    axis = Axis("speed in rpm") if turning else HERTZ
+    x = 30 / np.pi * record.speed if turning else record.frequency
     drawn = []
     noise = np.sqrt(np.diagonal(record.covariance.matrices, axis1=1, axis2=2).real.clip(0))
-    look = "line" if len(record.frequency) > MOST_STEMS else "dots"
+    look: Look = "line" if len(record.frequency) > MOST_STEMS else "dots"
     for c, channel in list(enumerate(record.channels))[:MOST_PANELS]:
         unit, factor = shown_unit(channel.unit)
         curves = []
         for values, told, colour in (
             (np.abs(record.mean[:, c]), "measured", GREY),
-            (noise[:, c], "noise of a line, one deviation", RED),
+            (noise[:, c], "noise, one deviation", RED),
         ):
             if (values > 0).any():
                 shown = factor * record.multiplicity * values
                 shown = np.where(shown > 0, shown, np.nan)
-                curves.append(Curve(record.frequency, shown, told, colour, look))  # type: ignore[arg-type]
-        axis = Axis(f"amplitude in {unit}", log=bool(curves))
-        drawn.append(Panel(label(channel.name, 36), HERTZ, axis, tuple(curves)))
+                curves.append(Curve(x, shown, told, colour, look))
+        y = Axis(f"amplitude in {unit}", log=bool(curves))
+        drawn.append(Panel(label(channel.name, 36), axis, y, tuple(curves)))
     return drawn
 
 

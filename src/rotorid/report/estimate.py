@@ -26,9 +26,10 @@ KINDS = {
     "responses": "frequency responses",
     "samples": "filtered samples",
 }
-GRAVE = ("suspect", "other answers")
-"""Tables that stand before the pictures: they say what may be wrong."""
+EARLY = ("unbalance", "suspect", "other answers")
+"""Tables that stand before the pictures."""
 TITLES = {
+    "unbalance": "Unbalance in each plane",
     "suspect": "What the model may lack, or a channel get wrong",
     "other answers": "Other answers that fit as well",
     "check": "What the records showed, and what was taken as exact",
@@ -45,8 +46,10 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
     model, lacking = model_of(estimate)
     records = estimate.evidence.records if estimate.evidence else ()
     told = [*remarks, *lacking, *([] if estimate.evidence else [WITHOUT])]
-    shown = estimate.value_tables
-    others = [one for one in estimate.tables if one not in shown]
+    shown = [one.headings[0] for one in estimate.value_tables]
+    page = estimate.summary(intervals=True)
+    tables = {one.headings[0]: one for one in page if isinstance(one, Table)}
+    others = [one for head, one in tables.items() if head not in shown]
     return render(
         "estimate.html",
         estimate=estimate,
@@ -57,11 +60,11 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         verdict=verdict_of(estimate),
         rejected=estimate.status == "rejected",
         groups=parameters.groups(estimate),
-        known=bool(estimate.evidence and estimate.evidence.known),
+        known=parameters.any_known(estimate),
         relations=parameters.relations(estimate),
         fixed=parameters.fixed(estimate),
-        grave=[_titled(one) for one in others if one.headings[0] in GRAVE],
-        tables=[_titled(one) for one in others if one.headings[0] not in GRAVE],
+        early=[_titled(one) for one in others if one.headings[0] in EARLY],
+        tables=[_titled(one) for one in others if one.headings[0] not in EARLY],
         remarks=told,
         notes=[note for note in estimate.notes if not note.startswith("warning: ")],
         channels=channels_table(records),

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rotorid.plots.interactive import spec
-from rotorid.plots.panel import Curve, Panel, key_of
+from rotorid.plots.panel import Curve, Panel, key_of, thinned
 from rotorid.screen import printable
 
 
@@ -42,18 +42,44 @@ class Picture:
 class Drawn:
     """The panels of a page, numbered as they come."""
 
-    specs: dict[str, Any]
+    panels: list[Panel]
 
     def add(self, panel: Panel) -> str:
         """Take a panel in, and return the id of its place."""
-        place = f"plot-{len(self.specs) + 1}"
-        self.specs[place] = spec(panel)
-        return place
+        self.panels.append(panel)
+        return f"plot-{len(self.panels)}"
 
     def text(self) -> str:
-        """Return the panels as JSON that ends no script."""
-        found = json.dumps(self.specs, allow_nan=False, separators=(",", ":"))
-        return found.replace("<", "\\u003c").replace("&", "\\u0026")
+        """Return the panels as JSON that ends no script, thinned until a page can hold it."""
+        most = MOST_POINTS
+        while True:
+            found = _shared([spec(thinned(panel, most)) for panel in self.panels])
+            if len(found) <= MOST_DATA or most <= FEWEST_POINTS:
+                return found
+            most //= 2
+
+
+MOST_POINTS, FEWEST_POINTS = 2048, 64
+"""Points of a curve: at first, and where a page has so many curves that it would be too long."""
+MOST_DATA = 1_000_000
+"""Characters of all curves of a page: with plotly's 4.9 million it stays under 6 million."""
+WORTH = 16
+"""Numbers of a list from which on it is held once for all curves that have it."""
+
+
+def _shared(specs: list[dict[str, Any]]) -> str:
+    """Return specs as JSON; a list of numbers that several curves have stands once."""
+    lists: dict[str, int] = {}
+    for drawn in specs:
+        for trace in drawn["data"]:
+            for key in ("x", "y"):
+                if len(trace.get(key, ())) >= WORTH:
+                    text = json.dumps(trace[key], allow_nan=False, separators=(",", ":"))
+                    trace[key] = {"list": lists.setdefault(text, len(lists))}
+    plots = {f"plot-{k}": drawn for k, drawn in enumerate(specs, start=1)}
+    content = json.dumps(plots, allow_nan=False, separators=(",", ":"))
+    found = f'{{"lists":[{",".join(lists)}],"plots":{content}}}'
+    return found.replace("<", "\\u003c").replace("&", "\\u0026")
 
 
 def _printable(value: Any) -> Any:
@@ -81,11 +107,11 @@ def render(template: str, **content: Any) -> str:
     from rotorid import __version__
 
     environment = _environment()
-    drawn = Drawn({})
+    drawn = Drawn([])
     page = environment.get_template(template).render(
         version=__version__, drawn=drawn, scripts=(), **content
     )
-    if not drawn.specs:
+    if not drawn.panels:
         return page.replace(_PLACE, "")
     own = environment.get_template("page.js").render()
     library = get_plotlyjs().replace("</script", "<\\/script")

@@ -123,11 +123,11 @@ def inspection_report(name: str, found: Sequence[Inspection | LineInspection], t
 
 def _lines(one: LineInspection, title: str) -> list[Picture]:
     """Return the pictures of a table."""
-    from rotorid.plots.records import whole
+    from rotorid.plots.records import rows
     from rotorid.report.html import Picture
 
     told = "Amplitude of each row, channel by channel, with the noise where something tells it."
-    return [Picture(f"Rows of the table{title}", told, tuple(whole(one.lines)))]
+    return [Picture(f"Rows of the table{title}", told, tuple(rows(one.lines, turning=one.turning)))]
 
 
 def _pictures(one: Inspection, title: str) -> list[Picture]:

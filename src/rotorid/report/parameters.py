@@ -62,6 +62,12 @@ def groups(estimate: Estimate) -> list[Group]:
     ]
 
 
+def any_known(estimate: Estimate) -> bool:
+    """Tell whether anything that was estimated was known beforehand."""
+    known = estimate.evidence
+    return known is not None and any(known.prior(value.name) for value in estimate.free)
+
+
 def fixed(estimate: Estimate) -> list[str]:
     """Return what was held, in words."""
     return [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]

@@ -15,6 +15,9 @@ LIKELY = 1e-3
 AS_NOISE = 1.5
 """Difference over noise, root mean square, up to which a channel is predicted as well as noise
 allows: with tens of lines chance makes 1.3 of it."""
+TOLD = 0.5
+"""Relative error from which on it is not told: a prediction from noisy forces beside a resonance
+says nothing of the fit, which the misfit does."""
 METHODS = {
     "ml": "maximum likelihood",
     "batch": "batch least squares",
@@ -25,10 +28,11 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sentence, and steps to take: what to do, or what to mind."""
+    """A sentence, steps to take (what to do, or what to mind), and what is left open."""
 
     sentence: str
     steps: tuple[str, ...] = ()
+    left_open: tuple[str, ...] = ()
 
 
 def verdict_of(estimate: Estimate) -> Verdict:
@@ -60,7 +64,7 @@ def _explained(estimate: Estimate) -> str:
     worst = max(errors)
     names = [name for name, p in estimate.prediction.items() if p is not None]
     count = f"{len(errors)} {_kind(estimate, names)}" if len(errors) > 1 else names[0]
-    return f"{count} to {100 * worst:.2g} %" if worst < 1 else count
+    return f"{count} to {100 * worst:.2g} %" if worst < TOLD else count
 
 
 def _kind(estimate: Estimate, names: list[str]) -> str:
@@ -109,7 +113,7 @@ def _rejected(estimate: Estimate) -> str:
     if not estimate.suspects:
         return f"{text}. Nothing that was tried explains it alone."
     first = estimate.suspects[0]
-    share = "" if first.share is None else f", which would explain {100 * first.share:.2g} % of it"
+    share = "" if first.share is None else f", which would explain {100 * first.share:.0f} % of it"
     freed = ""
     if first.value is not None:
         unit = "" if first.unit in ("", "1") else f" {first.unit}"
@@ -123,9 +127,12 @@ def _open(estimate: Estimate) -> Verdict:
     cures = [w.removeprefix(CURE) for w in estimate.warnings if w.startswith(CURE)]
     others = [w for w in estimate.warnings if not w.startswith((OPEN, CURE))]
     told = "the records do not determine every parameter"
-    if left:
+    if len(left) > 2:
+        told = f"{left[0]}, and {len(left) - 1} more combinations"
+    elif left:
         told = "; ".join(left)
     elif estimate.alternatives:
         count = len(estimate.alternatives)
         told = f"{count + 1} answers fit as well as one another"
-    return Verdict(f"Not identifiable: {told}.", (*cures, *others))
+    every = tuple(left) if len(left) > 2 else ()
+    return Verdict(f"Not identifiable: {told}.", (*cures, *others), every)

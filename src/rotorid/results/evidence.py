@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
-from rotorid.estimators.likelihood.nuisances import every_nuisance
+from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.methods import Estimator
 from rotorid.estimators.prediction import Predicted
 from rotorid.evidence import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
@@ -289,7 +289,8 @@ def _known(
             yield Prior(name, value, std)
     named = {value.name for value in estimate.nuisance}
     bound = [bind(model, record) for record in records]
-    for nuisance in every_nuisance(bound):
+    wanted = getattr(estimator, "nuisances", None) or Nuisances()
+    for nuisance in asked_nuisances(bound, wanted):
         for unknown in nuisance.unknowns:
             if unknown.name in named and unknown.std:
                 yield Prior(unknown.name, unknown.prior, unknown.std)

@@ -1,6 +1,7 @@
 (function () {
   "use strict";
-  var plots = JSON.parse(document.getElementById("plots").textContent);
+  var held = JSON.parse(document.getElementById("plots").textContent);
+  var plots = held.plots;
   var touched = window.matchMedia("(pointer: coarse)").matches;
   var settings = {
     responsive: true, displaylogo: false, showTips: false,
@@ -12,6 +13,14 @@
 
   function draw(place) {
     var plot = plots[place.id];
+    plot.data.forEach(function (trace) {
+      ["x", "y"].forEach(function (key) {
+        if (trace[key] && trace[key].list !== undefined) { trace[key] = held.lists[trace[key].list]; }
+      });
+    });
+    // The place holds the height: what answers to a new width forgets that of the layout.
+    place.style.height = plot.layout.height + "px";
+    delete plot.layout.height;
     if (touched) { plot.layout.dragmode = false; }
     Plotly.newPlot(place, plot.data, plot.layout, settings);
   }
@@ -24,7 +33,7 @@
   }
   function fit() {
     places.forEach(function (place) {
-      Plotly.relayout(place, {width: place.parentNode.clientWidth});
+      Plotly.relayout(place, {width: place.clientWidth, height: place.clientHeight});
     });
   }
   some(performance.now() + 1500);
@@ -37,7 +46,7 @@
   window.addEventListener("afterprint", function () {
     document.body.classList.remove("printing");
     places.forEach(function (place) {
-      Plotly.relayout(place, {width: null, autosize: true});
+      Plotly.relayout(place, {width: null, height: null, autosize: true});
     });
   });
 })();
