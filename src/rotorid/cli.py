@@ -40,8 +40,13 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
     work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
-    with silence(quiet or STDOUT in options.values()):
-        return work(**options)
+    try:
+        with silence(quiet or STDOUT in options.values()):
+            return work(**options)
+    except EOFError as error:  # which click would take for an interrupt
+        raise InputError(
+            "the end of a file where more was to come", "a whole file", "copy or write it again"
+        ) from error
 
 
 def _example(command: str) -> str:
@@ -266,6 +271,8 @@ def run(arguments: Sequence[str]) -> int:
         return int(code or OK)
     except (click.Abort, KeyboardInterrupt):
         return _say("interrupted", INTERRUPTED)
+    except SystemExit:  # click's way to say that the reader of its help has gone
+        return BROKEN_PIPE
     except Stopped as stopped:
         return _say("terminated", SIGNALLED + stopped.signal)
     except click.exceptions.Exit as end:  # the reader of the output has gone

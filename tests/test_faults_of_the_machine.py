@@ -1,0 +1,291 @@
+"""Full disks, closed descriptors, signals and little memory: the old file or the new one."""
+
+import json
+import os
+import random
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pytest
+from working_folder import make
+
+from rotorid import cli
+
+PROGRAM = [sys.executable, "-m", "rotorid"]
+# Each step of writing takes its time, so that a signal falls into it.
+SLOW = [
+    sys.executable,
+    "-c",
+    """
+import os, sys, time
+import rotorid.writing as writing
+class Slow:
+    def __getattr__(self, name):
+        found = getattr(os, name)
+        if name not in ("write", "fsync", "replace", "open", "fchmod"):
+            return found
+        return lambda *given, **named: (time.sleep(0.03), found(*given, **named))[1]
+writing.os = Slow()
+from rotorid.cli import main
+main()
+""",
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make(tmp_path_factory.mktemp("machine"))
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def run(
+    *arguments: str,
+    limit: Callable[[], None] | None = None,
+    out: int | str = subprocess.PIPE,
+    err: int | str = subprocess.PIPE,
+) -> subprocess.CompletedProcess[str]:
+    streams = [open(s, "w") if isinstance(s, str) else s for s in (out, err)]  # noqa: SIM115
+    process = subprocess.run(
+        [*PROGRAM, *arguments],
+        stdout=streams[0],
+        stderr=streams[1],
+        text=True,
+        preexec_fn=limit,
+        timeout=60,
+    )
+    for stream in streams:
+        if not isinstance(stream, int):
+            stream.close()
+    assert process.returncode >= 0, f"signal {-process.returncode}"
+    assert "Traceback" not in (process.stderr or "")
+    return process
+
+
+def limited(what: int, most: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(what, (most, most))
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(here: Path) -> None:
+    """A record of simulate, too: HDF5 itself would end the process."""
+    little = limited(resource.RLIMIT_FSIZE, 10_000)
+    (here / "old.h5").touch()  # nobody's, to be replaced
+    before = content(here)
+    found = run("simulate", "rig.toml", "--out", "old.h5", limit=little)
+    assert found.returncode == 2
+    assert found.stderr.startswith("rotorid: old.h5: found File too large; expected")
+    assert len(found.stderr.splitlines()) == 1
+    none = limited(resource.RLIMIT_FSIZE, 100)
+    found = run("identify", "run.toml", "--json", "new.json", limit=none)
+    assert found.returncode == 2
+    assert found.stdout.startswith("jeffcott, batch: ok\n")  # what took the time is shown
+    assert found.stderr.startswith("rotorid: new.json: found File too large; expected")
+    assert content(here) == before
+
+
+def test_an_output_that_is_full(here: Path) -> None:
+    found = run("identify", "run.toml", "--json", "full.json", out="/dev/full")
+    assert found.returncode == 2
+    assert found.stderr == "rotorid: standard output: No space left on device\n"
+    assert json.loads((here / "full.json").read_text())["status"] == "ok"
+    (here / "full.json").unlink()
+    assert run("--help", out="/dev/full").returncode == 2
+    assert run("identify", "none.toml", err="/dev/full").returncode == 2
+
+
+@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)], ids=str)
+def test_closed_descriptors(here: Path, closed: tuple[int, ...]) -> None:
+    """No file that is opened takes the place of a closed output, and gets its text."""
+
+    def close() -> None:
+        for descriptor in closed:
+            os.close(descriptor)
+
+    before = content(here)
+    found = run("identify", "run.toml", "--json", "closed.json", limit=close)
+    assert found.returncode == 0
+    assert found.stderr == ""
+    assert json.loads((here / "closed.json").read_text())["status"] == "ok"
+    (here / "closed.json").unlink()
+    assert run("identify", "none.toml", limit=close).returncode == 2
+    assert content(here) == before
+
+
+@pytest.mark.parametrize("command", [["--help"], ["models"], ["new", "run.csv"]], ids=str)
+def test_a_reader_that_has_gone(here: Path, command: list[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    found = run(*command, out=writing)
+    os.close(writing)
+    assert found.returncode == 141
+    assert found.stderr == ""
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_a_terminal_that_lacks_letters(
+    here: Path, monkeypatch: pytest.MonkeyPatch, encoding: str
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    text = (here / "run.toml").read_text().replace('"run.csv"', '"läuft 日.csv"')
+    (here / "läuft 日.csv").write_bytes((here / "run.csv").read_bytes())
+    (here / "named.toml").write_text(text, encoding="utf-8")
+    assert run("inspect", "named.toml").returncode == 0
+    (here / "läuft 日.csv").unlink()
+    found = run("inspect", "named.toml")
+    assert found.returncode == 2
+    assert "\\u65e5.csv" in found.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_no_part_of_a_file(
+    here: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    number: signal.Signals,
+) -> None:
+    before = content(here)
+    monkeypatch.setattr("rotorid.writing.os.fsync", lambda _: os.kill(os.getpid(), number))
+    old = signal.signal(number, cli._stop)
+    try:
+        assert cli.run(["identify", "run.toml", "--json", "new.json", "-q"]) == 128 + number
+    finally:
+        signal.signal(number, old)
+    assert capsys.readouterr().err == "rotorid: terminated\n"
+    assert content(here) == before
+
+
+def test_nohup_stays_in_force(here: Path) -> None:
+    script = "import os, signal; from rotorid import cli; cli._prepare([]); os.kill(os.getpid(), 1)"
+    quiet = subprocess.run(
+        [sys.executable, "-c", script], preexec_fn=lambda: signal.signal(1, signal.SIG_IGN)
+    )
+    assert quiet.returncode == 0
+
+
+@pytest.mark.parametrize("name", ["run\udcff.toml", "a\x1b[2J.toml", "a\nb.toml", "n" * 5000])
+def test_odd_names_on_the_command_line(here: Path, name: str) -> None:
+    for arguments in (
+        ["identify", name],
+        ["models", name],
+        ["identify", "run.toml", "--json", name],
+    ):
+        found = run(*arguments)
+        path = here / name
+        if found.returncode == 0:
+            path.unlink()
+            continue
+        assert found.returncode == 2
+        (line,) = found.stderr.splitlines()
+        assert line.isprintable()
+        assert len(line) < 600
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", "--runs", "9" * 5000],
+        ["demo", "--runs", "9" * 30],
+        ["simulate", "rig.toml", "--out", "x.h5", "--seed", "9" * 5000],
+        ["simulate", "rig.toml", "--out", "x.h5", "--fault", "gain=1e999999"],
+        ["simulate", "rig.toml", "--out", "x.h5", "--fault", "a" * 100_000],
+        ["b" * 100_000],
+        ["--" + "c" * 100_000],
+    ],
+    ids=range(7),
+)
+def test_arguments_out_of_all_bounds(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    before = sorted(here.iterdir())
+    assert cli.run(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert len(line) < 600
+    assert sorted(here.iterdir()) == before
+
+
+def test_outputs_in_a_loop_of_links(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "loop.json").symlink_to("loop.json")
+    for option in ("--json", "--report"):
+        assert cli.run(["identify", "run.toml", option, "loop.json"]) == 2
+        assert "symbolic links" in capsys.readouterr().err
+    assert cli.run(["report", "loop.json"]) == 2
+    capsys.readouterr()
+    (here / "loop.json").unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("megabytes", [150, 250, 350, 450, 600, 800])
+def test_little_memory(here: Path, megabytes: int) -> None:
+    before = content(here)
+    found = run("identify", "run.toml", limit=limited(resource.RLIMIT_AS, megabytes * 1_000_000))
+    assert found.returncode in (0, 1, 2)
+    assert len(found.stderr.splitlines()) <= 1
+    assert content(here) == before
+
+
+def whole(path: Path) -> bool:
+    """Tell whether a file that a command writes is all there."""
+    data = path.read_bytes()
+    if path.suffix == ".json":
+        return json.loads(data)["status"] == "ok"
+    if path.suffix == ".h5":
+        with h5py.File(path) as found:
+            return len(found["t"]) == 2000
+    return data.rstrip().endswith(b"</html>" if path.suffix == ".html" else b"}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["identify", "simulate"])
+def test_random_kills(here: Path, command: str) -> None:
+    """Twenty-five of each: every file is the old one or the new one, and whole."""
+    generator = random.Random(11)
+    arguments = {
+        "identify": ["identify", "run.toml", "--json", "kill.json", "--report", "kill.html"],
+        "simulate": ["simulate", "rig.toml", "--out", "kill.h5"],
+    }[command]
+    assert cli.run([*arguments, "-q"]) == 0
+    hit = 0
+    before = sorted(path.name for path in here.iterdir())
+    for number in range(25):
+        how = generator.choice([signal.SIGTERM, signal.SIGKILL])
+        process = subprocess.Popen(
+            [*SLOW, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        while not list(here.glob(".*.part")) and process.poll() is None:
+            time.sleep(0.002)
+        time.sleep(generator.uniform(0.0, 0.2))
+        process.send_signal(how)
+        code = process.wait(timeout=60)
+        hit += code in (-how, 128 + how)
+        left = list(here.glob(".*.part"))
+        assert not left or how == signal.SIGKILL
+        for path in left:
+            path.unlink()
+        assert sorted(path.name for path in here.iterdir()) == before, number
+        assert all(whole(path) for path in here.glob("kill.*")), number
+    assert hit > 12
+    for path in here.glob("kill.*"):
+        path.unlink()
+
+
+def test_a_file_that_only_its_owner_reads_stays_so(here: Path) -> None:
+    assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
+    (here / "own.json").chmod(0o600)
+    assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
+    assert stat.S_IMODE((here / "own.json").stat().st_mode) == 0o600
+    (here / "own.json").unlink()
