@@ -14,7 +14,7 @@ from bank import BANK, JEFFCOTT, THREE_MASS, Grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import ReadError
+from rotorid.errors import InputError, ReadError
 from rotorid.estimate import (
     Alternative,
     EquationMisfit,
@@ -212,7 +212,52 @@ def test_numbers_that_are_not_finite_are_null_in_the_file(tmp_path):
 def estimate_of(**changes):
     values = (Value("a", "kg", 1.0, 0.1), Value("b", "1", math.nan, math.nan))
     known = {"covariance": np.diag([0.01, np.nan]), "prediction": {"F": Prediction(0.1)}}
-    return Estimate("m", "ls", "ok", values, **{**known, **changes})
+    return Estimate("m", "ls", "not_identifiable", values, **{**known, **changes})
+
+
+GOOD = Estimate("m", "ml", "ok", (Value("a", "kg", 1.0, 0.1),), covariance=[[0.01]])
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        lambda x: {"parameters": (Value("a", "kg", x, 0.1),)},
+        lambda x: {"parameters": (Value("a", "kg", 1.0, x),)},
+        lambda x: {"parameters": (Value("a", "kg", 1.0, 0.1, x),)},
+        lambda x: {"nuisance": (Value("gain[x]", "1", x, 0.1),)},
+        lambda x: {"derived": (Value("k", "N/m", 1.0, x),)},
+        lambda x: {"covariance": [[x]]},
+        lambda x: {"misfit": Misfit(x, 1.0, 3, 0.5)},
+    ],
+)
+def test_ok_is_finite(changes, bad):
+    """Whoever makes the estimate: what is not finite is not called ok, nor read as such."""
+    with pytest.raises(InputError, match=r"finite .* in an estimate called ok"):
+        GOOD.with_(**changes(bad))
+    assert GOOD.with_(status="not_converged", **changes(bad)).status == "not_converged"
+
+
+def test_a_file_that_calls_it_ok_is_refused(tmp_path):
+    path = tmp_path / "a.json"
+    GOOD.save(path)
+    whole = path.read_text()
+    for old, new in (
+        ('"value":1.0', '"value":null'),
+        ('"std":0.1', '"std":1e999'),
+        ("0.01", "null"),
+    ):
+        path.write_text(whole.replace(old, new))
+        assert path.read_text() != whole
+        with pytest.raises(ReadError, match=r"a\.json: .*found.*expected"):
+            load_estimate(path)
+
+
+def test_what_is_not_stated_need_not_be_finite():
+    silent = GOOD.with_(parameters=(Value("a", "kg", 1.0, None),), covariance=[[math.nan]])
+    assert silent.status == "ok"
+    undetermined = GOOD.with_(derived=(Value("L1", "m", math.nan),))
+    assert undetermined.status == "ok"
 
 
 def test_equal_by_content():

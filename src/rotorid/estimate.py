@@ -366,6 +366,12 @@ class Estimate(ByContent):
     def __post_init__(self) -> None:
         covariance = np.array(self.covariance, dtype=float)
         object.__setattr__(self, "covariance", read_only(covariance))
+        if self.status == "ok" and (found := _not_finite(self)):
+            raise InputError(
+                f"no finite {found} in an estimate called ok",
+                "finite numbers",
+                "check units and scales of the columns, or call it not_converged",
+            )
 
     def __getitem__(self, name: str) -> Value:
         """Return a parameter, nuisance or derived quantity by name."""
@@ -511,7 +517,11 @@ class Estimate(ByContent):
 
     def to_json(self) -> bytes:
         """Return the content of the result file."""
-        return _json(self.to_dict())
+        data = self.to_dict()
+        try:
+            return _json(data)
+        except ValueError:  # names of files are bytes, and may be no text
+            return _json(_encodable(data))
 
 
 def _json(data: dict[str, Any]) -> bytes:
@@ -530,6 +540,36 @@ def _json(data: dict[str, Any]) -> bytes:
 
 
 _TOLD = 10_000  # faults of a file from which on none is picked out: each costs what it holds
+
+
+def _not_finite(estimate: Estimate) -> str:
+    """Name what is not finite of an answer; what is derived may be undetermined."""
+    for value in (*estimate.parameters, *estimate.nuisance, *estimate.derived):
+        known = [value.std, value.std_inflated] if math.isfinite(value.value) else []
+        if value not in estimate.derived:
+            known.append(value.value)
+        if not all(x is None or math.isfinite(x) for x in known):
+            return f"{value.name} or deviation of it"
+    misfit = estimate.misfit
+    if misfit is not None and not math.isfinite(misfit.cost):
+        return "misfit"
+    stated = [value.std is not None for value in estimate.free]
+    covariance = estimate.covariance
+    if len(stated) == len(covariance):  # without scatter nothing is stated of a value
+        covariance = covariance[np.ix_(stated, stated)]
+    return "" if np.isfinite(covariance).all() else "covariance"
+
+
+def _encodable(data: Any) -> Any:
+    """Return plain data with the bytes of names that are no UTF-8 written out."""
+    if isinstance(data, dict):
+        return {_encodable(key): _encodable(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_encodable(value) for value in data]
+    is_text = isinstance(data, str)
+    return data.encode("utf-8", "backslashreplace").decode() if is_text else data
+
+
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _EVERY = {"__all__": {"fixed", "std_inflated"}}
