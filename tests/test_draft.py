@@ -137,8 +137,8 @@ def test_currents_need_a_law(tmp_path: Path) -> None:
 
 def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
     """As forces and positions are: a logger's A and B, the displacement that does work beside."""
-    names = [f"I {p} [A]" for p in ("AX", "AY", "BX", "BY")]
-    names += [f"Pos {p} [um]" for p in ("AX", "AY", "BX", "BY")]
+    places = ("AX", "AY", "BX", "BY")
+    names = [f"I {p} [A]" for p in places] + [f"Pos {p} [um]" for p in places]
     table = np.random.default_rng(1).normal(size=(400, 8))
     path = tmp_path / "run.csv"
     np.savetxt(path, table, delimiter=";", header=";".join(names), comments="")
@@ -150,7 +150,22 @@ def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path
     assert "taken A for 1, B for 3, by their order: check" in text
     swapped = draft([path], "rigid", tmp_path)  # B of this model holds the lengths
     law = parse(swapped)["channels"]["F_ya"]
-    assert (law["current"]["column"], law["position"]) == ("I AY", "?")
+    assert (law["current"]["column"], law["position"]) == ("I AY", "s_ya")
+    read = parse(swapped)["channels"]["s_ya"]
+    assert read == {"reads": "y + L_a*theta_x", "column": "Pos AY", "unit": "um"}
+    assert "x" not in parse(swapped)["channels"]  # a bearing's sensor is not at the centre of mass
+
+
+def test_a_slash_between_plane_and_axis_is_no_path(tmp_path: Path) -> None:
+    places = ("A/X", "A/Y", "B/X", "B/Y")
+    names = [f"I {p} [mA]" for p in places] + [f"Weg {p} [um]" for p in places]
+    table = np.random.default_rng(1).normal(size=(400, 8))
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=";", header=";".join(names), comments="")
+    channels = parse(draft([path], "rigid", tmp_path))["channels"]
+    assert channels["F_xb"]["current"]["column"] == "I B/X"
+    assert channels["s_xb"]["reads"] == "x + L_b*theta_y"
+    assert "x" not in channels
 
 
 @pytest.mark.parametrize(

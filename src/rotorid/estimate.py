@@ -862,6 +862,8 @@ def _plain(text: str) -> str:
 
 
 def _percent(prediction: Prediction) -> str:
+    if prediction.relative_error > FAR:  # of a rotor that floats forces alone tell no motion
+        return f"more than {100 * FAR:.0f} %"
     return f"{100 * prediction.relative_error:.3g} %"
 
 

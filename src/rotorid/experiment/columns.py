@@ -10,6 +10,7 @@ from typing import Literal
 
 from rotorid.errors import InputError
 from rotorid.models import Model
+from rotorid.models.base import monomial_name
 from rotorid.record import Floats
 from rotorid.units import si_factor
 
@@ -43,6 +44,8 @@ _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
 )
 
+_NO_PATH = re.compile(r"\b([A-Za-z0-9])/([xyzXYZ])\b")  # plane and axis
+
 
 @dataclass(frozen=True)
 class Found:
@@ -64,16 +67,21 @@ class Found:
 
 def role_of(name: str, unit: str | None) -> Role:
     """Return what a column is by its name, where its unit does not contradict."""
-    leaf = name.rsplit("/", 1)[-1]
+    leaf = _leaf(name)
     for role, pattern, expected in _ROLES:
         if pattern.fullmatch(leaf) and (not unit or not expected or converts(unit, expected)):
             return role
     return "channel"
 
 
+def _leaf(name: str) -> str:
+    """Return the last part of a path; "Pos A/X" is none."""
+    return _NO_PATH.sub(r"\1 \2", name).rsplit("/", 1)[-1]
+
+
 def is_excitation(column: Found) -> bool:
     """Tell whether a column is by its name what was added to the commands."""
-    return _EXCITATION.match(column.name.rsplit("/", 1)[-1]) is not None
+    return _EXCITATION.match(_leaf(column.name)) is not None
 
 
 def converts(unit: str, expected: str) -> bool:
@@ -161,7 +169,7 @@ def _planes(names: Mapping[str, str]) -> list[str]:
 
 def _place(name: str) -> tuple[str, str] | None:
     """Return plane and axis of a name such as F_x1, "Pos A X", s_yb; None without just one each."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", name.rsplit("/", 1)[-1])
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", _leaf(name))
     parts = [p for part in re.findall(r"[A-Za-z]+|\d+", spaced) for p in _apart(part.lower())]
     axes = [part for part in parts if part in ("x", "y", "z")]
     planes = [part for part in parts if part.isdigit() or part in _PLANES]
@@ -171,6 +179,32 @@ def _place(name: str) -> tuple[str, str] | None:
 def _apart(part: str) -> list[str]:
     """Part an axis from the letter beside it: "xa", "bx", "fx"."""
     return list(part) if len(part) == 2 and len({"x", "y", "z"} & set(part)) == 1 else [part]
+
+
+def displacement(model: Model, name: str) -> str:
+    """Return what does work with an input, B'q, as text: ``x1``, ``x - L_a*theta_y``."""
+    text = ""
+    for term in (t for t in model.input_terms if model.inputs[t.input] == name):
+        factor = monomial_name(tuple(model.monomials[term.monomial]), model.parameter_names)
+        size = "" if abs(term.coefficient) == 1 else f"{abs(term.coefficient):.12g}"
+        sign = (" + ", " - ")[term.coefficient < 0] if text else ("", "-")[term.coefficient < 0]
+        product = "*".join(filter(None, (size, factor, model.coordinates[term.row])))
+        text += sign + product
+    return text
+
+
+def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, tuple[Found, str]]:
+    """Return columns of sensors in the planes of inputs that are not coordinates, by input.
+
+    Nothing for a model whose coordinates are in these planes, or where a plane is left over.
+    """
+    inputs = {key: name for name in model.inputs if (key := _place(name))}
+    told = [displacement(model, name) for name in model.inputs]
+    like = [c for c in columns if c.unit and converts(c.unit, "m")]
+    bare = set(told) <= set(model.coordinates)
+    if bare or not len(inputs) == len(model.inputs) == len(like):
+        return {}
+    return _in_order(inputs, like, _planes({name: name for name in model.inputs}))
 
 
 def currents(
@@ -196,7 +230,7 @@ def currents(
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
     """Return how alike a quantity of a model and a column's name are, 1 for the same."""
-    wanted, name = _plain(quantity), _plain(column.rsplit("/", 1)[-1])
+    wanted, name = _plain(quantity), _plain(_leaf(column))
     if not wanted or not name:
         return 0.0
     options = [name]

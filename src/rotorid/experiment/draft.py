@@ -18,8 +18,10 @@ from rotorid.experiment.columns import (
     by_planes,
     converts,
     currents,
+    displacement,
     is_excitation,
     role_of,
+    sensors_at_inputs,
 )
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
@@ -222,6 +224,8 @@ def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) ->
         entry["keyphasor"] = mark.name
     elif angle := by_role.get("angle"):
         entry["angle"] = _inline({"column": angle.name, "unit": angle.unit or OPEN})
+        if not angle.unit:
+            entry["angle"].comment("deg or rad; of a counter, lines = 1024 in place of the unit")
     elif model is None or turns(model):
         entry["speed"] = OPEN
         entry["speed"].comment('of the rotation, "8400 rpm"; "0 rpm" at standstill')
@@ -343,6 +347,9 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
     guessed = {} if model is None else by_planes(model, measured, taken)
     for name, (column, _) in guessed.items():
         taken[name] = column
+    sensors = {} if model is None else sensors_at_inputs(model, measured)
+    own = [column for column, _ in sensors.values()]
+    taken = {name: column for name, column in taken.items() if column not in own}
     laws = {} if model is None else currents(model, measured, taken)
     if model is not None:
         table.add(tomlkit.comment(_HELD))
@@ -354,7 +361,8 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
                 table[name].comment(guessed[name][1])
         elif model is not None and name in laws:
             column, assumed = laws[name]
-            table[name] = _law(column, _place_of_work(model, name))
+            place = "" if model is None else displacement(model, name)
+            table[name] = _law(column, _sensor_name(name) if name in sensors else place or OPEN)
             told = "F = ki i + ks x; docs/experiments.md has the other laws"
             table[name].comment(f"{told}; {assumed}" if assumed else told)
         elif model is not None and name in model.inputs:
@@ -362,10 +370,15 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
             table[name].comment("no column, or more than one, looks like it")
         else:
             hidden.append(f"{name} [{unit}]")
+    for name, (column, assumed) in sensors.items():
+        reads = {"reads": "" if model is None else displacement(model, name)}
+        table[_sensor_name(name)] = _inline({**reads, **_column(column, "m")})
+        told = "taken to be where the force acts"
+        table[_sensor_name(name)].comment(f"{told}; {assumed}" if assumed else told)
     if hidden:
         table.add(tomlkit.comment(f"no column, or more than one, looks like {', '.join(hidden)}"))
         table.add(tomlkit.comment("a coordinate without a column is not measured, which may be"))
-    used = {c.name for c in taken.values()} | {c.name for c, _ in laws.values()}
+    used = {c.name for c in (*taken.values(), *own)} | {c.name for c, _ in laws.values()}
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
@@ -382,18 +395,15 @@ def _column(column: Found, unit: str) -> tomlkit.items.InlineTable:
     return _inline({"column": column.name, "unit": column.unit or OPEN})
 
 
+def _sensor_name(name: str) -> str:
+    """Return what the sensor beside an input is called: s_xa beside F_xa."""
+    return f"s_{name.removeprefix('F_')}"
+
+
 def _law(column: Found, position: str) -> tomlkit.items.InlineTable:
     current = {"column": column.name, "unit": column.unit or OPEN}
     law = {"law": "linear", "current": current, "position": position, "ki": OPEN, "ks": OPEN}
     return _inline(law)
-
-
-def _place_of_work(model: Model, name: str) -> str:
-    """Return the displacement that does work with an input: B'q; open where B holds parameters."""
-    terms = [t for t in model.input_terms if model.inputs[t.input] == name]
-    if len(terms) != 1 or model.monomials[terms[0].monomial].any() or terms[0].coefficient != 1:
-        return OPEN
-    return model.coordinates[terms[0].row]
 
 
 def _parameters(model: Model) -> tomlkit.items.Table:
