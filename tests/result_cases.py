@@ -87,7 +87,7 @@ def balanced(seed: int) -> Balanced:
         there = rigid_lines(truth, speed, force) @ reads.T
         seen = there + np.where(np.isclose(OMEGA, speed)[:, None], runout / 2, 0)
         current = (force - KS * there) / ki
-        noise = np.array([1 / 120.0] * 4 + [5e-6] * 4)
+        noise = np.array([5e-4] * 4 + [5e-7] * 4)
         mean = np.concatenate([current, seen], axis=1)
         records.append(noisy_record(channels, mean, noise, HARMONICS, rng, speed, PERIODS))
     start = {n: truth[n] * rng.uniform(0.8, 1.2) for n in ("I_t", "I_p")}

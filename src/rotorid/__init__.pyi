@@ -48,8 +48,10 @@ from .results.centring import centring as centring
 from .results.critical import campbell as campbell
 from .results.evidence import with_evidence as with_evidence
 from .results.export import export as export
+from .results.loops import loop_sensitivity as loop_sensitivity
 from .results.model import own_model as own_model
 from .results.modes import modes as modes
+from .results.sensitivity import sensitivity as sensitivity
 from .results.state_space import state_space as state_space
 from .results.unbalance import unbalance_response as unbalance_response
 from .rig import simulate as simulate

@@ -200,6 +200,16 @@ def balance(**options: Any) -> int:
     return _work("balance", **options)
 
 
+@cli.command(epilog=_example("rotorid sensitivity sweep.toml"))
+@click.argument("experiment", type=_FILE)
+@click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
+@_json_option
+@_debug_option
+def sensitivity(**options: Any) -> int:
+    """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
+    return _work("sensitivity", **options)
+
+
 @cli.command(epilog=_example("rotorid report run.json --out run.html"))
 @click.argument("result", type=_FILE)
 @click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")

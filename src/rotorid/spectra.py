@@ -177,6 +177,23 @@ def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Sa
     return Samples(used if whole else used[:, columns], record.sample_rate, kept)
 
 
+def whole_lines(
+    record: Record,
+    band: tuple[float, float],
+    groups: Sequence[Sequence[str]],
+    skip: float = 0.0,
+) -> tuple[Floats, list[Complexes], Complexes]:
+    """Return the lines of groups of channels of a whole record, and those of the rotation.
+
+    Frequency in Hz, (line,); each group, as recorded, (line, channel); exp(+-i phi), (line, 2), or
+    (line, 0) at standstill.
+    """
+    window = _window(record, skip, None)
+    kept = _lines(window, band)
+    found = [window.channels(list(names))[kept] for names in groups]
+    return np.asarray(kept * window.spacing), found, window.rotation()[kept]
+
+
 def _window(record: Record, skip: float, until: float | None) -> _Window:
     rate, size = record.sample_rate, len(record.samples)
     first = max(0, int(np.ceil((skip - record.start) * rate - 1e-6)))

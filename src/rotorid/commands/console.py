@@ -29,6 +29,7 @@ INSPECTION = Kind("rotorid inspect --json", rb'\{\s*"verdict": "\w+",\s*"checks"
 VALIDATION = Kind("rotorid validate --json", rb'\{\s*"verdict": "\w+",\s*"channels": \[')
 MODES = Kind("rotorid modes --json", rb'\{\s*"speed_rad_s": [-+.\de]+,\s*"modes": \[')
 BALANCE = Kind("rotorid balance --json", rb'\{\s*"corrections": \[')
+SENSITIVITY = Kind("rotorid sensitivity --json", rb'\{\s*"axes": \[')
 FIGURES = Kind("rotorid demo --json", rb'\{\s*"runs": \d+,\s*"noise": \{')
 REPORT = Kind(
     "rotorid ... --report",

@@ -1,0 +1,179 @@
+"""Sensitivity of the loops of an identified plant with a controller whose response is known.
+
+``E = (I - C P)^-1 R`` with P from commands to readings, ``P = Y (Z - B k_s X)^-1 B k_i``: Z of the
+estimate at any speed, magnets by k_i and k_s, X the displacements in them. The sign of the feedback
+is in C, so that ``- C P`` is L, and ``det(I + L)`` says how near the loop is to its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.estimate import Estimate
+from rotorid.models import Model
+from rotorid.record import Complexes, Floats
+from rotorid.results.balancing import STEP
+from rotorid.results.centring import laws_of
+from rotorid.results.machine import Machine, machine_of
+from rotorid.results.modes import NORMAL, finite_speed
+from rotorid.results.planes import directions_of, shares_of
+from rotorid.results.sensitivity import AxisSensitivity, peak_of
+
+
+@dataclass(frozen=True)
+class LoopSensitivity:
+    """Sensitivity of each loop as it follows from plant and controller.
+
+    Parameters
+    ----------
+    axes : sequence of AxisSensitivity
+    frequency_hz : array, shape (line,)
+    return_difference : complex array, shape (line,)
+        ``det(I + L)``.
+    """
+
+    axes: tuple[AxisSensitivity, ...]
+    frequency_hz: Floats
+    return_difference: Complexes
+
+
+def loop_sensitivity(
+    source: Estimate | Model,
+    controller: Callable[[Floats], Complexes],
+    frequency: Sequence[float] | Floats,
+    *,
+    sensors: Sequence[str],
+    speed: float | str = 0.0,
+    laws: Mapping[str, tuple[float, float]] | None = None,
+    record: int = 0,
+) -> LoopSensitivity:
+    """Return the sensitivity of each loop of an identified plant, at any speed, with deviations.
+
+    ``S = (I - C P)^-1``. The controller is taken as known; deviations are those of the plant.
+
+    Parameters
+    ----------
+    source : Estimate or Model
+    controller : callable
+        From omega in rad/s, (line,), to the response from readings to commands, (line, input,
+        sensor), with its sign, its hold and its delays: what was measured, interpolated, or a
+        formula.
+    frequency : array, shape (line,)
+        Hz, increasing, as fine as peaks are to be found.
+    sensors : sequence of str
+        What the controller reads, as combinations of coordinates.
+    speed : float or str
+        rad/s, or a text with unit.
+    laws : mapping of str to (ki, ks), optional
+        N/A and N/m of the magnet at each input, in place of those of the estimate or its
+        experiment; an input without them is commanded as a force.
+    record : int
+        Whose values are taken of what every record has to itself.
+
+    Returns
+    -------
+    LoopSensitivity
+
+    Raises
+    ------
+    InputError
+        For sensors that are no combination of coordinates, a response of another shape, and as
+        `rid.modes`.
+
+    Examples
+    --------
+    >>> import numpy as np, rotorid as rid
+    >>> damper = lambda omega: -(1e6 + 3e3j * omega)[:, None, None] * np.eye(2)
+    >>> found = rid.loop_sensitivity(rid.load_model("jeffcott"), damper, np.arange(1.0, 300.0),
+    ...                              sensors=["x", "y"])
+    >>> [axis.verdict for axis in found.axes]
+    ['zone A', 'zone A']
+    """
+    machine, turning = machine_of(source, record), finite_speed(speed)
+    hertz = np.asarray(frequency, dtype=float)
+    known = ({} if isinstance(source, Model) else laws_of(source)) | dict(laws or {})
+    rows = [_row(machine, text) for text in sensors]
+    omega = 2 * np.pi * hertz
+    response = np.asarray(controller(omega), dtype=np.complex128)
+    shape = (len(hertz), len(machine.model.inputs), len(rows))
+    if response.shape != shape or len(hertz) < 2 or (np.diff(hertz) <= 0).any():
+        raise InputError(
+            f"a controller's response of shape {response.shape}",
+            f"{shape}: lines of rising frequency, inputs, sensors",
+            "give a command for each input from each sensor, 0 where there is none",
+        )
+    reads = np.array(rows)
+    here, difference = _loops(machine, turning, omega, response, reads, known)
+    slopes, peaks = [], []
+    for direction in [] if machine.covariance is None else machine.root.T:
+        if not direction.any():
+            continue
+        sides = [
+            _loops(
+                replace(machine, values=machine.values + s * STEP * direction),
+                turning,
+                omega,
+                response,
+                reads,
+                known,
+            )[0]
+            for s in (1, -1)
+        ]
+        slopes.append((sides[0] - sides[1]) / (2 * STEP))
+        ends = [peak_of(hertz, side.T)[0] for side in sides]
+        peaks.append((ends[0] - ends[1]) / (2 * STEP))
+    axes = []
+    top, where = peak_of(hertz, here.T)
+    for j, name in enumerate(machine.model.inputs):
+        spread = float(np.linalg.norm([each[j] for each in peaks])) if peaks else 0.0
+        std = np.sqrt(sum((np.abs(each[:, j]) ** 2 for each in slopes), np.zeros(len(hertz))) / 2)
+        reach = NORMAL * spread
+        interval = (max(float(top[j]) - reach, 0.0), float(top[j]) + reach)
+        axes.append(
+            AxisSensitivity(name, hertz, here[:, j], std, float(top[j]), float(where[j]), interval)
+        )
+    return LoopSensitivity(tuple(axes), hertz, difference)
+
+
+def _row(machine: Machine, text: str) -> Floats:
+    found = shares_of(machine, text)
+    if found is None:
+        raise InputError(
+            f"the sensor {text[:60]!r}",
+            f"a combination of {', '.join(machine.model.coordinates[:8])}",
+            "say what it reads",
+            place="sensors",
+        )
+    return found
+
+
+def _loops(
+    machine: Machine,
+    speed: float,
+    omega: Floats,
+    response: Complexes,
+    reads: Floats,
+    known: Mapping[str, tuple[float, float]],
+) -> tuple[Complexes, Complexes]:
+    """Return S_jj, (line, input), and det(I + L), (line,)."""
+    stiffness, damping, mass = machine.matrices(speed)
+    push, directions = machine.input_matrix(), directions_of(machine)
+    values = dict(zip(machine.names, machine.values.tolist(), strict=True))
+    ki, ks = np.ones(push.shape[1]), np.zeros(push.shape[1])
+    for j, name in enumerate(machine.model.inputs):
+        law = known.get(name, (1.0, 0.0))
+        ki[j] = values.get(f"ki[{name}]", law[0])
+        ks[j] = values.get(f"ks[{name}]", values.get("ks", law[1]))
+    displacement = directions.signs[:, None] * push[directions.rows]
+    stiffness = stiffness - (push * ks) @ displacement.T
+    s = 1j * omega[:, None, None]
+    dynamic = s**2 * mass + s * damping + stiffness
+    driven = np.broadcast_to(push * ki + 0j, (len(omega), *push.shape))
+    plant = reads @ np.linalg.solve(dynamic, driven)
+    back = np.eye(push.shape[1]) - response @ plant
+    whole = np.linalg.solve(back, np.broadcast_to(np.eye(push.shape[1]) + 0j, back.shape))
+    return np.diagonal(whole, axis1=1, axis2=2).copy(), np.linalg.det(back)

@@ -1,0 +1,409 @@
+"""Sensitivity of the loops after ISO 14839-3, measured or predicted, with the zones of its peak.
+
+With r added at the output of the controller and e measured behind the sum, ``E = S R``: for the
+axis j the sensitivity is S_jj, with the other loops closed as they are. On lines of whole periods S
+follows from as many records, or from as many lines, as there are axes excited at once; on a whole
+record from a polynomial in a window of lines,
+
+    e_k = (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s + a W_k,    S = G_0
+
+(Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi). Between the lines the
+peak is that of a resonance fitted to the lines about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorid.errors import InputError
+from rotorid.record import Complexes, Floats, PeriodicRecord, Record
+from rotorid.signals.covariance import choose_covariance
+from rotorid.spectra import whole_lines
+from rotorid.units import quantity
+
+LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
+"""Peaks below which a machine is in a zone, ISO 14839-3: 9.5, 12 and 14 dB; D is above."""
+CONFIDENCE = 0.95
+"""Chance that the interval of a peak holds it."""
+DRAWS = 2000
+"""Draws of the noise for the interval of a peak."""
+FINE = 20
+"""Points between two lines at which a peak is looked for: a parabola is met to a thousandth."""
+ABOUT = 6
+"""Lines that a peak is fitted to: two more than the fit has unknowns."""
+MOST = 1.5
+"""A peak this much above the highest line is no peak of these lines, but a pole between two."""
+ORDER = 2
+"""s of the windows: curves bend less than a parabola in the few lines of one."""
+LEAST = 12
+"""Degrees of freedom that a window leaves for its noise, at the least."""
+WEAK = 0.3
+"""Deviation of S over itself above which a line says nothing: it was not excited."""
+ORDERS = 3
+"""Multiples of the rotation whose lines are left out: unbalance and runout answer no excitation."""
+ALONE = 1e-6
+"""Share of another axis' excitation in a direction that is still called an axis' own."""
+
+
+@dataclass(frozen=True)
+class AxisSensitivity:
+    """The sensitivity of one loop.
+
+    Parameters
+    ----------
+    axis : str
+    frequency_hz : array, shape (line,)
+    sensitivity : complex array, shape (line,)
+    std : array, shape (line,)
+        Of each part, real and imaginary.
+    peak : float
+    peak_hz : float
+    interval : (float, float)
+        Holds the peak with 95 percent.
+    """
+
+    axis: str
+    frequency_hz: Floats
+    sensitivity: Complexes
+    std: Floats
+    peak: float
+    peak_hz: float
+    interval: tuple[float, float]
+
+    @property
+    def peak_db(self) -> float:
+        """The peak in dB."""
+        return float(20 * np.log10(self.peak))
+
+    @property
+    def zone(self) -> str:
+        """A, B, C or D; two where the interval lies across a limit: "A or B"."""
+        low, high = (zone_of(end) for end in self.interval)
+        return low if low == high else f"{low} or {high}"
+
+    @property
+    def verdict(self) -> str:
+        """The zone in words."""
+        parts = self.zone.split(" or ")
+        told = " and ".join(parts)
+        return f"zone {told}" if len(parts) == 1 else f"undecided between {told}"
+
+
+def zone_of(peak: float) -> str:
+    """Return the zone of a peak.
+
+    >>> [zone_of(peak) for peak in (2.9, 3.5, 4.2, 9.0)]
+    ['A', 'B', 'C', 'D']
+    """
+    return next((zone for zone, limit in LIMITS.items() if peak < limit), "D")
+
+
+def worst_of(found: Sequence[AxisSensitivity]) -> str:
+    """Return the zone of a machine, that of its worst axis, in words."""
+    low, high = (zone_of(max(each.interval[k] for each in found)) for k in (0, 1))
+    return f"zone {low}" if low == high else f"undecided between {low} and {high}"
+
+
+def sensitivity(
+    records: PeriodicRecord | Record | Sequence[PeriodicRecord] | Sequence[Record],
+    pairs: Mapping[str, str],
+    *,
+    band: tuple[float | str, float | str] | None = None,
+    skip: float | str = 0.0,
+    rng: np.random.Generator | None = None,
+) -> list[AxisSensitivity]:
+    """Return the sensitivity of each loop as it was measured, its peak, and the zone of this.
+
+    ``S = E / R`` with r added at the output of the controller and e measured behind the sum, both
+    in one unit. r is taken as free of noise.
+
+    Parameters
+    ----------
+    records : PeriodicRecord or Record, or sequence of them
+        Whole periods (`rid.average`), of which lines that were excited on several axes at once take
+        as many records; or whole records of any excitation, each by itself, with a `band`.
+    pairs : mapping of str to str
+        The channel of e, and that of r, of each axis.
+    band : (float, float), optional
+        Hz, or texts with units; of whole records.
+    skip : float or str
+        What is left out of whole records before, in s.
+    rng : numpy.random.Generator, optional
+        Of the draws for the intervals.
+
+    Returns
+    -------
+    list of AxisSensitivity
+
+    Raises
+    ------
+    InputError
+        For channels that are not there, and axes that were not excited, or only with others.
+
+    References
+    ----------
+    ISO 14839-3.
+
+    Examples
+    --------
+    >>> import numpy as np, rotorid as rid
+    >>> time = np.arange(2000) / 1000.0
+    >>> r = sum(np.cos(2 * np.pi * f * time) for f in (10, 20, 30, 40))
+    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(2000)
+    >>> samples = np.column_stack([2 * r + noise, r])
+    >>> record = rid.Record([rid.Channel("e"), rid.Channel("r")], samples, sample_rate=1000.0)
+    >>> periods = rid.average(record, 10.0, harmonics=[1, 2, 3, 4])
+    >>> (axis,) = rid.sensitivity(periods, {"e": "r"})
+    >>> f"{axis.peak:.2f}", axis.verdict
+    ('2.00', 'zone A')
+    """
+    data = records if isinstance(records, Sequence) else [records]
+    if not pairs:
+        raise InputError("no axes", "a channel of e and one of r", 'name them: {"i_x": "r_x"}')
+    for record in data:
+        _check(record, pairs)
+    if all(isinstance(record, PeriodicRecord) for record in data):
+        raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
+    else:
+        if band is None:
+            raise InputError("a whole record without a band", "a band", "give it in Hz")
+        ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
+        first = quantity(skip, "s", place="skip")
+        raw = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
+    draws = np.random.default_rng(0) if rng is None else rng
+    return [_axis(name, *found, draws) for name, found in zip(pairs, raw, strict=True)]
+
+
+Raw = tuple[Floats, Complexes, Floats, Floats]
+"""Frequency, S, variance of the complex number, and degrees of freedom, of each line."""
+
+
+def _check(record: PeriodicRecord | Record, pairs: Mapping[str, str]) -> None:
+    """Refuse channels that are not there."""
+    names = [channel.name for channel in record.channels]
+    for name in (*pairs, *pairs.values()):
+        if name not in names:
+            raise InputError(
+                f"no channel {name[:60]!r}",
+                f"one of {', '.join(names)}",
+                "take a name from there",
+                file=record.source,
+            )
+
+
+def _not_excited(axis: str) -> InputError:
+    return InputError(
+        f"no line on which {axis} was excited by itself",
+        "each axis on lines of its own, or as many records as axes",
+        "excite one axis at a time, or repeat with other signs: + +, + -",
+    )
+
+
+def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> list[Raw]:
+    """Return S_jj on the lines of whole periods."""
+    lines: dict[float, list[tuple[PeriodicRecord, int]]] = {}
+    for record in records:
+        fundamental = record.sample_rate / len(record.mean)
+        for k, harmonic in enumerate(record.harmonics.tolist()):
+            lines.setdefault(round(harmonic * fundamental, 9), []).append((record, k))
+    loudest = max(
+        float(np.abs(r.spectra[..., [r.names.index(n) for n in pairs.values()]].mean(axis=0)).max())
+        for r in records
+    )
+    found: list[list[tuple[float, complex, float, float]]] = [[] for _ in pairs]
+    for hertz, places in sorted(lines.items()):
+        if any(_rotates(record, hertz) for record, _ in places):
+            continue
+        e, r = (_lines_of(places, list(names)) for names in (pairs, pairs.values()))
+        excitation = r.mean(axis=1)
+        excitation[np.abs(excitation) < 1e-9 * loudest] = 0.0
+        inverse = np.linalg.pinv(excitation, rcond=ALONE)
+        own = inverse @ excitation
+        for j in range(len(pairs)):
+            if abs(own[j, j] - 1) > ALONE or np.abs(np.delete(own[j], j)).max(initial=0) > ALONE:
+                continue
+            value = complex(inverse[j] @ e[:, :, j].mean(axis=1))
+            # What the other records say of the noise: e less what S makes of r, period by period.
+            residual = e[:, :, j] - np.einsum("rpa,a->rp", r, _row(inverse, e, j))
+            variance, freedom = _noise(residual, inverse[j])
+            found[j].append((hertz, value, variance, freedom))
+    for name, each in zip(pairs, found, strict=True):
+        if not each:
+            raise _not_excited(name)
+    return [
+        (
+            np.array([row[0] for row in each]),
+            np.array([row[1] for row in each]),
+            np.array([row[2] for row in each]),
+            np.array([row[3] for row in each]),
+        )
+        for each in found
+    ]
+
+
+def _rotates(record: PeriodicRecord, hertz: float) -> bool:
+    """Tell whether a line holds what the rotation does by itself."""
+    turns = abs(float(np.mean(record.speed))) / (2 * np.pi)
+    spacing = record.sample_rate / len(record.mean)
+    return any(turns and abs(hertz - n * turns) < spacing / 2 for n in range(1, ORDERS + 1))
+
+
+def _row(inverse: Complexes, e: Complexes, j: int) -> Complexes:
+    """Return row j of S: e_j = S_j r."""
+    return np.asarray(inverse @ e[:, :, j].mean(axis=1))
+
+
+def _lines_of(places: Sequence[tuple[PeriodicRecord, int]], names: Sequence[str]) -> Complexes:
+    """Return one line of some channels, (record, period, channel); periods that all have."""
+    periods = min(len(record.spectra) for record, _ in places)
+    return np.array(
+        [
+            record.spectra[:periods, k][:, [record.names.index(name) for name in names]]
+            for record, k in places
+        ]
+    )
+
+
+def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
+    """Return the variance that periods give S, and its degrees of freedom."""
+    variance, freedom = 0.0, 1.0
+    for each, weight in zip(residual, weights, strict=True):
+        if len(each) < 2:
+            raise InputError(
+                "one period", "two periods or more, which tell the noise", "record for longer"
+            )
+        spectra = (each - each.mean())[:, None, None]
+        covariance = choose_covariance(spectra, spectra)
+        variance += abs(weight) ** 2 * float(covariance.matrices[0, 0, 0].real)
+        freedom = float(covariance.dof)
+    return variance, freedom
+
+
+def _of_whole(
+    records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
+) -> list[Raw]:
+    """Return S_jj on lines of whole records, each axis from the record that tells it best."""
+    best: list[Raw | None] = [None] * len(pairs)
+    for record in records:
+        groups = (list(pairs), list(pairs.values()))
+        frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
+        for j, raw in enumerate(_windows(frequency, e, r, rotation)):
+            held = best[j]
+            if len(raw[0]) >= 4 and (held is None or len(raw[0]) > len(held[0])):
+                best[j] = raw
+    found = []
+    for name, raw_ in zip(pairs, best, strict=True):
+        if raw_ is None:
+            raise _not_excited(name)
+        found.append(raw_)
+    return found
+
+
+def _windows(frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes) -> list[Raw]:
+    """Return S_jj by the polynomial of windows, on lines so far apart that they are independent."""
+    columns = (ORDER + 1) * (r.shape[1] + 1) + rotation.shape[1]
+    half = -(-(columns + LEAST - 1) // 2)
+    if 2 * half + 1 > len(frequency):
+        raise InputError(
+            f"{len(frequency)} lines in the band",
+            f"{2 * half + 1} or more",
+            "record for longer, or widen the band",
+        )
+    axes: list[list[tuple[float, complex, float, float]]] = [[] for _ in range(e.shape[1])]
+    offset = np.arange(-half, half + 1) / half
+    powers = offset[:, None] ** np.arange(ORDER + 1)
+    loud = np.abs(r).max(axis=0)
+    for k in range(half, len(frequency) - half, half):
+        here = slice(k - half, k + half + 1)
+        parts = [r[here, [a]] * powers for a in range(r.shape[1])]
+        matrix = np.concatenate([*parts, powers + 0j, rotation[here]], axis=1)
+        size = np.linalg.norm(matrix, axis=0)
+        size = np.where(size > 1e-12 * max(float(loud.max()), 1e-300), size, np.inf)
+        left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
+        kept = values > 1e-10 * values[0]
+        root = right[kept].conj().T / values[kept]
+        solved = (root @ (left[:, kept].conj().T @ e[here])) / size[:, None]
+        freedom = len(offset) - int(kept.sum())
+        residual = e[here] - matrix @ np.where(np.isfinite(solved), solved, 0.0)
+        spread = (np.abs(root) ** 2).sum(axis=1) / size**2
+        told = (np.abs(right[~kept]) ** 2).sum(axis=0) < 1e-12
+        for j in range(e.shape[1]):
+            at = j * (ORDER + 1)
+            if not told[at] or not np.isfinite(size[at]):
+                continue
+            noise = float((np.abs(residual[:, j]) ** 2).sum()) / freedom
+            value, variance = complex(solved[at, j]), noise * float(spread[at])
+            if np.sqrt(variance) < WEAK * abs(value):
+                axes[j].append((float(frequency[k]), value, variance, float(freedom)))
+    return [
+        (
+            np.array([row[0] for row in rows]),
+            np.array([row[1] for row in rows], dtype=np.complex128),
+            np.array([row[2] for row in rows]),
+            np.array([row[3] for row in rows]),
+        )
+        for rows in axes
+    ]
+
+
+def _axis(
+    axis: str,
+    frequency: Floats,
+    found: Complexes,
+    variance: Floats,
+    freedom: Floats,
+    rng: np.random.Generator,
+) -> AxisSensitivity:
+    """Return peak and interval of one loop.
+
+    The largest of noisy lines is too large; by as much as the largest of the same lines with their
+    noise once more is larger still.
+    """
+    here, where = peak_of(frequency, found[None])
+    std = np.sqrt(variance / 2)
+    noise = rng.standard_normal((DRAWS, len(found), 2)) @ np.array([1.0, 1j])
+    chi = rng.chisquare(2 * freedom, (DRAWS, len(found))) / (2 * freedom)
+    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi))
+    off = drawn - here[0]
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(off, [tail, 1 - tail])
+    peak = max(float(here[0] - off.mean()), 0.0)
+    interval = (max(float(here[0] - high), 0.0), float(here[0] - low))
+    return AxisSensitivity(axis, frequency, found, std, peak, float(where[0]), interval)
+
+
+def peak_of(frequency: Floats, values: Complexes) -> tuple[Floats, Floats]:
+    """Return the largest size of curves, (curve, line), and where: between the lines too.
+
+    By ``(a_0 + a_1 x + a_2 x^2) / (1 + c x)``, a resonance upon what is smooth, fitted to the lines
+    about the largest one.
+    """
+    size = np.abs(values)
+    at = size.argmax(axis=1)
+    best, where = size.max(axis=1), frequency[at].astype(float)
+    count = len(frequency)
+    if count < ABOUT:
+        return best, where
+    starts = np.clip(at - ABOUT // 2, 0, count - ABOUT)
+    for start in np.unique(starts):
+        chosen = np.flatnonzero(starts == start)
+        nodes = frequency[start : start + ABOUT]
+        middle, reach = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
+        x, s = (nodes - middle) / reach, values[chosen][:, start : start + ABOUT]
+        powers = np.broadcast_to(x[:, None] ** np.arange(3), (*s.shape, 3))
+        matrix = np.concatenate([powers, (-s * x)[..., None]], axis=2)
+        found = (np.linalg.pinv(matrix, rcond=1e-10) @ s[..., None])[..., 0]
+        # Not beyond the neighbours of the largest line: there the fit is none of the lines.
+        fine = np.linspace(-1.0, 1.0, (ABOUT - 1) * FINE + 1)
+        near = np.abs(fine[None] * reach + middle - frequency[at[chosen], None])
+        beside = np.diff(nodes).max()
+        top = found[:, :3] @ (fine ** np.arange(3)[:, None])
+        curve = np.where(near <= beside, np.abs(top / (1 + found[:, 3:] * fine)), 0.0)
+        largest = curve.max(axis=1)
+        within = (largest > best[chosen]) & (largest < MOST * best[chosen])
+        best[chosen[within]] = largest[within]
+        where[chosen[within]] = (fine[curve.argmax(axis=1)] * reach + middle)[within]
+    return best, where

@@ -1,0 +1,182 @@
+"""Sensitivity after ISO 14839-3, held against the loop in closed form."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.signal
+from linear_machines import estimate_of
+from loop_cases import FUNDAMENTAL, LAST, exact, exact_peak, excited, measured, pair
+
+import rotorid as rid
+from rotorid import cli
+from rotorid.results.sensitivity import LIMITS, AxisSensitivity, peak_of, worst_of, zone_of
+from rotorid.rig.file import load_rig
+
+LINES = FUNDAMENTAL * np.arange(1, LAST + 1)
+
+
+def of(peak: float, low: float, high: float) -> AxisSensitivity:
+    one = np.ones(1)
+    return AxisSensitivity("x", one, one + 0j, one, peak, 1.0, (low, high))
+
+
+def test_zones_and_what_is_undecided():
+    assert LIMITS == {"A": 3.0, "B": 4.0, "C": 5.0}
+    assert [zone_of(p) for p in (2.999, 3.0, 4.0, 5.0)] == ["A", "B", "C", "D"]
+    assert of(2.5, 2.4, 2.6).verdict == "zone A"
+    assert of(2.9, 2.7, 3.1).verdict == "undecided between A and B"
+    assert of(10.0, 9.0, 11.0).peak_db == pytest.approx(20.0)
+    assert worst_of([of(2.5, 2.4, 2.6), of(3.5, 3.3, 3.7)]) == "zone B"
+    assert worst_of([of(2.9, 2.7, 3.1), of(2.5, 2.4, 2.6)]) == "undecided between A and B"
+
+
+def test_a_peak_between_the_lines():
+    for spacing, error in ((5.0, 0.001), (8.0, 0.01)):
+        lines = spacing * np.arange(1, 40)
+        found, where = peak_of(lines, exact(lines, 0)[None])
+        assert found[0] == pytest.approx(exact_peak(0), rel=error)
+        assert where[0] == pytest.approx(24.9, abs=1.0)
+
+
+def test_the_rig_s_record_gives_the_peak_of_its_loop():
+    record = measured(excited(0, FUNDAMENTAL, LAST, 3.0), 20, np.random.default_rng(2))
+    periods = rid.average(record, FUNDAMENTAL, harmonics=list(range(1, LAST + 1)))
+    (found,) = rid.sensitivity(periods, pair(0))
+    assert abs(found.peak_db - 20 * np.log10(exact_peak(0))) < 0.1
+    assert found.interval[0] < exact_peak(0) < found.interval[1]
+    assert found.verdict == "zone A"
+    turn = round(140 / FUNDAMENTAL)
+    assert turn * FUNDAMENTAL not in found.frequency_hz  # the rotation answers no excitation
+    away = np.abs(np.abs(found.sensitivity) - np.abs(exact(found.frequency_hz, 0))) / found.std
+    assert np.sqrt((away**2).mean()) == pytest.approx(1.0, abs=0.3)
+    with pytest.raises(rid.InputError, match="no line on which e_F_y1"):
+        rid.sensitivity(periods, pair(1))
+
+
+def synthetic(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) -> rid.PeriodicRecord:
+    """Return a record of two coupled loops whose S is known, both excited at once."""
+    time = np.arange(200 * periods) / 2000.0
+    waves = sum(np.cos(2 * np.pi * f * time + f) for f in (10, 20, 30, 40, 50))
+    r = waves[:, None] * signs
+    e = r @ np.array([[2.5, 0.4], [-0.7, 3.5]]) + 0.02 * rng.standard_normal(r.shape)
+    channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
+    record = rid.Record(channels, np.column_stack([e, r]), sample_rate=2000.0)
+    return rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5])
+
+
+def test_axes_that_are_excited_together_take_as_many_records():
+    rng = np.random.default_rng(4)
+    pairs = {"e1": "r1", "e2": "r2"}
+    both = [synthetic(rng, np.array(signs)) for signs in ((1.0, 1.0), (1.0, -1.0))]
+    first, second = rid.sensitivity(both, pairs)
+    assert first.peak == pytest.approx(2.5, abs=0.01)
+    assert second.peak == pytest.approx(3.5, abs=0.01)
+    assert (first.zone, second.zone) == ("A", "B")
+    with pytest.raises(rid.InputError, match="as many records as axes"):
+        rid.sensitivity(both[0], pairs)
+
+
+def filtered(rng: np.random.Generator, seconds: int = 20) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples of two loops, r noise and e a resonance of it, and the peak of each."""
+    samples = 1000 * seconds
+    r = rng.standard_normal((samples, 2))
+    filters = [
+        scipy.signal.iirpeak(60.0, 4.0, fs=1000.0),
+        scipy.signal.iirpeak(110.0, 5.0, fs=1000.0),
+    ]
+    e, peaks = [], []
+    for j, (b, a) in enumerate(filters):
+        top = (1.0 + 1.2 * (j + 1)) * np.asarray(b) + (np.asarray(a) - np.asarray(b))
+        e.append(scipy.signal.lfilter(top, a, r[:, j]) + 0.1 * rng.standard_normal(samples))
+        _, curve = scipy.signal.freqz(top, a, 20000)
+        peaks.append(np.abs(curve).max())
+    e[0] = e[0] + 0.2 * r[:, 1]
+    return np.column_stack([*e, r]), np.array(peaks)
+
+
+def test_whole_records_of_any_excitation():
+    samples, peaks = filtered(np.random.default_rng(5))
+    channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
+    record = rid.Record(channels, samples, sample_rate=1000.0)
+    found = rid.sensitivity(record, {"e1": "r1", "e2": "r2"}, band=("20 Hz", "300 Hz"))
+    for each, peak in zip(found, peaks, strict=True):
+        assert each.peak == pytest.approx(peak, rel=0.02)
+        assert each.interval[0] < peak < each.interval[1]
+    with pytest.raises(rid.InputError, match="without a band"):
+        rid.sensitivity(record, {"e1": "r1"})
+    with pytest.raises(rid.InputError, match="no channel 'z'"):
+        rid.sensitivity(record, {"z": "r1"}, band=(20.0, 300.0))
+    with pytest.raises(rid.InputError, match="lines in the band"):
+        rid.sensitivity(record, {"e1": "r1"}, band=(20.0, 20.5))
+    with pytest.raises(rid.InputError, match="no axes"):
+        rid.sensitivity(record, {}, band=(20.0, 300.0))
+
+
+def controller_of_the_rig(omega: np.ndarray) -> np.ndarray:
+    """Return the shipped rig's controller with its hold and delay."""
+    rig = load_rig("three-mass").rig
+    period = rig.controller.period
+    hold = np.sinc(omega * period / (2 * np.pi)) * np.exp(-1j * omega * (period / 2 + rig.delay))
+    return rig.controller.response(omega) * hold[:, None, None]
+
+
+def test_plant_and_controller_tell_the_loop_between_the_lines_and_at_other_speeds():
+    rig = load_rig("three-mass").rig
+    names = rig.model.inputs
+    laws = {name: part.slopes for name, part in zip(names, rig.parts, strict=True)}
+    estimate = estimate_of(rig.model, percent=0.1)
+    frequency = np.arange(2.0, 250.0, 0.5)
+    options = {"sensors": ["x1", "y1", "x3", "y3"], "laws": laws}
+    found = rid.loop_sensitivity(
+        estimate, controller_of_the_rig, frequency, speed="8400 rpm", **options
+    )
+    assert [axis.axis for axis in found.axes] == list(names)
+    first = found.axes[0]
+    assert abs(first.peak_db - 20 * np.log10(exact_peak(0))) < 0.05
+    assert first.interval[0] < first.peak < first.interval[1]
+    assert np.abs(first.sensitivity) == pytest.approx(np.abs(exact(frequency, 0)), rel=5e-3)
+    still = rid.loop_sensitivity(estimate, controller_of_the_rig, frequency, **options)
+    assert still.axes[0].peak != pytest.approx(first.peak, rel=1e-4)
+    assert found.return_difference.shape == (len(frequency),)
+    known = rid.loop_sensitivity(rig.model, controller_of_the_rig, frequency, **options)
+    assert known.axes[0].interval == (known.axes[0].peak, known.axes[0].peak)
+    with pytest.raises(rid.InputError, match="a controller's response of shape"):
+        rid.loop_sensitivity(estimate, lambda w: np.zeros((len(w), 4, 3)), frequency, **options)
+    with pytest.raises(rid.InputError, match="the sensor 'z'"):
+        rid.loop_sensitivity(estimate, controller_of_the_rig, frequency, sensors=["z"])
+
+
+EXPERIMENT = """
+model = "jeffcott"
+[[records]]
+file = "run.csv"
+sample_rate = "1 kHz"
+band = ["20 Hz", "300 Hz"]
+references = ["r1", "r2"]
+[channels]
+F_x = { column = "e1", unit = "N" }
+F_y = { column = "e2", unit = "N" }
+x = { column = "x", unit = "um" }
+y = { column = "x", unit = "um" }
+"""
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(5)
+    samples, peaks = filtered(rng)
+    whole = np.column_stack([samples, rng.standard_normal((len(samples), 2))])
+    text = EXPERIMENT.replace('y = { column = "x"', 'y = { column = "y"')
+    np.savetxt("run.csv", whole, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
+    (tmp_path / "run.toml").write_text(text)
+    assert cli.run(["sensitivity", "run.toml", "--json", "s.json"]) == 0
+    assert "the machine: " in capsys.readouterr().out
+    found = json.loads((tmp_path / "s.json").read_text())
+    assert [axis["axis"] for axis in found["axes"]] == ["F_x", "F_y"]
+    assert found["axes"][1]["peak"] == pytest.approx(peaks[1], rel=0.02)
+    assert cli.run(["sensitivity", "run.toml", "--pair", "F_y=r2"]) == 0
+    assert "F_x" not in capsys.readouterr().out
+    (tmp_path / "bare.toml").write_text(text.replace('references = ["r1", "r2"]\n', ""))
+    assert cli.run(["sensitivity", "bare.toml"]) == 2
+    assert "without references and band" in capsys.readouterr().err
