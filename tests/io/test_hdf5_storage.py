@@ -289,8 +289,10 @@ def test_many_data_sets(path: Path) -> None:
         for i in range(NODES):
             h5py.h5d.create(data.id, b"d%d" % i, h5py.h5t.IEEE_F64LE, space)
         data["log/x"] = np.arange(4.0)
+        data["log/adc"] = np.arange(8.0).reshape(4, 2)
     with cheap():
         assert column(path, "log/x") == [0, 1, 2, 3]
+        assert column(path, "log/adc[1]") == column(path, "/log/adc[:,1]") == [1, 3, 5, 7]
         with pytest.raises(ReadError, match=r"more than 10000 groups and data sets.*whole path"):
             column(path, "x")
 

@@ -249,13 +249,16 @@ class NamedArrays:
         The samples of a two-dimensional array lie along its longer axis, unless ``name[:,3]`` or
         ``name[3,:]`` says along which.
         """
-        path = _path(name, self.shapes, self.file)
+        indexed = _INDEXED.fullmatch(name)
+        whole = "" if indexed is None else indexed["name"].strip("/")
+        base = whole if whole in self.shapes and name not in self.shapes else None
+        path = None if base is not None else _path(name, self.shapes, self.file)
         if path is not None:
             if _is_column(self.shapes[path]):
                 return Place(path)
             raise _not_a_column(name, self.shapes[path], self.file)
-        indexed = _INDEXED.fullmatch(name)
-        base = None if indexed is None else _path(indexed["name"], self.shapes, self.file)
+        if indexed is not None and base is None:
+            base = _path(indexed["name"], self.shapes, self.file)
         if indexed is None or base is None:
             if (kind := self.others.get(name.strip("/"))) is not None:
                 raise _no_numbers(name, kind, self.file)
