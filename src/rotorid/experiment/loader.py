@@ -30,6 +30,7 @@ from rotorid.experiment.recording import (
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
 from rotorid.experiment.twice import (
+    alike,
     check_contents,
     check_measured,
     check_modes,
@@ -163,6 +164,8 @@ class Experiment:
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
         check_measured(found, self.model.inputs)
+        for number, text in alike(found, self.model.inputs).items():
+            found[number] = replace(found[number], warnings=(*found[number].warnings, text))
         return found
 
     def _check_contents(self) -> None:

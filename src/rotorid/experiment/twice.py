@@ -22,6 +22,10 @@ from rotorid.record import Channel, PeriodicRecord
 
 _PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
 _STEP = 1 << 20  # bytes that are compared at a time where these are the same
+_ALIKE = 0.99  # of independent noise, a correlation of eight lines is so by a chance of 1e-13
+_FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
+_ROUNDING = 1e-7  # of single precision: scatter below it is none
+_COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
 Entries = Mapping[str, ChannelEntry]
 
 
@@ -172,6 +176,43 @@ def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
                 file=source,
             )
         seen[key] = source
+
+
+def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
+    """Say which records scatter from period to period as another does: noise does not repeat.
+
+    One measurement that was exported twice, in other units or with fewer digits, shows by it. It is
+    told, not refused: what decays from one start, or hum that began alike, may repeat.
+    """
+    told = {}
+    periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
+    for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
+        names = [name for name in one.names if name not in inputs and name in other.names]
+        shares = [_share(one, other, name) for name in names]
+        known = [share for share in shares if share is not None]
+        if known and min(known) > _ALIKE:
+            told[second] = (
+                f"{other.source} scatters as {one.source} does, period by period (correlation "
+                f"{min(known):.4f}): if they are one measurement, exported twice, remove one, or "
+                "the deviations are too small"
+            )
+    return told
+
+
+def _share(one: PeriodicRecord, other: PeriodicRecord, name: str) -> float | None:
+    """Return the correlation of a sensor's scatter in two records; None where none can be told."""
+    if not np.array_equal(one.harmonics, other.harmonics):
+        return None
+    count = min(len(one.spectra), len(other.spectra))
+    parts = []
+    for record in (one, other):
+        lines = record.spectra[:count, :, record.names.index(name)]
+        rest = lines - lines.mean(axis=0)
+        if np.linalg.norm(rest) <= _ROUNDING * np.linalg.norm(lines):
+            return None
+        parts.append(rest / np.linalg.norm(rest))
+    free = (count - 1) * len(one.harmonics)
+    return None if free < _FREEDOM else float(np.vdot(parts[0], parts[1]).real)
 
 
 def _again(first: int, second: int, name: str) -> InputError:
