@@ -246,3 +246,40 @@ def test_natural_frequencies_twice(
     else:
         with pytest.raises(InputError, match=place):
             rid.load_experiment(tmp_path / "run.toml")
+
+
+@pytest.mark.parametrize("how", ["units", "digits", "single", "another"])
+def test_an_export_with_fewer_digits(how: str, load, tmp_path: Path) -> None:
+    """Noise does not repeat: where it does, in other units or digits, that is told."""
+    values = columns()
+    write(tmp_path / "run.h5", values)
+    again = {
+        "units": {name: one * 1e-3 for name, one in values.items()},
+        "digits": {name: np.round(one, 5) for name, one in values.items()},
+        "single": {name: one.astype(np.float32) for name, one in values.items()},
+        "another": columns(1),
+    }[how]
+    write(tmp_path / "again.h5", again)
+    first, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
+    said = [text for text in second.warnings if "run.h5 does, period by period" in text]
+    assert len(said) == (how != "another")
+    assert not any("scatters as" in text for text in first.warnings)
+
+
+def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
+    """Two exact records of one excitation are alike in all but their rounding."""
+    exact = {name: np.resize(one[:100], 1000) for name, one in columns().items()}
+    write(tmp_path / "run.h5", exact)
+    write(tmp_path / "again.h5", {name: 3 * one for name, one in exact.items()})
+    _, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
+    assert not any("scatters as" in text for text in second.warnings)
+
+
+def test_few_periods_may_be_alike_by_chance(load, tmp_path: Path) -> None:
+    """Of n periods n - 1 are free, on each line: eight of these are needed."""
+    write(tmp_path / "run.h5", columns())
+    write(tmp_path / "again.h5", {name: one * 1e-3 for name, one in columns().items()})
+    for periods, said in ((5, True), (4, False)):
+        until = f'{LINES}\nuntil = "{periods * 0.1} s"\nskip = "0 s"'
+        _, second = load(("run.h5", until), ("again.h5", until)).records()
+        assert any("scatters as" in text for text in second.warnings) == said
