@@ -205,9 +205,9 @@ def _say_clock(entry: tomlkit.items.Table, clock: _Clock, samples: int) -> None:
                 f"; {told}" if told else ""
             )
         if told:
-            entry["time"].comment(told)
+            entry["time"].comment(_printable(told))
     elif clock.rate is not None:
-        entry.add(tomlkit.comment(f"the file states {clock.rate.hertz:.9g} Hz"))
+        entry.add(tomlkit.comment(_printable(f"the file states {clock.rate.hertz:.9g} Hz")))
     else:
         entry["sample_rate"] = OPEN
         entry["sample_rate"].comment('nothing in the file tells it; write it as "5 kHz"')
@@ -219,7 +219,7 @@ def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) ->
         unit = speed.unit or "rpm"
         entry["speed"] = f"{np.mean(speed.values):.6g} {unit}"
         spread = float(np.std(speed.values))
-        entry["speed"].comment(f"mean of {speed.name}, deviation {spread:.3g} {unit}")
+        entry["speed"].comment(_printable(f"mean of {speed.name}, deviation {spread:.3g} {unit}"))
     elif mark := by_role.get("keyphasor"):
         entry["keyphasor"] = mark.name
     elif angle := by_role.get("angle"):
@@ -255,10 +255,10 @@ def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> No
     frequency = None if rate is None else period.fundamental(rate)
     if frequency is not None:
         entry["fundamental"] = f"{frequency:.{_digits(frequency)}g} Hz"
-        entry["fundamental"].comment(told)
+        entry["fundamental"].comment(_printable(told))
     else:
         entry["period_samples"] = round(period.samples)
-        entry["period_samples"].comment(told)
+        entry["period_samples"].comment(_printable(told))
     lines = _lines([c.values for c, _ in found], period)
     if len(lines) <= _MOST_LINES:
         entry["harmonics"] = lines
@@ -277,7 +277,9 @@ def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None)
     if rate is not None and looked_at:
         column = max(looked_at, key=lambda c: float(np.ptp(c.values)))
         entry["band"] = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
-        entry["band"].comment(f"no period found: the whole record, where {column.name} is large")
+        entry["band"].comment(
+            _printable(f"no period found: the whole record, where {column.name} is large")
+        )
     if driving:
         entry["references"] = [c.name for c in driving]
         entry["references"].comment("what was added to the commands, free of noise")
@@ -303,7 +305,7 @@ def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> No
         highest = _excited_band(column.values, rate)[1]
         entry["cutoff"] = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"
         told += f", {highest:.3g} Hz in {column.name}"
-    entry["cutoff"].comment(told)
+    entry["cutoff"].comment(_printable(told))
 
 
 def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
@@ -358,13 +360,13 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
         if name in taken:
             table[name] = _column(taken[name], unit)
             if name in guessed and guessed[name][1]:
-                table[name].comment(guessed[name][1])
+                table[name].comment(_printable(guessed[name][1]))
         elif model is not None and name in laws:
             column, assumed = laws[name]
             place = "" if model is None else displacement(model, name)
             table[name] = _law(column, _sensor_name(name) if name in sensors else place or OPEN)
             told = "F = ki i + ks x; docs/experiments.md has the other laws"
-            table[name].comment(f"{told}; {assumed}" if assumed else told)
+            table[name].comment(_printable(f"{told}; {assumed}" if assumed else told))
         elif model is not None and name in model.inputs:
             table[name] = _inline({"column": OPEN, "unit": unit})
             table[name].comment("no column, or more than one, looks like it")
@@ -376,7 +378,11 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
         told = "taken to be where the force acts"
         table[_sensor_name(name)].comment(f"{told}; {assumed}" if assumed else told)
     if hidden:
-        table.add(tomlkit.comment(f"no column, or more than one, looks like {', '.join(hidden)}"))
+        table.add(
+            tomlkit.comment(
+                _printable(f"no column, or more than one, looks like {', '.join(hidden)}")
+            )
+        )
         table.add(tomlkit.comment("a coordinate without a column is not measured, which may be"))
     used = {c.name for c in (*taken.values(), *own)} | {c.name for c, _ in laws.values()}
     for column in columns:
@@ -411,15 +417,17 @@ def _parameters(model: Model) -> tomlkit.items.Table:
     table.add(tomlkit.comment("what is known beforehand, such as"))
     for parameter in model.parameters:
         if converts(parameter.unit, "m"):
-            table.add(tomlkit.comment(f'{parameter.name} = {{ fixed = "300 mm" }}'))
+            table.add(tomlkit.comment(_printable(f'{parameter.name} = {{ fixed = "300 mm" }}')))
             break
     for parameter in model.parameters:
         if parameter.nominal is not None and converts(parameter.unit, "kg"):
             start = f'{parameter.name} = {{ start = "{parameter.nominal:g} {parameter.unit}" }}'
-            table.add(tomlkit.comment(f"{start}, where yours is more than 40 % off this"))
+            table.add(
+                tomlkit.comment(_printable(f"{start}, where yours is more than 40 % off this"))
+            )
             break
     names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
-    table.add(tomlkit.comment(f"parameters: {names}"))
+    table.add(tomlkit.comment(_printable(f"parameters: {names}")))
     return table
 
 
