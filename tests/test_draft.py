@@ -1,5 +1,6 @@
 """`rotorid new`: a draft from records alone, refused until it is complete, then right."""
 
+import time
 import tomllib
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import rotorid as rid
 from rotorid.cli import run
 from rotorid.errors import InputError
+from rotorid.experiment import draft as draft_module
 from rotorid.experiment.columns import (
     _LIKE,
     Found,
@@ -21,6 +23,7 @@ from rotorid.experiment.columns import (
     role_of,
 )
 from rotorid.experiment.draft import draft
+from rotorid.io import open_table
 
 MODEL = rid.load_model("jeffcott")
 RATE, PERIOD = 2000.0, 200
@@ -364,3 +367,25 @@ def test_a_record_at_rest_has_no_band(tmp_path: Path) -> None:
     table = np.column_stack([np.arange(400) / RATE, np.zeros(400), np.ones(400)])
     np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,fx,px", comments="")
     assert "is large" not in draft([tmp_path / "run.csv"], None, tmp_path)
+
+
+def test_a_file_of_many_columns_is_read_once(tmp_path: Path) -> None:
+    """Also where some are words: halves are tried, not one column after the other."""
+    names = [f"c{i}" for i in range(1000)]
+    row = ["1.5"] * 1000
+    row[7] = row[900] = "words"
+    rows = [",".join(names), *[",".join(row)] * 20]
+    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
+    started = time.process_time()
+    columns = draft_module._columns(open_table(tmp_path / "run.csv"))
+    assert time.process_time() - started < 5
+    assert [c.name for c in columns] == [n for i, n in enumerate(names) if i not in (7, 900)]
+
+
+def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as data:
+        for i in range(20):
+            data.create_dataset(f"x{i}", data=np.zeros(500_000), chunks=True, compression="gzip")
+    assert run(["new", str(path), "--model", "jeffcott", "--out", str(tmp_path / "e.toml")]) == 2
+    assert "bytes of numbers declared" in capfd.readouterr().err

@@ -27,7 +27,7 @@ from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.reading import check_magnitude, largest_of
-from rotorid.io.table import Rate, Table
+from rotorid.io.table import Column, Rate, Table, TooMuchError
 from rotorid.models import Model, load_model
 from rotorid.record import Floats
 from rotorid.signals.periodicity import Period, find_period, only_rotation
@@ -131,13 +131,11 @@ def _runs(files: Sequence[Path]) -> list[_Run]:
 def _columns(table: Table) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found = []
-    for name in table.names:
+    for name, column in _read(table, list(table.names)):
         try:
-            key = table.find(name)
-            column = table.read([key])[key]
             check_magnitude(largest_of(column.values), 1.0, name)
         except InputError:
-            continue  # a column of words is no channel, nor are numbers that no machine has
+            continue  # numbers that no machine has
         if not np.isfinite(column.values).any() or np.isinf(column.values).any():
             continue
         found.append(Found(name, column.values, column.unit, role_of(name, column.unit)))
@@ -145,6 +143,21 @@ def _columns(table: Table) -> list[Found]:
     if longest == 0:
         raise ReadError("no columns of numbers", "samples", "check the file", file=table.file)
     return [c for c in found if len(c.values) == longest]
+
+
+def _read(table: Table, names: Sequence[str]) -> list[tuple[str, Column]]:
+    """Return the columns that can be read, as few times through the file as that takes."""
+    try:
+        keys = [table.find(name) for name in names]
+        columns = table.read(keys)
+    except TooMuchError:
+        raise
+    except InputError:
+        if len(names) == 1:
+            return []  # a column of words is no channel
+        half = len(names) // 2
+        return [*_read(table, names[:half]), *_read(table, names[half:])]
+    return [(name, columns[key]) for name, key in zip(names, keys, strict=True)]
 
 
 def _run(files: tuple[Path, ...], columns: list[Found], table: Table) -> _Run:

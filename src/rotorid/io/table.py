@@ -64,6 +64,10 @@ class Column:
             object.__setattr__(self, "rate", None)
 
 
+class TooMuchError(ReadError):
+    """Numbers that are more than the bytes of a file can stand for."""
+
+
 class Table(Protocol):
     """An open file of columns."""
 
@@ -166,7 +170,7 @@ def check_size(values: int, file: str, itemsize: int = 8) -> None:
 def check_held(size: int, held: int, file: str) -> None:
     """Refuse to make more bytes of numbers than those can stand for that hold them."""
     if size > max(COMPRESSION * held, UNPACKED_BYTES):
-        raise ReadError(
+        raise TooMuchError(
             f"{size} bytes of numbers declared in {held} bytes",
             "numbers that the file holds",
             "write it again",
