@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -38,6 +39,10 @@ class DelimitedTable:
     def _size(self) -> int:
         return Path(self.file).stat().st_size
 
+    @cached_property
+    def _counts(self) -> Counter[str]:
+        return Counter(self.names)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns, without their units."""
@@ -50,7 +55,8 @@ class DelimitedTable:
 
     def find(self, name: str) -> str:
         """Return the name of a column, once it is sure to be there once."""
-        if name not in self.names:
+        count = self._counts.get(name, 0)
+        if not count:
             error = no_column(name, self.names, self.file)
             if not self.dialect.named:
                 cure = (
@@ -58,9 +64,9 @@ class DelimitedTable:
                 )
                 raise ReadError(error.found, error.expected, cure, file=self.file)
             raise error
-        if self.names.count(name) > 1:
+        if count > 1:
             raise ReadError(
-                f"column {name!r} {self.names.count(name)} times",
+                f"column {name!r} {count} times",
                 "a name that is unique in the file",
                 "rename one",
                 file=self.file,
@@ -70,7 +76,8 @@ class DelimitedTable:
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by name."""
         wanted = list(dict.fromkeys(names))
-        position = {name: self.names.index(name) for name in wanted}
+        places = {name: place for place, name in enumerate(self.names)}
+        position = {name: places[name] for name in wanted}
         numbers = [p for p in position.values() if not self.dialect.clocks[p]]
         read = dict(zip(numbers, self._numbers(numbers) if numbers else (), strict=True))
         columns = {}
