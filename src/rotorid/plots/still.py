@@ -73,26 +73,31 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 @styled
-def figure_of(
-    panels: Sequence[Panel], columns: int = 3, widths: Sequence[float] | None = None
-) -> Figure:
-    """Draw panels side by side, `columns` in a row, with one key for all."""
+def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False) -> Figure:
+    """Draw panels side by side, `columns` in a row, with one key for all or, `apart`, for each."""
     columns = max(1, min(columns, len(panels)))
     rows = -(-len(panels) // columns)
     width = 9.0 if columns < 3 or rows > 1 else 12.0
     height = max(panel.height for panel in panels) * rows + 0.3
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = list(figure.subplots(rows, columns, squeeze=False, width_ratios=widths).flat)
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for unused in axes[len(panels) :]:
         unused.set_axis_off()
     for panel, one in zip(panels, axes, strict=False):
         draw(one, panel)
-    handles = [
-        Line2D([], [], label=c.label, color=c.colour, **_LOOKS[c.look]) for c in key_of(panels)
-    ]
+        if apart:
+            one.legend(handles=_handles([panel]), loc="best", fontsize=7.5)
+    handles = [] if apart else _handles(panels)
     if handles:
         figure.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 4))
     return figure
+
+
+def _handles(panels: Sequence[Panel]) -> list[Line2D]:
+    return [
+        Line2D([], [], label=curve.label, color=curve.colour, **_LOOKS[curve.look])
+        for curve in key_of(panels)
+    ]
 
 
 def draw(axes: Axes, panel: Panel) -> None:

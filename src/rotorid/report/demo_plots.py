@@ -92,11 +92,14 @@ def draw_overview(result: DemoResult) -> Figure:
     example = result.example
     kept = f"1. Keep the excited lines of {example.periods.periods} periods"
     force = waves(example_evidence(result, "ml"))[0]
+    errors = rms_panel(result)
+    room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
     return figure_of(
         [
             replace(filter_panels(result)[0], title=kept, height=3.9),
             replace(force, title="2. Fit the equations of motion to the forces"),
-            replace(rms_panel(result), title="3. Read the rotor's parameters"),
+            replace(errors, x=room, title="3. Read the rotor's parameters"),
         ],
         columns=3,
+        apart=True,
     )
