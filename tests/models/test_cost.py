@@ -5,6 +5,7 @@ from bank import table
 
 from rotorid.errors import ModelError
 from rotorid.models import Model, cost, load_model, parse_model, shipped_models
+from rotorid.models.terms import polynomial
 
 
 def model_of(term: str, *more: str, names: int = 0) -> Model:
@@ -87,6 +88,16 @@ def test_equations_share_what_they_may_cost(monkeypatch: pytest.MonkeyPatch) -> 
     model_of("p0*x", *dense(6, 12), names=12)
     with pytest.raises(ModelError, match="steps to expand"):
         model_of("p0*x", *dense(40, 25), names=25)
+
+
+def test_a_combination_costs_less_than_a_model() -> None:
+    names = [f"x{i}" for i in range(100)]
+    assert len(polynomial(" + ".join(f"0.5*{name}" for name in names), names)) == 100
+    assert cost.COMBINATION == 20_000  # a tenth of a second
+    with pytest.raises(ModelError, match="more than 20,000 steps"):
+        polynomial("x0" + "+x1" * 7_000, names)
+    with pytest.raises(ModelError, match="more than 20,000 steps"):
+        polynomial("+".join(f"(x{i % 100}+1)/(1+1)" for i in range(500)), names)
 
 
 def test_honest_models_cost_little(spent: list[int]) -> None:

@@ -18,6 +18,9 @@ WORK = 500_000
 hundred coordinates and 1,200 terms costs 12,000, with a tanh and a cube in each equation 430,000;
 the shipped ones cost below 1,000."""
 
+COMBINATION = 20_000
+"""Units for what a sensor reads, or a constraint: 0.1 s, since an experiment may hold hundreds."""
+
 PRODUCT = 2
 """Units for two terms that are multiplied without the algebra."""
 
@@ -50,12 +53,13 @@ _left: ContextVar[list[int] | None] = ContextVar("left", default=None)
 
 
 @contextmanager
-def bounded() -> Iterator[None]:
+def bounded(work: int | None = None) -> Iterator[None]:
     """Bound what the texts that are read meanwhile cost together; the outermost bound holds."""
     if _left.get() is not None:
         yield
         return
-    token = _left.set([WORK])
+    units = WORK if work is None else work
+    token = _left.set([units, units])
     try:
         yield
     finally:
@@ -70,7 +74,7 @@ def spend(units: int) -> None:
     left[0] -= units
     if left[0] < 0:
         raise ModelError(
-            f"equations that take more than {WORK:,} steps to expand",
+            f"equations that take more than {left[1]:,} steps to expand",
             "sums and products of a few thousand terms in all",
             "simplify them, or give a large part of them a name and a parameter of its own",
         )

@@ -66,6 +66,7 @@ def split_equations(texts: Sequence[str], names: Names) -> Equations:
 
 
 def _split(texts: Sequence[str], names: Names) -> Equations:
+    """Do the work of `split_equations`, within its bound."""
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):
@@ -159,6 +160,12 @@ def _scaled(product: Product, sign: int) -> Product:
 
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Return the coefficients of a polynomial by the powers of its names."""
+    with cost.bounded(cost.COMBINATION):
+        return _polynomial(text, names)
+
+
+def _polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+    """Do the work of `polynomial`, within its bound."""
     known = frozenset(names)
     value = read_plain(text, names=known, linear=known)
     if value is None:
