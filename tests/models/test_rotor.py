@@ -20,6 +20,7 @@ from rotorid.models.rotor.elements import Beam
 from rotorid.models.rotor.inertia import inertia
 from rotorid.models.rotor.mesh import bending
 from rotorid.observation import bind_all
+from rotorid.plots.rotors import drawing
 from rotorid.rig.lines import add_noise, line_record
 
 BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
@@ -392,3 +393,15 @@ def test_changes_of_a_drawing_are_the_derivatives_of_its_matrices():
     for name, moved in (("x_a", 1e-6), ("y_a", -1e-6)):
         gained = shifted(model, {name: 1.0})
         assert sum(tilt[q] * share for q, share in gained.items()) * 1e-6 == moved
+
+
+def test_a_rotor_is_drawn_with_what_stands_on_it():
+    rotor = rid.load_model("flexible").rotor
+    panel = drawing(rotor)
+    above, below, *marks = panel.curves
+    assert above.x[-1] == pytest.approx(530)
+    assert above.y.max() == -below.base.min() == 16.0
+    named = {curve.label: dict(zip(curve.told, curve.x, strict=True)) for curve in marks}
+    assert named["sensor"] == {"a": 115.0, "b": 500.0}
+    assert named["actuator"] == {"A": 70.0, "B": 450.0}
+    assert named["disc"] == {"wheel": 255.0}

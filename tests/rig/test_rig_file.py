@@ -179,7 +179,7 @@ def test_bad_rig_files_are_refused(old: str, new: str, message: str) -> None:
 
 
 def test_rigs_that_are_not_there() -> None:
-    with pytest.raises(InputError, match="no rig 'three-mas'; expected one of rigid, three-mass"):
+    with pytest.raises(InputError, match="no rig 'three-mas'; expected one of flexible, rigid"):
         load_rig("three-mas")
     with pytest.raises(InputError, match=r"absent.toml: found no such file"):
         load_rig("absent.toml")

@@ -11,7 +11,9 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.evidence import ChannelEvidence, RecordEvidence
 from rotorid.models import Model, shipped_models
+from rotorid.models.rotor import RotorModel
 from rotorid.plots import estimates as drawn
+from rotorid.plots import rotors
 from rotorid.report import parameters
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.machines import Part, machine_part
@@ -69,7 +71,7 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         notes=[note for note in estimate.notes if not note.startswith("warning: ")],
         channels=channels_table(records),
         records=records_table(records),
-        pictures=[*record_pictures(records), *_own_pictures(estimate)],
+        pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate)],
     )
 
 
@@ -95,6 +97,16 @@ def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
         return own_model(estimate), []
     except InputError as error:
         return None, [f"{error.found}: the equations of motion are not shown; {error.cure}."]
+
+
+def _drawn(model: Model | None) -> Iterator[Picture]:
+    """Draw the rotor, where the model comes from a drawing."""
+    if isinstance(model, RotorModel):
+        yield Picture(
+            "The rotor",
+            "The rotor as it is drawn, and what stands on it: point at a mark for its name.",
+            (rotors.drawing(model.rotor),),
+        )
 
 
 def _own_pictures(estimate: Estimate) -> Iterator[Picture]:

@@ -332,6 +332,7 @@ class RotorModel(Model):
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
             fixed={**self.fixed, **fixed},
+            held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
             pieces=tuple(pieces),
             loads=tuple(loads),
         )
