@@ -124,6 +124,35 @@ std = "1 Hz"
 damping = { value = 0.01, std = 0.005 }
 speed = "0 rpm"
 """
+ROTOR = b"""
+title = "Test rotor"
+sections = [
+  { length = "94 mm", outer = "8 mm", material = "steel", elements = 1 },
+  { length = "38 mm", outer = "8 mm", material = "steel", stiffness = "s_A", elements = 1 },
+  { length = "220 mm", outer = "20 mm", inner = "4 mm", material = "steel", elements = 2 },
+]
+[materials]
+steel = { E = "211 GPa", G = "81 GPa", density = "7860 kg/m^3" }
+[discs]
+A = { at = "94 mm", mass = "0.85 kg", I_t = "4.8e-4 kg m^2", I_p = "4.0e-4 kg m^2" }
+wheel = { at = "352 mm", mass = "m_w", I_t = "4e-3 kg m^2", I_p = "8e-3 kg m^2" }
+[actuators]
+A = { at = "94 mm" }
+[sensors]
+a = { at = "132 mm" }
+[supports]
+left = { at = "0 mm", k = "k_l", c = "50 N s/m" }
+right = { at = "352 mm", kxx = "1e6 N/m", kyy = "2e6 N/m", cxy = "3 N s/m" }
+[unbalance]
+wheel = { at = "352 mm", x = "u_x", y = "1e-5 kg m" }
+[damping]
+internal = "1e-5 s"
+[parameters]
+m_w = { unit = "kg", nominal = 1.28, positive = true }
+k_l = { unit = "N/m", nominal = 1e6 }
+s_A = { unit = "1", nominal = 1.0 }
+u_x = { unit = "kg m", nominal = 1e-5 }
+"""
 RESPONSES = """
 model = "model.toml"
 [[records]]
@@ -507,8 +536,15 @@ _EXPERIMENT_COMMANDS = (
     (1, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
     (1, ("inspect", "experiment.toml", "--json", "out.json"), _OUT),
 )
+_MODES = ("modes", "model.toml", "--speed", "3000 rpm", "--json", "out.json")
 _RIG_COMMANDS = ((1, ("simulate", "rig.toml", "--out", "out.h5"), ("out.h5", "out.toml")),)
 _RESULT_COMMANDS = (
+    (2, ("modes", "result.json", "--json", "out.json"), _OUT),
+    (
+        2,
+        ("balance", "result.json", "--plane", "x", "--speed", "3000 rpm", "--json", "out.json"),
+        _OUT,
+    ),
     (3, ("export", "result.json", "--to", "result.csv"), ("result.csv",)),
     (3, ("export", "result.json", "--to", "result.tex"), ("result.tex",)),
     (2, ("export", "result.json", "--to", "result.mat"), ("result.mat",)),
@@ -540,6 +576,8 @@ def _formats() -> list[Format]:
                commands=_EXPERIMENT_COMMANDS),
         Format("equations", "model.toml", lambda: (MODEL, EQUATIONS + SPRINGS), text,
                commands=((1, ("models", "model.toml"), ()),)),
+        Format("rotor", "model.toml", lambda: (ROTOR,), text,
+               commands=((2, ("models", "model.toml"), ()), (2, _MODES, ("out.json",)))),
         Format("model", "model.toml", lambda: (MODEL,), text,
                beside=lambda: {"run.csv": good_csv()}, experiment=OF_CSV,
                commands=((3, ("models", "model.toml"), ()), *_EXPERIMENT_COMMANDS)),

@@ -38,7 +38,7 @@ CODES = (0, 1, 2)
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
     *(f"rotorid.commands.{name}" for name in ("identify", "inspect", "new", "models", "validate")),
-    *(f"rotorid.commands.{name}" for name in ("export", "report", "simulate")),
+    *(f"rotorid.commands.{name}" for name in ("export", "report", "simulate", "modes", "balance")),
     *("rotorid.report.estimate", "rotorid.io.hdf5", "rotorid.io.mat", "sympy", "pint", "lark"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )
