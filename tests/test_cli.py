@@ -499,6 +499,30 @@ def test_outputs_never_replace_inputs(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["new", "run.csv", "--out", "run.csv"],
+        ["new", "run.csv", "--model", "jeffcott", "--out", "link.csv"],
+        ["inspect", "run.toml", "--json", "run.csv"],
+        ["inspect", "run.toml", "--json", "run.toml"],
+        ["inspect", "draft.toml", "--json", "run.csv"],
+        ["identify", "run.toml", "--json", "run.csv"],
+    ],
+)
+def test_not_even_force_replaces_what_is_read(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    (folder / "draft.toml").write_text('model = "?"\n[[records]]\nfile = "run.csv"\n')
+    (folder / "link.csv").symlink_to("run.csv")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert cli.run(arguments) == 2
+    assert "--force" in capsys.readouterr().err
+    assert cli.run([*arguments, "--force"]) == 2
+    assert "found an input of this run" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
 @pytest.mark.parametrize("file", ["/dev/zero", ".", "none.toml", "a\0b", "x" * 5000])
 def test_a_report_reads_nothing_that_is_no_file(folder: Path, file: str) -> None:
     source = rid.Provenance((SourceFile(file, "00"),), "", "0.1", "")

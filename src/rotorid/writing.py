@@ -33,10 +33,13 @@ class Kind:
         The command, for messages.
     begins : bytes
         A regular expression that the beginning of such a file matches.
+    found : str
+        What another file is called in a message.
     """
 
     writer: str
     begins: bytes
+    found: str = "a file that `{}` did not write, or that was edited since"
 
     def wrote(self, path: Path) -> bool:
         """Tell whether a file is of this kind."""
@@ -101,7 +104,7 @@ def _require_own(path: Path, kind: Kind) -> None:
         mine = False
     if not mine:
         raise InputError(
-            f"a file that `{kind.writer}` did not write, or that was edited since",
+            kind.found.format(kind.writer),
             "a new name, or a file of its own",
             "choose another name, or replace the file with --force",
             file=str(path),

@@ -36,7 +36,7 @@ REPORT = Kind(
     rb'<!DOCTYPE html>[^>]*>\s*<head>\s*<meta name="generator" content="rotorid ',
 )
 # A draft is made to be edited, and names nothing that a hand would not write.
-DRAFT = Kind("rotorid new", rb"(?!)")
+DRAFT = Kind("rotorid new", rb"(?!)", "a file, which may have been completed by hand")
 _COLOURS = {
     "rejected": "yellow",
     "ok": "green",

@@ -16,17 +16,20 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.experiment.inspecting import inspect_experiment
+from rotorid.experiment.inspecting import inspect_experiment, named_files
 from rotorid.line_inspection import LineInspection
 from rotorid.record import Check
 from rotorid.report.inspection import inspection_page
 from rotorid.signals.checks import worst
 from rotorid.signals.inspection import Inspection
+from rotorid.writing import check_apart
 
 
 def run(experiment: Path, json: Path | None, report: Path | None, force: bool) -> int:
     """Say what is in the records of an experiment, before identifying."""
-    check_outputs((json, INSPECTION), (report, REPORT), force=force)
+    targets = check_outputs((json, INSPECTION), (report, REPORT), force=force)
+    if targets:
+        check_apart(targets, named_files(experiment))
     with progress("reading"):
         found, told = inspect_experiment(experiment)
     page = [part for one in found for part in inspection_page(one)]

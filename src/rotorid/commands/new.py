@@ -8,11 +8,13 @@ from rotorid.commands import OK
 from rotorid.commands.console import DRAFT, as_text, check_outputs, progress, say, write
 from rotorid.experiment.draft import draft
 from rotorid.screen import printable
+from rotorid.writing import check_apart
 
 
 def run(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:
     """Write a draft experiment file for some records."""
-    check_outputs((out, DRAFT), force=force)
+    targets = check_outputs((out, DRAFT), force=force)
+    check_apart(targets, [*files, *([] if model is None else [Path(model)])])
     with progress("reading"):
         folder = Path() if out is None else out.parent
         text = printable(draft(files, model, folder), keep="\n")

@@ -10,6 +10,7 @@ from rotorid.errors import InputError
 from rotorid.report.rig import fault_page, record_page
 from rotorid.rig.export import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
 from rotorid.rig.file import load_rig
+from rotorid.writing import check_apart
 
 
 def run(
@@ -31,8 +32,9 @@ def run(
             "name both: a rig, such as three-mass, and the record to write, such as run.h5",
         )
     experiment = experiment_path(out, rig)
-    check_outputs((out, RECORD), (experiment, EXPERIMENT), force=force)
+    targets = check_outputs((out, RECORD), (experiment, EXPERIMENT), force=force)
     plan = load_rig(rig).with_faults(fault)
+    check_apart(targets, [Path(rig), Path(plan.model)])
     with progress("running"):
         record = plan.record(seed)
     write(

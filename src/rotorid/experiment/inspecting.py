@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,21 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
         return [_inspect_draft(path.parent, entry) for entry in entries], told
     plan.require_records()
     return [found for number in range(len(plan.entry.records)) for found in _each(plan, number)], ""
+
+
+def named_files(path: Path) -> list[Path]:
+    """Return an experiment file, a draft too, and every file that a text in it names."""
+    found = [path]
+    left: list[Any] = [parse_table(read_bytes(path), file=str(path))]
+    while left:
+        value = left.pop()
+        if isinstance(value, dict | list):
+            left += value.values() if isinstance(value, dict) else value
+        elif isinstance(value, str):
+            with suppress(OSError, ValueError):  # texts that are no names of files
+                if (path.parent / value).is_file():
+                    found.append(path.parent / value)
+    return found
 
 
 def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
