@@ -289,3 +289,12 @@ def test_the_speeds_of_the_experiment_are_those_of_the_records(tmp_path, capsys)
     base.with_(provenance=source).save(tmp_path / "run.json")
     assert cli.run(["balance", str(tmp_path / "run.json"), "--plane", *ENDS]) == 0
     assert "rigid at 6000, 6000 rpm" in capsys.readouterr().out
+
+
+def test_what_was_fixed_is_told_and_never_exact():
+    model = rid.load_model("rigid")
+    every = rid.balance(estimate_of(model, fixed=model.parameter_names), ENDS, 500.0)
+    assert every.residual[0].unbalance_kg_m is None
+    assert any("all parameters are fixed" in remark for remark in every.remarks)
+    some = rid.balance(estimate_of(model, fixed=("mu", "eta")), ENDS, 500.0)
+    assert any("taken as exact" in r and r.endswith(": mu, eta") for r in some.remarks)

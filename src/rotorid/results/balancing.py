@@ -23,6 +23,7 @@ from rotorid.models.linear import solved
 from rotorid.record import Complexes, Floats
 from rotorid.results.machine import UNDETERMINED, Machine, machine_of
 from rotorid.results.masses import Masses, chosen
+from rotorid.results.model import own_model
 from rotorid.results.modes import finite_speed
 from rotorid.results.planes import plane_column, rotor_mass, shares_of
 
@@ -258,7 +259,21 @@ def unbalanced(machine: Machine) -> Machine:
 def _said_of(estimate: Estimate) -> list[str]:
     """Return what is to be said of what was told apart from the unbalance."""
     runout = sorted({v.name.rpartition(".")[0] for v in estimate.nuisance if "runout[" in v.name})
-    return [f"not unbalance, and left as it is: {', '.join(runout)}"] if runout else []
+    said = [f"not unbalance, and left as it is: {', '.join(runout)}"] if runout else []
+    model = own_model(estimate)
+    held = {t.monomial for t in model.require_linear().load_terms}
+    loads = model.monomials[sorted(held)].any(axis=0) if held else np.zeros(len(model.parameters))
+    exact = [
+        v.name
+        for v in estimate.parameters
+        if v.fixed
+        and v.value
+        and v.name in model.parameter_names
+        and loads[model.parameter_names.index(v.name)]
+    ]
+    if exact:
+        said.append(f"taken as exact, and not counted in what is left: {', '.join(exact)}")
+    return said
 
 
 def _too_coarse(

@@ -10,7 +10,7 @@ of its intervals where matrices do not depend on the speed otherwise. Notation a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -47,8 +47,8 @@ ALIKE = 0.7
 """Overlap of shapes below which a step of the speed is halved to follow a curve."""
 HALVINGS = 6
 """Halvings of a step at the most: curves that still part then touch one another."""
-CURVES = 24
-"""Curves of a diagram: the lowest."""
+CURVES, SPARE = 24, 8
+"""Curves of a diagram: the lowest; and those above that are followed with them, and may fall."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def campbell(
     if last == 0:
         raise InputError("0", "a speed to go to", "give the highest speed", place="to")
     speeds = np.linspace(0.0, last, POINTS)
-    eigen = [eigen_at(machine, speed) for speed in speeds.tolist()]
+    eigen = [eigen_at(machine, speed, CURVES + SPARE) for speed in speeds.tolist()]
     order = _curves(machine, speeds, eigen)
     shape = (len(speeds), order.shape[1])
     hertz, std, ratio = (np.full(shape, np.nan) for _ in range(3))
@@ -230,7 +230,7 @@ def _followed(
 
 def eigen_of_values(machine: Machine, speed: float) -> Eigen:
     """Return the modes at a speed, without their derivatives."""
-    found = eigenmodes_at(machine, speed)
+    found = eigen_at(replace(machine, covariance=None), speed, CURVES + SPARE).found
     return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
 
 
@@ -278,7 +278,7 @@ def _grid(machine: Machine, to: float) -> list[float]:
     between = (seeds[:-1] + seeds[1:]) / 2
     beside = np.concatenate([seeds * (1 - 1e-3), seeds * (1 + 1e-3), between])
     regular = np.linspace(0, last, SCAN + 1)[1:]
-    first = last * 1e-3
+    first = min([last * 1e-3, *(seeds[:1] / 2)])
     points = np.concatenate([[first], regular, beside[(beside > first) & (beside < last)]])
     found: list[float] = np.unique(points).tolist()
     return found
@@ -292,12 +292,13 @@ def _seeds(machine: Machine, to: float) -> Floats:
     constant = damping - half * gyroscopic
     n = len(mass)
     pencil = np.zeros((2, 2 * n, 2 * n), dtype=np.complex128)
-    scale = max(abs(half), 1.0)
+    heavy, stiff = np.abs(mass).max(initial=0.0), np.abs(stiffness).max(initial=0.0)
+    scale = float(np.sqrt(stiff / heavy)) if heavy > 0 and stiff > 0 else max(abs(half), 1.0)
     pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
     pencil[0, n:, :n], pencil[0, n:, n:] = -stiffness, -1j * scale * constant
     pencil[1, n:, n:] = scale**2 * (1j * gyroscopic - mass)
-    values = scipy.linalg.eigvals(*pencil) * scale
-    values = values[np.isfinite(values)]
+    values = scipy.linalg.eigvals(*pencil)
+    values = scale * values[np.isfinite(values)]
     real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
     return np.sort(np.concatenate([real[(real > 0) & (real < 2 * abs(to))]]))
 

@@ -235,6 +235,9 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     if covariance is not None and not _usable(source, covariance):
         covariance = None
         remarks.append("the result states no deviations, and so does nothing that follows from it")
+    elif covariance is not None and not (np.diag(covariance) > 0).any():
+        covariance = None
+        remarks.append("all parameters are fixed, so that nothing is known of deviations")
     if source.status == "rejected":
         ratio = _inflation(source)
         covariance = None if covariance is None else covariance * ratio**2

@@ -10,7 +10,7 @@ D + Omega G) X)``, are drawn from the covariance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -264,9 +264,14 @@ def whirls_of(machine: Machine, speed: float, found: Eigenmodes) -> list[Whirl]:
     return whirls
 
 
-def eigen_at(machine: Machine, speed: float) -> Eigen:
-    """Return the modes of a machine at a speed, and how they follow from the unknowns."""
+def eigen_at(machine: Machine, speed: float, lowest: int | None = None) -> Eigen:
+    """Return the modes of a machine, or its lowest, and how they follow from the unknowns."""
     found = eigenmodes_at(machine, speed)
+    if lowest is not None:
+        cut = slice(lowest)
+        found = replace(
+            found, values=found.values[cut], right=found.right[cut], left=found.left[cut]
+        )
     _, damping, mass = machine.matrices(speed)
     if machine.covariance is None:
         return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())

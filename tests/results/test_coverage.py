@@ -1,0 +1,33 @@
+"""What the deviations of modes, critical speeds and balancing hold, over many records.
+
+The whole figures, of 500 records each, are those of ``benchmarks/results.py``.
+"""
+
+import numpy as np
+import pytest
+from result_cases import balanced, covered, identified
+
+pytestmark = pytest.mark.slow
+
+
+def test_modes_and_critical_speeds_that_come_close():
+    found = [identified(seed) for seed in range(1000, 1060)]
+    assert all(each.status == "ok" for each in found)
+    close = np.array([each.close for each in found])
+    assert 0.3 < close[:, 1:3].mean() < 0.95  # the two bounce modes, in many records
+    for name in ("frequency", "critical"):
+        rows = np.array([getattr(each, name) for each in found])
+        held = np.array([covered(each) for each in rows])
+        away = (rows[..., 0] - rows[..., 4]) / rows[..., 1]
+        assert held.mean() > 0.89, name  # of 180 to 240, half of them alike: known to 2 percent
+        assert np.sqrt((away**2).mean()) < 1.2, name
+
+
+def test_a_balanced_rotor_has_less_left_than_stated():
+    found = [balanced(seed) for seed in range(1000, 1080)]
+    assert sum(each.status == "ok" for each in found) >= 78
+    good = [each for each in found if each.status == "ok"]
+    left, stated = (np.array([getattr(e, n) for e in good]) for n in ("left", "stated"))
+    before = np.array([e.before for e in good])
+    assert 0.88 < (left <= stated).mean() < 0.995
+    assert np.median(left.sum(axis=1) / before.sum(axis=1)) < 0.02
