@@ -38,6 +38,7 @@ def drawn(number, model):
         name: value * rng.uniform(0.9, 1.1) if value else value
         for name, value in model.nominal.items()
     }
+    values["I_p_w"] = values["I_t_w"] * model.nominal["I_p_w"] / model.nominal["I_t_w"]  # a disc's
     record = line_record(
         model,
         model.values(values),

@@ -1,5 +1,6 @@
 """Rotors from drawings: elements against ROSS and closed forms, files, and what they refuse."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from rotor_files import random_rotor, uniform
 import rotorid as rid
 import rotorid.models
 from rotorid.commands.models import run
+from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.estimators.likelihood import reduction
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
@@ -405,3 +407,28 @@ def test_a_rotor_is_drawn_with_what_stands_on_it():
     assert named["sensor"] == {"a": 115.0, "b": 500.0}
     assert named["actuator"] == {"A": 70.0, "B": 450.0}
     assert named["disc"] == {"wheel": 255.0}
+
+
+@pytest.mark.slow
+def test_the_bandwidth_of_an_amplifier_is_found_beside_the_rotor():
+    model = rid.load_model("flexible")
+    record = drawn_record(model, np.random.default_rng(5))
+    lines = rid.Lines.of_periods(record)
+    amplifier = FirstOrder(
+        bandwidth=Constant("bandwidth", "Hz", 1500.0, UNKNOWN), actuator=True, shared="amplifier"
+    )
+
+    def lag(bandwidth):
+        return amplifier.response(lines.omega, np.array([bandwidth]))
+
+    mean = lines.mean.copy()
+    mean[:, :4] *= (lag(1500.0) / lag(800.0))[:, None]  # as it is read with 1500 Hz
+    channels = [
+        replace(c, dynamics=amplifier) if c.name in model.inputs else c for c in lines.channels
+    ]
+    estimate = rid.identify(model, replace(lines, mean=mean, channels=tuple(channels)), "ml")
+    assert estimate.status == "ok"
+    assert 0 < estimate.std("bandwidth[amplifier]") < 2
+    assert abs(estimate.value("bandwidth[amplifier]") - 800) < 4 * estimate.std(
+        "bandwidth[amplifier]"
+    )
