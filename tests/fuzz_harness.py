@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 SECONDS = 5.0  # of the processor, that a command may take
-PATIENCE = 20.0  # of the clock, after which a child is ended: other work shares the machine
+PATIENCE = 60.0  # of the clock, after which a child is ended: much else may run on the machine
 BYTES = 1_000_000_000  # that a command may take in addition to what is loaded
 ADDRESSES = 2 * BYTES  # allocators reserve more than they use; what is used is held against BYTES
 LONGEST = 600  # characters of the one line of a refusal
