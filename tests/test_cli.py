@@ -122,7 +122,12 @@ def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["validate", "run.json", "run.toml"]) == 0
     one = capsys.readouterr().out
     first = [line.split()[0] for line in one.splitlines() if line]
-    assert first == ["predicts:", "channel", "F_x", "F_y"]
+    assert first == ["predicts:", "channel", "F_x", "F_y", "note:"]
+    assert "run.csv is a record that the result was made of, which proves little" in one
+    with (folder / "run.csv").open("a") as stream:
+        stream.write("\n")
+    assert cli.run(["validate", "run.json", "run.toml"]) == 0
+    assert "note:" not in capsys.readouterr().out
     assert "the result predicts the record within its deviations and the noise" in one
     assert cli.run(["validate", "run.json", "both.toml"]) == 0
     both = [line for line in capsys.readouterr().out.splitlines() if line][2:]

@@ -86,6 +86,14 @@ class RecordEvidence:
     time_s: Numbers = ()
     channels: tuple[ChannelEvidence, ...] = ()
 
+    def __post_init__(self) -> None:
+        for channel in self.channels:
+            on_lines = (channel.measured, channel.predicted, channel.difference, channel.noise)
+            over_time = (channel.wave_measured, channel.wave_predicted)
+            for rows, length in ((on_lines, len(self.frequency_hz)), (over_time, len(self.time_s))):
+                if any(len(row) not in (0, length) for row in rows):
+                    raise ValueError(f"{length} numbers of each kind, or none")
+
 
 @dataclass(frozen=True)
 class Prior:

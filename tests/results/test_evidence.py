@@ -1,5 +1,6 @@
 """What a result keeps of its records: true to them, small, and the same when it is read again."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.evidence import Evidence, Prior
+from rotorid.report.estimate import estimate_report
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence, with_evidence
 from rotorid.validation import channel_errors
@@ -191,3 +193,19 @@ def test_an_answer_left_open_shows_what_was_measured(
     (shown,) = record_evidence(lost, model, [few])
     assert not any(channel.predicted for channel in shown.channels)
     assert all(channel.measured and channel.noise for channel in shown.channels)
+
+
+@pytest.mark.parametrize("key", ["measured", "noise", "wave_predicted"])
+def test_what_does_not_fit_together_is_refused(
+    model: rid.Model, few: rid.PeriodicRecord, tmp_path: Path, key: str
+) -> None:
+    path = tmp_path / "run.json"
+    estimate = with_evidence(rid.identify(model, few, "ls"), model, few)
+    data = estimate.to_dict()
+    data["evidence"]["records"][0]["channels"][0][key].pop()
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(rid.ReadError, match="numbers of each kind, or none"):
+        rid.load_estimate(path)
+    data["evidence"]["records"][0]["channels"][0][key] = []
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert "run" in estimate_report(rid.load_estimate(path))

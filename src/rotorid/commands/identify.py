@@ -76,10 +76,11 @@ def provenance(plan: Experiment, command: str) -> Provenance:
     text = Path(plan.file).read_text(encoding="utf-8")
     model = plan.model
     return Provenance(
-        tuple(map(_source, files)), text, __version__, command, model.file_text, model.held
+        tuple(map(source_of, files)), text, __version__, command, model.file_text, model.held
     )
 
 
-def _source(path: Path) -> SourceFile:
+def source_of(path: Path) -> SourceFile:
+    """Return a file with its sha256."""
     with path.open("rb") as stream:
         return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

@@ -17,8 +17,9 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
+from rotorid.commands.identify import source_of
 from rotorid.errors import InputError
-from rotorid.estimate import load_estimate
+from rotorid.estimate import Estimate, load_estimate
 from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
 from rotorid.report.text import information_lines, validation_table
@@ -46,6 +47,7 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None, 
         raise error.at(file=str(result)) from None
     verdict, said = verdict_of(found)
     page: Page = [f"{verdict}: {said}", validation_table(found), *information_lines(told)]
+    page = [*page, *_its_own(estimate, plan.files[2:])]
     if verdict == "fails":
         page = [*page, *CURES]
 
@@ -60,6 +62,17 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None, 
     content = {"verdict": verdict, "channels": channels(found)}
     answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
     return OK if verdict == "predicts" else NO_ANSWER
+
+
+def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
+    """Say which records the result was made of: those it predicts better than any other."""
+    made_of = () if estimate.provenance is None else estimate.provenance.files
+    sums = {source.sha256 for source in made_of}
+    return [
+        f"note: {path} is a record that the result was made of, which proves little: take another"
+        for path in dict.fromkeys(files)
+        if path.is_file() and source_of(path).sha256 in sums
+    ]
 
 
 def channels(records: Sequence[Sequence[ChannelError]]) -> list[dict[str, Any]]:
