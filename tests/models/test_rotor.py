@@ -51,6 +51,7 @@ def test_matrices_equal_those_of_ross(number):
             )
 
 
+@pytest.mark.filterwarnings("ignore")  # ROSS's own, of what it looks for
 def test_a_rotor_goes_to_ross_and_back():
     pytest.importorskip("ross", reason="ROSS is not installed: pip install rotorid[ross]")
     model = rid.parse_model(random_rotor(np.random.default_rng(3)))
