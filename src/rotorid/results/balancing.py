@@ -261,15 +261,15 @@ def _said_of(estimate: Estimate) -> list[str]:
     runout = sorted({v.name.rpartition(".")[0] for v in estimate.nuisance if "runout[" in v.name})
     said = [f"not unbalance, and left as it is: {', '.join(runout)}"] if runout else []
     model = own_model(estimate)
-    held = {t.monomial for t in model.require_linear().load_terms}
-    loads = model.monomials[sorted(held)].any(axis=0) if held else np.zeros(len(model.parameters))
+    held = sorted({t.monomial for t in model.require_linear().load_terms})
+    loads = set(np.flatnonzero(model.monomials[held].any(axis=0)).tolist())
     exact = [
         v.name
         for v in estimate.parameters
         if v.fixed
         and v.value
         and v.name in model.parameter_names
-        and loads[model.parameter_names.index(v.name)]
+        and model.parameter_names.index(v.name) in loads
     ]
     if exact:
         said.append(f"taken as exact, and not counted in what is left: {', '.join(exact)}")
