@@ -9,7 +9,7 @@ from report_pages import Page, check_self_contained, titles
 import rotorid as rid
 from rotorid.plots.machines import campbell as campbell_panel
 from rotorid.plots.machines import response, shapes
-from rotorid.report.machines import BEYOND, machine_part, modes_report
+from rotorid.report.machines import BEYOND, SPEEDS, machine_part, modes_report
 from rotorid.results.critical import campbell
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import modes
@@ -104,7 +104,7 @@ def test_the_page_of_modes(estimate: rid.Estimate) -> None:
 
 
 def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
-    assert BEYOND == 1.5
+    assert (BEYOND, SPEEDS) == (1.5, 121)
     turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
     assert [picture.title for picture in turning.pictures] == [
         "Campbell diagram",

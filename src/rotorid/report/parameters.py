@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import HALF_WIDTH, Estimate, Value
 from rotorid.evidence import Prior
 
-HALF_WIDTH = 1.959964
-"""Deviations to either side that hold 95 % of a normal distribution."""
 WIDTH = 140  # of a row's bars, in pixels
 PLAIN = (1e-3, 1e7)
 """Sizes between which a number is written without an exponent."""
