@@ -76,7 +76,7 @@ def test_deviations_count() -> None:
         ),
     )
     assert verdict_of([channel_errors(trial.machine.model, unsure, record)])[0] == "predicts"
-    sure = estimate.with_(covariance=np.full_like(estimate.covariance, np.nan))
+    sure = estimate.with_(covariance=np.zeros((0, 0)))
     assert verdict_of([channel_errors(trial.machine.model, sure, record)])[0] == "fails"
 
 
