@@ -199,14 +199,24 @@ class Machine:
         return np.asarray(scale[:, None] * along * np.sqrt(size.clip(0)))
 
     @property
+    def needed(self) -> list[int]:
+        """The unknowns that the matrices hold."""
+        held = {t.monomial for t in self.linear.stiffness if self.used[t.monomial]}
+        count = len(self.names)
+        return sorted({u for m in held for u in self.monomials.factors[m].tolist() if u < count})
+
+    @property
     def elsewhere(self) -> Machine:
         """The machine at other values, near these, that keep what is certain between them."""
         rng, values = np.random.default_rng(0), self.values
         if self.covariance is None:
             return replace(self, values=values * (1 + NEAR * rng.uniform(-1, 1, len(values))))
-        moved = self.root @ rng.standard_normal(len(values))
+        # A combination of its columns: within what is certain, the same way on any processor.
+        scale = np.where(self.spread > 0, self.spread, 1.0)
+        correlation = self.covariance / np.outer(scale, scale)
+        moved = scale * (correlation @ rng.standard_normal(len(values)))
         size = np.where(values != 0, np.abs(values), np.inf)
-        largest = float((np.abs(moved) / size).max(initial=0.0))
+        largest = float((np.abs(moved) / size)[self.needed].max(initial=0.0))
         return replace(self, values=values + (NEAR / largest * moved if largest > 0 else 0.0))
 
 
@@ -414,10 +424,7 @@ def _determined(machine: Machine) -> Machine:
     bad = ~np.isfinite(machine.values)
     if not bad.any():
         return machine
-    held = {t.monomial for t in machine.linear.stiffness if machine.used[t.monomial]}
-    count = len(machine.names)
-    needed = {u for m in held for u in machine.monomials.factors[m].tolist() if u < count}
-    lacking = [machine.names[u] for u in sorted(needed) if bad[u]]
+    lacking = [machine.names[u] for u in machine.needed if bad[u]]
     if lacking:
         raise InputError(
             f"a result that leaves {', '.join(lacking)} undetermined",
