@@ -473,6 +473,7 @@ class Format:
     commands: Sequence[tuple[int, tuple[str, ...], tuple[str, ...]]] = field(
         default_factory=lambda: _RECORD_COMMANDS
     )
+    share: float = 1.0  # of the files that are asked for: an answer of some takes long
 
     def files(self, damaged: bytes) -> dict[str, bytes]:
         """Return what stands in the folder: a good model and experiment, and the damaged file."""
@@ -520,8 +521,8 @@ def _good(name: str) -> Sequence[bytes]:
 
 _OUT = ("out.json",)
 _RECORD_COMMANDS = (
-    (6, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
-    (2, ("identify", "experiment.toml", "--json", "out.json"), _OUT),
+    (7, ("identify", "experiment.toml", "--method", "ls", "--json", "out.json"), _OUT),
+    (1, ("identify", "experiment.toml", "--json", "out.json"), _OUT),
     (2, ("inspect", "experiment.toml", "--json", "out.json"), _OUT),
 )
 
@@ -571,11 +572,12 @@ def _formats() -> list[Format]:
                beside=lambda: {"run.csv": _timed_csv(units=False)},
                commands=_EXPERIMENT_COMMANDS),
         Format("phasors", "experiment.toml", lambda: (PHASORS,), text,
-               beside=lambda: {"run.csv": _phasor_table()}, commands=_EXPERIMENT_COMMANDS),
+               beside=lambda: {"run.csv": _phasor_table()}, commands=_EXPERIMENT_COMMANDS,
+               share=0.2),
         Format("phasor-table", "run.csv", lambda: (_phasor_table(),), text, experiment=PHASORS,
-               commands=_EXPERIMENT_COMMANDS),
+               commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("equations", "model.toml", lambda: (MODEL, EQUATIONS + SPRINGS), text,
-               commands=((1, ("models", "model.toml"), ()),)),
+               commands=((1, ("models", "model.toml"), ()),), share=0.2),
         Format("rotor", "model.toml", lambda: (ROTOR,), text,
                commands=((2, ("models", "model.toml"), ()), (2, _MODES, ("out.json",)))),
         Format("model", "model.toml", lambda: (MODEL,), text,
@@ -606,9 +608,9 @@ def _formats() -> list[Format]:
         Format("uff-binary", "run.uff", lambda: (_universal(1), _responses(1)),
                commands=_drafted("run.uff")),
         Format("responses", "run.uff", lambda: (_responses(),), text, experiment=RESPONSES,
-               commands=_EXPERIMENT_COMMANDS),
+               commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("responses-binary", "run.uff", lambda: (_responses(1),), experiment=RESPONSES,
-               commands=_EXPERIMENT_COMMANDS),
+               commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("mdf", "run.mf4", lambda: (record(writers.write_mdf, "run.mf4"),), odd=_odd_mdf,
                commands=_drafted("run.mf4")),
     ]  # fmt: skip

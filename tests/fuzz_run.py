@@ -131,7 +131,10 @@ def main() -> int:
             return 0
         return any(o.faults for o in run([lambda: case], 1))
     chosen = [FORMATS[name] for name in asked.formats or FORMATS]
-    builds = [partial(f.case, seed, n) for n in range(asked.each) for f in chosen]
+    counts = {f.name: max(1, round(asked.each * f.share)) for f in chosen}
+    builds = [
+        partial(f.case, seed, n) for n in range(asked.each) for f in chosen if n < counts[f.name]
+    ]
     warm = [case for f in chosen for case in f.whole()]
     return any(o.faults for o in run(builds, asked.workers, warm))
 

@@ -213,7 +213,8 @@ def _of_universal(
             )
         factor = _factor(name, one, unit, channels[name].unit, model)
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
-        values = np.asarray(data.values * factor, dtype=np.complex128)
+        with np.errstate(invalid="ignore"):  # what is not finite is told with its line
+            values = np.asarray(data.values * factor, dtype=np.complex128)
         std = None
         if one.std is not None:
             expected = f"({channels[name].unit})/({model.units[one.input]})"
