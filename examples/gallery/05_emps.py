@@ -22,7 +22,8 @@ print("the data are", "here" if data.is_dir() else "not here: nothing more is sh
 # command, the lines up to 40 Hz. Published are 95.11 kg, 203.5 N s/m, 20.39 N and -3.16 N.
 
 if data.is_dir():
-    folder = Path(__file__).parents[1] / "emps"
+    here = Path(__file__).parent if "__file__" in globals() else Path.cwd()  # as a page is built
+    folder = here.parent / "emps"
     experiment = rid.load_experiment(folder / "experiment.toml", folder=data)
     estimate = experiment.identify()
     print(estimate)
