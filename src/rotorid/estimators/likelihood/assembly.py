@@ -16,7 +16,7 @@ from rotorid.errors import InputError
 from rotorid.estimators.likelihood.calibration import BoundFactor, Calibration, Readings
 from rotorid.estimators.likelihood.cost import Entries, Likelihood, Sensing
 from rotorid.estimators.likelihood.noise import Noise, noise_factor
-from rotorid.estimators.likelihood.nuisances import Factor, Missing, Reading, Scale, Turn
+from rotorid.estimators.likelihood.nuisances import Factor, Lever, Missing, Reading, Scale, Turn
 from rotorid.estimators.likelihood.passage import position_slopes
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.reread import reread
@@ -26,7 +26,7 @@ from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.lines import Lines, Signal
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol
-from rotorid.models.linear import speed_factor
+from rotorid.models.linear import InputTerm, speed_factor
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
 from rotorid.signals.covariance import LineCovariance
@@ -77,19 +77,30 @@ def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
         known = 1.0 if channel.drive is None else channel.drive.ki
         ki, gain = _constant(layout.constant(channel.name, "ki"), known)
         column = linear.coordinates + b.input
-        terms.append(Term(b.row, column, 0, factors + gain + scale, b.coefficient * ki))
-        if channel.drive is None:
-            continue
-        ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
-        for where, share in _displacement(layout, channel):
-            value = b.coefficient * ks * share
-            terms.append(Term(b.row, where, 0, factors + slope + scale, value))
+        for row, lever, arm in _acted_on(layout, b):
+            common, size = factors + scale + lever, b.coefficient * arm
+            terms.append(Term(row, column, 0, common + gain, size * ki))
+            if channel.drive is None:
+                continue
+            ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
+            for where, share in _displacement(layout, channel):
+                terms.append(Term(row, where, 0, common + slope, size * ks * share))
     return [*terms, *_missing_terms(layout, observation), *_sensor_rows(layout, observation)]
 
 
 def _scale(layout: Layout) -> Factors:
     """Return the unknown that all forces have in common, if there is one."""
     return tuple(int(at[0]) for nuisance, at in layout.places() if isinstance(nuisance, Scale))
+
+
+def _acted_on(layout: Layout, term: InputTerm) -> list[tuple[int, Factors, float]]:
+    """Return the rows on which an input acts, with an unknown lever that it has, and its share."""
+    found: list[tuple[int, Factors, float]] = [(term.row, (), 1.0)]
+    for nuisance, at in layout.places():
+        if isinstance(nuisance, Lever) and term.input in nuisance.inputs:
+            row, share = nuisance.arms[term.row]
+            found.append((row, (int(at[0]),), share))
+    return found
 
 
 def _missing_terms(layout: Layout, observation: Observation) -> list[Term]:

@@ -7,8 +7,8 @@ which coordinates are a pair: the same displacement in x and in y.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import combinations
 
@@ -37,6 +37,8 @@ class Candidate:
     rotating : bool
         It needs a rotor that turns.
     loads : sequence of MissingLoad
+    cure : str
+        What to do about it, where that is not to add the term to the model.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Candidate:
     unit: str = "1"
     rotating: bool = False
     loads: tuple[MissingLoad, ...] = ()
+    cure: str = ""
 
     @property
     def nuisance(self) -> Missing:
@@ -88,6 +91,10 @@ class Structure:
         The equation that belongs to each coordinate.
     signs : array, shape (coordinate,)
         The sign with which it is written.
+    lone : sequence of int
+        Coordinates without a partner, on which something may act too.
+    slopes : mapping of int to int
+        The slope of the shaft at a displacement, where a drawing gives it.
     """
 
     springs: tuple[tuple[str, Floats], ...]
@@ -96,6 +103,8 @@ class Structure:
     coordinates: tuple[str, ...]
     rows: Integers
     signs: Floats
+    lone: tuple[int, ...] = ()
+    slopes: Mapping[int, int] = field(default_factory=dict)
 
     def in_rows(self, matrix: Floats) -> Floats:
         """Write a matrix of coordinates in the equations as they stand."""
@@ -137,14 +146,16 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     names = model.parameter_names
     springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
     masses = [(name, p[2]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[2])]
-    pairs = _pairs(masses)
+    pairs = _oriented(model, values, _pairs(masses), order, signs, speed)
+    paired = {k for pair in pairs for k in pair}
     return Structure(
         tuple(springs),
         tuple(masses),
-        tuple(_oriented(model, values, pairs, order, signs, speed)),
+        tuple(pairs),
         model.coordinates,
         order,
         signs,
+        tuple(k for k in range(n) if k not in paired),
     )
 
 
@@ -256,9 +267,8 @@ def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
 def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
     """Return what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
-    single = {k for k in range(n)} - {k for pair in structure.pairs for k in pair}
     found = []
-    for group in (*structure.pairs, *((k,) for k in sorted(single))):
+    for group in (*structure.pairs, *((k,) for k in structure.lone)):
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
         stiff, mass, rate, load = _units_at(units[group[0]])
         one = np.zeros((n, n))
@@ -284,8 +294,13 @@ def _units_at(unit: str) -> tuple[str, str, str, str]:
 
 
 def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
-    """Return a mass halfway between two places of the shaft, each pair of displacements."""
-    n, found = len(structure.coordinates), []
+    """Return a mass halfway between two places of the shaft, each pair of displacements.
+
+    None of a drawing, in which the shaft between two places bends.
+    """
+    n, found = len(structure.coordinates), list[Candidate]()
+    if structure.slopes:
+        return found
     places = [pair for pair in structure.pairs if units[pair[0]] == "m"]
     for one, other in combinations(places, 2):
         heavy = np.zeros((n, n))
@@ -324,9 +339,9 @@ def _constant(
 ) -> Candidate:
     """Return a term from matrices of the coordinates."""
     n = len(structure.coordinates)
-    zero = np.zeros((n, n))
+    zero = np.broadcast_to(0.0, (n, n))
     stiff, damped, gyro, heavy = (
-        structure.in_rows(zero if x is None else x) for x in (k, d, d_speed, m)
+        zero if x is None else structure.in_rows(x) for x in (k, d, d_speed, m)
     )
     turns = d_speed is not None
     return Candidate(name, stiff, zero, damped, gyro, heavy, unit, rotating=turns)

@@ -127,7 +127,9 @@ def _planes(model: Model, reads: dict[str, Floats], structure: Structure) -> Ite
 
 
 def _angles(model: Model, structure: Structure, seen: int) -> list[int]:
-    """Return the angles in the plane of a displacement: those that a spring, or a sensor, ties."""
+    """Return the angles in the plane of a displacement: its slope, or those that a spring ties."""
+    if seen in structure.slopes:
+        return [structure.slopes[seen]]
     angles = [
         k for pair in structure.pairs for k in pair if model.units[model.coordinates[k]] != "m"
     ]

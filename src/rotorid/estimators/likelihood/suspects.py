@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorid.estimate import Suspect
 from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
+from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
 from rotorid.estimators.likelihood.leads import (
     Lead,
@@ -53,6 +54,7 @@ from rotorid.estimators.likelihood.shown_speed import shown_lead
 from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.models import Model
+from rotorid.models.rotor import RotorModel
 from rotorid.observation import Observation
 from rotorid.record import Floats
 
@@ -82,6 +84,8 @@ the cost over its expectation where even the best leaves a misfit."""
 STANDS_OUT = 1e-2
 """A screened cost below this share of that of the records as they are is followed at once: the
 right one leaves a hundred thousandth, wrong ones a tenth and more."""
+INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
+"""What to do about a term that a drawing lacks."""
 EXPLAINS = 0.2
 """Least share of the excess misfit with which a suspect is a lead."""
 
@@ -95,6 +99,7 @@ class Option:
     nuisance: Nuisance | None = None
     prior: str = ""
     mode: ModalRows | None = None
+    cure: str = ""
 
     def value(self, case: Case, point: Point) -> float:
         """Return its size at a point of the case in which it is free."""
@@ -190,7 +195,8 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
         Cost that noise alone would leave.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
-        search = _Search(model, case, structure_of(model, values, case.records), expected)
+        structure = structure_of(model, values, case.records)
+        search = _Search(model, case, values, structure, expected)
         findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
     return Suspicion(suspects, sentence(findings, case.point.cost, expected))
@@ -250,7 +256,8 @@ def structure_of(model: Model, values: Floats, records: Sequence[Observation]) -
     """Return the structure of a model at the fastest speed, where all its values are known."""
     if not np.isfinite(values).all():
         return None
-    return find_structure(model, values, _fastest(records))
+    found = find_structure(model, values, _fastest(records))
+    return drawn_structure(found, model) if found and isinstance(model, RotorModel) else found
 
 
 @dataclass(frozen=True)
@@ -259,6 +266,7 @@ class _Search:
 
     model: Model
     case: Case
+    values: Floats
     structure: Structure | None
     expected: float
 
@@ -309,13 +317,25 @@ class _Search:
         ]
         found = [*(o for o in factors if o.term not in taken), *found]
         if self.structure is not None:
-            units = [self.model.units[name] for name in self.model.coordinates]
-            terms = find_candidates(self.structure, units)
-            still = _fastest(records) == 0
-            found += [
-                Option(t.name, t.unit, t.nuisance) for t in terms if not (t.rotating and still)
-            ]
+            found += self._terms(self.structure)
         return [*found, *self._priors()]
+
+    def _terms(self, structure: Structure) -> list[Option]:
+        """Return the terms that the equations may lack."""
+        model, still = self.model, _fastest(self.case.records) == 0
+        terms = find_candidates(structure, [model.units[name] for name in model.coordinates])
+        found = []
+        if isinstance(model, RotorModel):
+            terms = [replace(term, cure=INTO_THE_FILE) for term in terms]
+            terms += drawn_candidates(structure, model, self.values)
+            for term, name, lever in levers(structure, model):
+                cure = f"correct the place of {name} in the rotor file"
+                found.append(Option(term, "m", lever, cure=cure))
+        return found + [
+            Option(t.name, t.unit, t.nuisance, cure=t.cure)
+            for t in terms
+            if not (t.rotating and still)
+        ]
 
     def _priors(self) -> list[Option]:
         layout = self.case.prepared.layout
@@ -650,7 +670,7 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
         return f"{option.term}{size}", "calibrate what bends over its range, or excite less"
     if isinstance(option.nuisance, Factor):
         return f"{option.term}{size}", "check the channel, or declare it unknown"
-    return f"{option.term}{size}", "add the term to the model"
+    return f"{option.term}{size}", option.cure or "add the term to the model"
 
 
 def sentence(findings: Sequence[Finding], cost: float, expected: float) -> str:

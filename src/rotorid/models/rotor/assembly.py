@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from rotorid.models.rotor.drawing import Rotor
-from rotorid.models.rotor.elements import PLANES, both_planes, turned
+from rotorid.models.rotor.drawing import Rotor, Section
+from rotorid.models.rotor.elements import PLANES, Beam, both_planes, turned
 from rotorid.models.rotor.quantity import SPEED, Factors, Quantity
 from rotorid.record import Floats
 
@@ -81,7 +82,8 @@ class _Gatherer:
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
     """Return the matrices of a rotor, in the coordinates of its nodes."""
     gathered = _Gatherer(PLANES * len(rotor.nodes))
-    _add_shaft(gathered, rotor)
+    for span in rotor.spans():
+        _add_element(gathered, rotor, *span)
     for disc in rotor.discs.values():
         first = PLANES * rotor.node(disc.at)
         gathered.add(disc.mass, 2, first, np.diag([1.0, 1.0, 0.0, 0.0]))
@@ -102,23 +104,39 @@ def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
 _SPEED = Quantity(((((SPEED, 1),), 1.0),))
 
 
-def _add_shaft(gathered: _Gatherer, rotor: Rotor) -> None:
-    """Add the elements, with the damping of the shaft."""
-    turn = turned(2)
+def _add_element(
+    gathered: _Gatherer, rotor: Rotor, node: int, section: Section, beam: Beam
+) -> None:
+    """Add an element of the shaft, with its damping."""
+    first = PLANES * node
+    _add_elastic(gathered, rotor, first, section, beam)
+    mass = both_planes(beam.translation() + beam.rotation())
+    gathered.add(section.density, 2, first, mass)
+    gathered.add(section.density.times(rotor.external), 1, first, mass)
+    polar = both_planes(2 * beam.rotation()) @ turned(2)
+    gathered.add(section.density.times(_SPEED), 1, first, polar)
+
+
+def _add_elastic(
+    gathered: _Gatherer, rotor: Rotor, first: int, section: Section, beam: Beam
+) -> None:
+    """Add the stiffness of an element, with the damping that goes with it."""
+    stiffness = both_planes(beam.stiffness()) / section.modulus
+    elastic = section.E.times(section.stiffness)
+    gathered.add(elastic, 0, first, stiffness)
+    spun = elastic.times(rotor.internal)
+    gathered.add(spun, 1, first, stiffness)
+    gathered.add(spun.times(_SPEED), 0, first, stiffness @ turned(2))
+    gathered.add(elastic.times(rotor.structural), 0, first, stiffness, structural=True)
+
+
+def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]:
+    """Return what some elements of the shaft, by their left nodes, add by their stiffness."""
+    gathered = _Gatherer(PLANES * len(rotor.nodes))
     for node, section, beam in rotor.spans():
-        first = PLANES * node
-        stiffness = both_planes(beam.stiffness()) / section.modulus
-        elastic = section.E.times(section.stiffness)
-        gathered.add(elastic, 0, first, stiffness)
-        spun = elastic.times(rotor.internal)
-        gathered.add(spun, 1, first, stiffness)
-        gathered.add(spun.times(_SPEED), 0, first, stiffness @ turn)
-        gathered.add(elastic.times(rotor.structural), 0, first, stiffness, structural=True)
-        mass = both_planes(beam.translation() + beam.rotation())
-        gathered.add(section.density, 2, first, mass)
-        gathered.add(section.density.times(rotor.external), 1, first, mass)
-        polar = both_planes(2 * beam.rotation()) @ turn
-        gathered.add(section.density.times(_SPEED), 1, first, polar)
+        if node in elements:
+            _add_elastic(gathered, rotor, PLANES * node, section, beam)
+    return gathered.pieces()
 
 
 def loads_of(rotor: Rotor) -> tuple[Load, ...]:

@@ -20,6 +20,8 @@ as short as that would have no stiffness that double precision holds."""
 
 AXES = ("x", "y", "theta_x", "theta_y")
 """Coordinates of a place, before its name."""
+ENDS = ("left_end", "right_end")
+"""Names of the shaft's ends where no place with a name stands there."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,8 @@ class Rotor:
 
     def _place(self, number: int, position: float) -> Place:
         names = [n for n, at in self.places.items() if abs(at - position) <= self._near]
+        if not names and (position <= self._near or position >= self.length - self._near):
+            names = [ENDS[number > 0]]
         return Place(position, tuple(names) or (f"node{number}",), bool(names))
 
     @cached_property

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field
 
 from rotorid.errors import ModelError
 from rotorid.models.names import ParameterEntry, check_names
-from rotorid.models.rotor.drawing import Disc, Rotor, Section, Support, Unbalance
+from rotorid.models.rotor.drawing import ENDS, Disc, Rotor, Section, Support, Unbalance
 from rotorid.models.rotor.mesh import divided
 from rotorid.models.rotor.quantity import Quantity, read_quantity
 from rotorid.toml import Schema
@@ -281,10 +281,11 @@ def _check_places(rotor: Rotor, entry: RotorFile) -> None:
         check_names({table: getattr(entry, table)})
         for name, member in getattr(entry, table).items():
             place = f"{table}.{name}"
-            if name.startswith("node"):
+            if name.startswith("node") or name in ENDS:
                 raise ModelError(
                     f"the place {name!r}",
-                    "a name that no node has: node1, node2 are those without a name",
+                    "a name that no node has: node1, node2 are those without a name, left_end and "
+                    "right_end the ends",
                     "rename it",
                     place=place,
                 )

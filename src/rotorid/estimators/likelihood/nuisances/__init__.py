@@ -16,7 +16,12 @@ from rotorid.estimators.likelihood.nuisances.delay import CommonDelay, Delay
 from rotorid.estimators.likelihood.nuisances.force_law import CurrentGain, DisplacementGain
 from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.law_constant import Knee, LawConstant
-from rotorid.estimators.likelihood.nuisances.missing import Missing, MissingEntry, MissingLoad
+from rotorid.estimators.likelihood.nuisances.missing import (
+    Lever,
+    Missing,
+    MissingEntry,
+    MissingLoad,
+)
 from rotorid.estimators.likelihood.nuisances.multiplier import Multiplier
 from rotorid.estimators.likelihood.nuisances.own import Own
 from rotorid.estimators.likelihood.nuisances.phase import Phase
@@ -31,6 +36,7 @@ __all__ = [
     "Factor",
     "Knee",
     "LawConstant",
+    "Lever",
     "Missing",
     "MissingEntry",
     "MissingLoad",

@@ -5,7 +5,7 @@ No setting asks for these: they are freed one at a time, to see what they explai
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -62,4 +62,30 @@ class Missing(Nuisance):
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
         """Return none: a record alone does not say what its machine may miss."""
+        return []
+
+
+@dataclass(frozen=True)
+class Lever(Nuisance):
+    """An actuator beside the place that the model gives it: its forces act on the slope too.
+
+    Parameters
+    ----------
+    arms : mapping of int to (int, float)
+        For each row that a force of it acts on, the row of the slope there, and its share of the
+        force for a lever of 1 m.
+    inputs : set of int
+    """
+
+    arms: Mapping[int, tuple[int, float]]
+    inputs: frozenset[int]
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return none: no setting asks for one."""
+        return []
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return none: only a drawing says where the slope is."""
         return []
