@@ -22,7 +22,8 @@ from rotorid.record import Floats
 
 def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
     """Return the structure of a drawing's model: pairs are those of its places and ends."""
-    pairs, slopes = [], {}
+    pairs: list[tuple[int, int]] = []
+    slopes: dict[int, int] = {}
     for number, node in enumerate(model.rotor.nodes):
         x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
         slopes |= {x: around_y, y: around_x}

@@ -35,12 +35,14 @@ from rotorid.estimators.likelihood.mode_leads import mode_mistakes
 from rotorid.estimators.likelihood.nuisances import (
     Bend,
     Constant,
+    Delay,
     Factor,
     Knee,
     LawConstant,
     Multiplier,
     Nuisance,
     Reading,
+    Response,
     every_nuisance,
 )
 from rotorid.estimators.likelihood.nuisances.gain import Gain
@@ -234,7 +236,8 @@ def speed_shown(case: Case) -> Suspicion | None:
         return None
     expected = infer(point, point.problem.exact).expectation.mean
     here = assembled(case.prepared, records).best_at(case.point.unknowns)
-    search = _Search(case.prepared.layout.model, replace(case, point=here), None, expected)
+    model = case.prepared.layout.model
+    search = _Search(model, replace(case, point=here), np.zeros(0), None, expected)
     found = search.undone(lead, point)
     if not search.explained(found):
         return None
@@ -262,7 +265,7 @@ def structure_of(model: Model, values: Floats, records: Sequence[Observation]) -
 
 @dataclass(frozen=True)
 class _Search:
-    """Tries candidates on one estimate."""
+    """Tries candidates on one estimate, `values` being its physical parameters."""
 
     model: Model
     case: Case
@@ -324,18 +327,28 @@ class _Search:
         """Return the terms that the equations may lack."""
         model, still = self.model, _fastest(self.case.records) == 0
         terms = find_candidates(structure, [model.units[name] for name in model.coordinates])
-        found = []
         if isinstance(model, RotorModel):
             terms = [replace(term, cure=INTO_THE_FILE) for term in terms]
-            terms += drawn_candidates(structure, model, self.values)
-            for term, name, lever in levers(structure, model):
-                cure = f"correct the place of {name} in the rotor file"
-                found.append(Option(term, "m", lever, cure=cure))
-        return found + [
+        found = [
             Option(t.name, t.unit, t.nuisance, cure=t.cure)
             for t in terms
             if not (t.rotating and still)
         ]
+        return [*found, *self._drawn()]
+
+    def _drawn(self) -> list[Option]:
+        """Return what may be otherwise than a drawing has it."""
+        model, structure = self.model, self.structure
+        if structure is None or not isinstance(model, RotorModel):
+            return []
+        found = [
+            Option(t.name, t.unit, t.nuisance, cure=t.cure)
+            for t in drawn_candidates(structure, model, self.values)
+        ]
+        for term, name, lever in levers(structure, model):
+            cure = f"correct the place of {name} in the rotor file"
+            found.append(Option(term, "m", lever, cure=cure))
+        return found
 
     def _priors(self) -> list[Option]:
         layout = self.case.prepared.layout
@@ -461,6 +474,14 @@ class _Search:
             for lead in leads:
                 yield prepared, lead.undo(records), partial(self.followed, lead)
 
+        def drawn() -> Iterator[_Trial]:
+            for option in self._drawn():
+                yield (
+                    option.free(self.case).prepared,
+                    records,
+                    partial(self.freed, option, far=True),
+                )
+
         def factors() -> Iterator[_Trial]:
             for name, start in typical_factors(records[0]).items():
                 option = Option(f"gain[{name}]", "1", Multiplier.of(name, [name], start))
@@ -469,6 +490,7 @@ class _Search:
                     yield option.free(self.case).prepared, records, follow
 
         yield undone(response_leads(records))
+        yield drawn()
         yield undone(single)
         yield factors()
         yield undone(several)
@@ -523,6 +545,8 @@ class _Search:
         if free is None:
             return []
         value = free.suspect.value
+        if isinstance(option.nuisance, Delay):
+            return [free, *self.lagging(option.nuisance, free)]
         exact = snap(value) if isinstance(option.nuisance, Multiplier) and value else None
         if exact is None or exact == 1.0:
             return [free]
@@ -533,6 +557,21 @@ class _Search:
         if exact < 0 and exact != -1.0:
             lead = replace(lead, term=option.term)
         return [free, *self.followed(lead)]
+
+    def lagging(self, delay: Delay, free: Finding) -> list[Finding]:
+        """Try a bandwidth in place of a delay that leaves a misfit: at first they look alike."""
+        value, inputs = free.suspect.value or 0.0, set(self.model.inputs)
+        actuator = delay.channels <= inputs
+        late = value < 0 if actuator else value > 0 and not delay.channels & inputs
+        if not late or free.left < self.expected + ALIKE:
+            return []
+        label = next(iter(delay.channels))
+        if len(delay.channels) > 1:
+            label = "force" if actuator else "position"
+        lag = Response.undeclared(label, delay.channels, abs(value), actuator=actuator)
+        cure = "declare it: dynamics = { bandwidth = .. } of the channels"
+        found = self.refitted(Option(_term(lag), "Hz", lag, cure=cure))
+        return [found] if found is not None else []
 
     def speeds(self) -> list[float]:
         """Return the speeds of the nearest line and of the worst, which may be the rotor's own."""
@@ -669,7 +708,7 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     if isinstance(option.nuisance, Bend):
         return f"{option.term}{size}", "calibrate what bends over its range, or excite less"
     if isinstance(option.nuisance, Factor):
-        return f"{option.term}{size}", "check the channel, or declare it unknown"
+        return f"{option.term}{size}", option.cure or "check the channel, or declare it unknown"
     return f"{option.term}{size}", option.cure or "add the term to the model"
 
 

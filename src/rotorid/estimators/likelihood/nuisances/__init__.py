@@ -33,6 +33,7 @@ from rotorid.observation import Observation
 __all__ = [
     "Bend",
     "Constant",
+    "Delay",
     "Factor",
     "Knee",
     "LawConstant",
@@ -45,6 +46,7 @@ __all__ = [
     "Nuisances",
     "Own",
     "Reading",
+    "Response",
     "Scale",
     "Turn",
     "Unknown",

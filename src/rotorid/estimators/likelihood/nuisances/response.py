@@ -8,10 +8,13 @@ from typing import Self
 
 import numpy as np
 
-from rotorid.dynamics import UNKNOWN, Dynamics
+from rotorid.dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
 from rotorid.estimators.likelihood.nuisances.base import Factor, Nuisances, Unknown, all_channels
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
+
+FLAT = 1e15
+"""Bandwidth in Hz of what has none: of light."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,16 @@ class Response(Factor):
             replace(found, unknowns=tuple(replace(u, std=None) for u in found.unknowns))
             for found in cls.asked(records, Nuisances())
         ]
+
+    @classmethod
+    def undeclared(
+        cls, label: str, channels: frozenset[str], lag: float, *, actuator: bool
+    ) -> Self:
+        """Return the bandwidth of channels that are said to have none, from a delay alike in s."""
+        dynamics = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
+        start = 1 / (2 * np.pi * lag)
+        unknown = Unknown(f"bandwidth[{label}]", "Hz", start, nuisance=True, positive=True)
+        return cls((unknown,), channels, dynamics)
 
     def factor(self, values: Floats, omega: Floats) -> Complexes:
         """H over the H that the lines are corrected for, or one over it for a sensor."""
