@@ -70,10 +70,10 @@ def reduced(
     smaller = model.reduced(reads, omega, speed, values, share if share > SMALLEST else 0.0)
     if smaller is model:
         return Reduced(tuple(records), share)
-    return Reduced(tuple(_moved(r, smaller) for r in records), share)
+    return Reduced(tuple(moved(r, smaller) for r in records), share)
 
 
-def _moved(record: Observation, model: Model) -> Observation:
+def moved(record: Observation, model: Model) -> Observation:
     """Return a record bound to a model with the same channels and other coordinates."""
     return replace(bind(model, record.lines), periodic=record.periodic, own=record.own)
 
@@ -88,8 +88,8 @@ def shift_by_reduction(point: Point, covariance: Floats, records: Sequence[Obser
     known = np.zeros(len(point.known))
     change = point.jacobian.T @ np.concatenate([*parts, known])
     std = np.sqrt(np.diag(covariance).clip(0))
-    moved = covariance @ change
-    return float(np.max(np.abs(moved[std > 0]) / std[std > 0], initial=0.0))
+    shift = covariance @ change
+    return float(np.max(np.abs(shift[std > 0]) / std[std > 0], initial=0.0))
 
 
 def _change(at: Evaluation, record: Observation, point: Point, number: int) -> Floats:

@@ -25,6 +25,7 @@ from rotorid.estimators.likelihood.suspects import (
     by_lines,
     find_suspects,
     on_fewer_lines,
+    on_whole_rotor,
     speed_shown,
 )
 from rotorid.estimators.prediction import relative_errors
@@ -150,7 +151,8 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
         return told
     few, exact = on_fewer_lines(case, expected), ""
     case, expected = (case, expected) if few is None else few
-    found = find_suspects(model, physical_at(model, fit), case, expected)
+    case, expected = on_whole_rotor(case, expected)
+    found = find_suspects(case.prepared.layout.model, physical_at(model, fit), case, expected)
     if any(record.lines.covariance.kind == "inputs" for record in fit.records):
         exact = (
             "; but the inputs were taken as free of noise, and in closed loop that alone gives "

@@ -49,12 +49,14 @@ from rotorid.estimators.likelihood.nuisances.gain import Gain
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.reduction import moved
 from rotorid.estimators.likelihood.refits import Case, assembled, minimized, screened
 from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.estimators.likelihood.shown_speed import shown_lead
 from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.estimators.likelihood.thinning import thinned
+from rotorid.estimators.likelihood.unknowns import physical_factors
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.observation import Observation
@@ -86,6 +88,11 @@ the cost over its expectation where even the best leaves a misfit."""
 STANDS_OUT = 1e-2
 """A screened cost below this share of that of the records as they are is followed at once: the
 right one leaves a hundred thousandth, wrong ones a tenth and more."""
+LARGEST = 4e7
+"""Lines times the cube of the coordinates with which the whole of a reduced rotor is searched: each
+of some hundred refits takes some tenths of a second."""
+FEWEST = 20
+"""Lines that tell one mistake of a drawing from another, at the least."""
 INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
 """What to do about a term that a drawing lacks."""
 EXPLAINS = 0.2
@@ -219,6 +226,25 @@ def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
     mean = infer(point, point.problem.exact).expectation.mean
     found = Case(case.prepared, tuple(fewer), point)
     return (found, mean) if point.cost > PLAIN * max(mean, 1.0) else None
+
+
+def on_whole_rotor(case: Case, expected: float) -> tuple[Case, float]:
+    """Return a case on the whole rotor where it was reduced, as there are places on that alone.
+
+    On as many lines as that bears; a rotor of more coordinates stays as it is.
+    """
+    model = case.prepared.layout.model
+    whole = model.whole if isinstance(model, RotorModel) else None
+    if whole is None or (cubed := len(whole.coordinates) ** 3) > LARGEST / FEWEST:
+        return case, expected
+    records = tuple(moved(record, whole) for record in case.records)
+    records = tuple(thinned(records, int(LARGEST / cubed)) or records)
+    layout = replace(case.prepared.layout, model=whole, monomial_factors=physical_factors(whole))
+    prepared = replace(case.prepared, layout=layout)
+    point = minimized(prepared, records, case.point.unknowns, (0.0,))
+    if point is None:
+        return case, expected
+    return Case(prepared, records, point), infer(point, point.problem.exact).expectation.mean
 
 
 def speed_shown(case: Case) -> Suspicion | None:

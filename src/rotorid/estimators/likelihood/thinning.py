@@ -22,18 +22,18 @@ WORTH = 2
 """Times as many lines from which on some are left out."""
 
 
-def thinned(records: Sequence[Observation]) -> list[Observation] | None:
+def thinned(records: Sequence[Observation], few: int = FEW) -> list[Observation] | None:
     """Return the records with fewer lines; None where they have few."""
-    found = [_thinned(record) for record in records]
+    found = [_thinned(record, few) for record in records]
     same = all(new is old for new, old in zip(found, records, strict=True))
     return None if same else found
 
 
-def _thinned(record: Observation) -> Observation:
+def _thinned(record: Observation, few: int) -> Observation:
     lines = record.lines
-    if len(lines.frequency) <= WORTH * FEW or not isinstance(lines.clock, WholeClock):
+    if len(lines.frequency) <= WORTH * few or not isinstance(lines.clock, WholeClock):
         return record
-    chosen = _chosen(record)
+    chosen = _chosen(record, few)
     clock = replace(lines.clock, lines_kept=lines.clock.lines_kept[chosen])
     covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
     return record.with_lines(
@@ -50,12 +50,12 @@ def _thinned(record: Observation) -> Observation:
     )
 
 
-def _chosen(record: Observation) -> Integers:
+def _chosen(record: Observation, few: int) -> Integers:
     """Return the strongest lines, in units of their noise, and others evenly spaced."""
     lines = record.lines
     noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real
     power = np.abs(lines.mean) ** 2
     strength = (power / np.where(noise > 0, noise, 1.0)).sum(axis=1)
-    strongest = np.argsort(-strength)[: FEW // 2]
-    spaced = np.linspace(0, len(strength) - 1, FEW - FEW // 2).round().astype(np.int64)
+    strongest = np.argsort(-strength)[: few // 2]
+    spaced = np.linspace(0, len(strength) - 1, few - few // 2).round().astype(np.int64)
     return np.unique(np.concatenate([strongest, spaced]))
