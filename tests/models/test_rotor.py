@@ -17,7 +17,6 @@ from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.models.modal import eigenmodes
-from rotorid.models.rotor.changes import added_inertia, added_mass, shifted, stiffer_section
 from rotorid.models.rotor.elements import Beam
 from rotorid.models.rotor.inertia import inertia
 from rotorid.models.rotor.mesh import bending
@@ -369,33 +368,6 @@ def test_a_wrong_drawing_is_refused_in_one_line(one, other, told):
         rid.parse_model(text, file="flexible.toml")
     assert str(caught.value).startswith("flexible.toml: ")
     assert "\n" not in str(caught.value)
-
-
-def test_changes_of_a_drawing_are_the_derivatives_of_its_matrices():
-    text = FLEXIBLE.read_text(encoding="utf-8")
-    model = rid.load_model("flexible")
-    at = model.require_linear().matrices(model.values(model.nominal))
-    section = '{ length = "150 mm", outer = "20 mm", material = "steel"'
-    changed = rid.parse_model(text.replace(section, section + ", stiffness = 1.3, elements = 3", 1))
-    m = changed.require_linear().matrices(changed.values(changed.nominal))
-    change = stiffer_section(model, 4, model.nominal)
-    size = np.abs(at.K).max()
-    np.testing.assert_allclose(m.K - at.K, 0.3 * change.stiffness, atol=1e-9 * size)
-    end = len(model.rotor.nodes) - 1
-    assert added_mass(model, end).name == "mass at the right end"
-    heavier = rid.parse_model(
-        text.replace(
-            "[discs]", '[discs]\nend = { at = "530 mm", mass = "0.025 kg", I_t = "1e-5 kg m^2" }'
-        )
-    )
-    m = heavier.require_linear().matrices(heavier.values(heavier.nominal))
-    added = 0.025 * added_mass(model, end).mass + 1e-5 * added_inertia(model, end).mass
-    np.testing.assert_allclose(m.M - at.M, added, atol=1e-12)
-    # A sensor 1 um further right, on a shaft that is bent and tilted as a rigid one.
-    tilt = {"x_a": 0.115, "theta_y_a": 1.0, "y_a": -0.115, "theta_x_a": 1.0}
-    for name, moved in (("x_a", 1e-6), ("y_a", -1e-6)):
-        gained = shifted(model, {name: 1.0})
-        assert sum(tilt[q] * share for q, share in gained.items()) * 1e-6 == moved
 
 
 def test_a_rotor_is_drawn_with_what_stands_on_it():

@@ -1,0 +1,149 @@
+"""What the drawing of a rotor lacks is named first, with its size."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+import rotorid.models
+from rotorid.estimators.likelihood import suspects
+from rotorid.estimators.likelihood.candidates import find_structure
+from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure
+from rotorid.rig.lines import add_noise, line_record
+from rotorid.signals.spectrum import synthesize
+
+FLEXIBLE = (Path(rotorid.models.__file__).parent / "library" / "flexible.toml").read_text(
+    encoding="utf-8"
+)
+SENSORS = ["x_a", "y_a", "x_b", "y_b"]
+LIGHT = '{name} = {{ at = "{at}", mass = "25 g", I_t = "0 kg m^2", I_p = "0 kg m^2" }}\n'
+
+
+def recorded(text, *, lines=range(3, 93, 3), bandwidth=None):
+    """Return a record of a drawing; the columns of the forces are those before the amplifier."""
+    rng, model = np.random.default_rng(5), rid.parse_model(text)
+    forces = 20 * np.exp(2j * np.pi * rng.random((len(lines), len(model.inputs))))
+    record = line_record(
+        model,
+        model.values(model.nominal),
+        forces,
+        harmonics=list(lines),
+        fundamental=10.0,
+        sample_rate=20000.0,
+        periods=20,
+        speed=2 * np.pi * 120,
+        sensors=SENSORS,
+    )
+    if bandwidth is not None:
+        lead = 1 + 1j * record.fundamental * record.harmonics / bandwidth
+        spectra = record.spectra.copy()
+        spectra[:, :, :4] *= lead[:, None]
+        mean = synthesize(spectra.mean(axis=0), record.harmonics, record.samples)
+        record = replace(record, spectra=spectra, mean=mean)
+    noise = dict.fromkeys(model.inputs, 0.5) | dict.fromkeys(SENSORS, 1e-6)
+    return add_noise(record, noise, rng)
+
+
+def first_suspect(text, **more):
+    """Return the first suspect of a record of one drawing, estimated by the shipped one."""
+    fits = {"s_A": 1.0, "s_B": 1.0}
+    estimate = rid.identify(
+        rid.load_model("flexible"), recorded(text, **more), rid.MaximumLikelihood(fixed=fits)
+    )
+    assert estimate.status == "rejected"
+    return estimate.suspects[0], estimate
+
+
+def with_disc(at):
+    return FLEXIBLE.replace("[discs]\n", "[discs]\n" + LIGHT.format(name="extra", at=at))
+
+
+def test_a_mass_at_one_end_of_the_shaft():
+    first, estimate = first_suspect(with_disc("530 mm"))
+    assert first.term == "mass at x_right_end, y_right_end"
+    assert first.value == pytest.approx(0.025, rel=0.02)
+    assert any("add it to the rotor file" in text for text in estimate.warnings)
+
+
+@pytest.mark.slow
+def test_a_mass_at_the_other_end():
+    assert first_suspect(with_disc("0 mm"))[0].term == "mass at x_left_end, y_left_end"
+
+
+@pytest.mark.slow
+def test_a_section_that_is_stiffer_than_drawn():
+    text = FLEXIBLE.replace(
+        'length = "30 mm", outer = "30 mm", material = "steel"',
+        'length = "30 mm", outer = "30 mm", material = "steel", stiffness = "1.3"',
+    )
+    first, _ = first_suspect(text)
+    assert first.term == "stiffness section 4"
+    assert first.value == pytest.approx(0.3, abs=0.1)
+
+
+@pytest.mark.slow
+def test_sensors_beside_the_place_where_they_are_drawn():
+    first, _ = first_suspect(FLEXIBLE.replace('a = { at = "115 mm" }', 'a = { at = "119 mm" }'))
+    assert first.term == "plane[x_a, y_a]"
+    assert first.value == pytest.approx(4e-3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_an_actuator_beside_the_place_where_it_is_drawn():
+    text = FLEXIBLE.replace('A = { at = "70 mm" }', 'A = { at = "74 mm" }')
+    first, estimate = first_suspect(text)
+    assert first.term == "plane[F_xA, F_yA]"
+    assert first.value == pytest.approx(4e-3, rel=0.05)
+    assert any("correct the place of A in the rotor file" in w for w in estimate.warnings)
+
+
+@pytest.mark.slow
+def test_amplifiers_slower_than_said():
+    first, _ = first_suspect(FLEXIBLE, bandwidth=800.0)
+    assert first.term == "bandwidth[force]"
+    assert first.value == pytest.approx(800, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_reduced_rotor_is_searched_as_a_whole(monkeypatch):
+    monkeypatch.setattr("rotorid.models.rotor.reduction.WORTH", 1e6)
+    monkeypatch.setattr(suspects, "LARGEST", 4e7)
+    assert first_suspect(with_disc("530 mm"))[0].term == "mass at x_right_end, y_right_end"
+
+
+def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
+    text = (
+        FLEXIBLE.replace(
+            'length = "30 mm", outer = "30 mm", material = "steel"',
+            'length = "30 mm", outer = "30 mm", material = "steel", stiffness = "s_M"',
+        )
+        + 's_M = { unit = "1", nominal = 1.0 }\n'
+    )
+    model, speed = rid.parse_model(text), 700.0
+    values = model.values(model.nominal)
+    structure = drawn_structure(find_structure(model, values, speed), model)
+    terms = {t.name: t for t in drawn_candidates(structure, model, values)}
+    stiffer = model.values(model.nominal | {"s_M": 2.0})
+    one, other = (model.require_linear().matrices(v, speed) for v in (values, stiffer))
+    found = terms["stiffness section 4"]
+    size = np.abs(one.K).max()
+    np.testing.assert_allclose(
+        found.k + speed * found.k_speed, other.K - one.K, rtol=1e-9, atol=1e-12 * size
+    )
+    np.testing.assert_allclose(found.d, other.D - one.D, rtol=1e-9, atol=1e-18 * size)
+    parts = [t for name, t in terms.items() if name.startswith("stiffness section")]
+    np.testing.assert_allclose(
+        sum(t.k for t in parts), terms["stiffness shaft"].k, atol=1e-9 * size
+    )
+    assert len(parts) == len(model.rotor.sections)
+    assert len([name for name in terms if name.startswith("stiffness joint")]) == len(parts) - 1
+
+
+def test_the_ends_of_a_shaft_have_names():
+    model = rid.load_model("flexible")
+    assert {"x_left_end", "theta_y_right_end"} <= set(model.coordinates)
+    taken = FLEXIBLE.replace("[discs]\n", "[discs]\n" + LIGHT.format(name="left_end", at="9 mm"))
+    with pytest.raises(rid.ModelError, match="left_end and right_end the ends"):
+        rid.parse_model(taken)
