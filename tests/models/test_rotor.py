@@ -301,7 +301,8 @@ def test_the_page_of_a_rotor_shows_its_drawing_and_its_mass(capsys):
     page = capsys.readouterr().out
     assert "D disc, A actuator, s sensor, u unbalance" in page
     assert "4.1668 kg" in page
-    assert "255  wheel  disc, unbalance" in page
+    assert "255  wheel      disc, unbalance" in page
+    assert "530  right_end" in page
 
 
 def test_mass_and_inertia_of_a_cylinder():

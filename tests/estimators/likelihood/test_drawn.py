@@ -96,7 +96,7 @@ def test_an_actuator_beside_the_place_where_it_is_drawn():
     first, estimate = first_suspect(text)
     assert first.term == "plane[F_xA, F_yA]"
     assert first.value == pytest.approx(4e-3, rel=0.05)
-    assert any("correct the place of A in the rotor file" in w for w in estimate.warnings)
+    assert any("give A in the rotor file the place" in w for w in estimate.warnings)
 
 
 @pytest.mark.slow

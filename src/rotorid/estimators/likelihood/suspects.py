@@ -372,7 +372,7 @@ class _Search:
             for t in drawn_candidates(structure, model, self.values)
         ]
         for term, name, lever in levers(structure, model):
-            cure = f"correct the place of {name} in the rotor file"
+            cure = f"give {name} in the rotor file the place (at) where it acts"
             found.append(Option(term, "m", lever, cure=cure))
         return found
 
