@@ -189,7 +189,7 @@ MISTAKES = (
         ("position[F_x1]",),
     ),
     Mistake(THREE, "current x1 for x3 too", put('"i_x3"', '"i_x1"'), ("copied",)),
-    Mistake(THREE, "column x2 for x1 too", put('column = "x1"', 'column = "x2"'), ("copied",)),
+    Mistake(THREE, "column x2 for x1 too", put('column = "x1"', 'column = "x2"'), ("copied", "x1")),
     Mistake(RIGID, "sensors xa and ya swapped", swap("s_xa", "s_ya"), ("swap[s_xa, s_ya]",)),
     Mistake(RIGID, "sensors xa and xb swapped", swap("s_xa", "s_xb"), ("swap[s_xa, s_xb]",)),
     Mistake(RIGID, "currents xa and ya swapped", swap("i_xa", "i_ya"), ("swap[F_xa, F_ya]",)),

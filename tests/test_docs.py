@@ -49,7 +49,8 @@ def resolve(name: str) -> object:
 def test_links_lead_to_files(page: Path) -> None:
     targets = LINK.findall(page.read_text(encoding="utf-8"))
     inner = [target for target in targets if "://" not in target]
-    missing = [target for target in inner if not (page.parent / target).exists()]
+    made = {t: ROOT / "examples" / Path(t).with_suffix(".py") for t in inner}  # by the gallery
+    missing = [t for t in inner if not ((page.parent / t).exists() or made[t].exists())]
     assert not missing
 
 

@@ -101,7 +101,7 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         elif what == "hang":
             os.read(os.pipe()[0], 1)
         elif what == "slow":
-            sum(range(30_000_000))
+            sum(range(100_000_000))
         elif what == "memory":
             bytearray(b"a") * (2 * harness.BYTES)
         elif what == "file":

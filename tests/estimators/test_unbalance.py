@@ -61,9 +61,9 @@ def truth_of(problem) -> rid.Estimate:
 def test_what_is_not_told_has_no_unbalance():
     model, estimate = made("three-mass", 1e-3)
     unknown = tuple(rid.Value(v.name, v.unit, np.nan) for v in estimate.parameters)
-    assert unbalance_of(model, estimate.with_(parameters=unknown)) == ()
+    assert unbalance_of(model, estimate.with_(parameters=unknown, status="not_converged")) == ()
     assert unbalance_of(model, estimate.with_(parameters=estimate.parameters[1:])) == ()
-    bare = estimate.with_(covariance=np.full((13, 13), np.nan))
+    bare = estimate.with_(covariance=np.full((13, 13), np.nan), status="not_identifiable")
     assert unbalance_of(model, bare)[0].std is None
     emps = rid.load_model("emps")
     values = tuple(rid.Value(p.name, p.unit, p.nominal, 1.0) for p in emps.parameters)

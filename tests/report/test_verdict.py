@@ -27,7 +27,9 @@ def channel(name: str, away: float, noise: float, unit: str = "N") -> ChannelEvi
 
 
 def shown(*channels: ChannelEvidence) -> Evidence:
-    return Evidence((RecordEvidence("run.h5", "periods", channels=channels),))
+    return Evidence(
+        (RecordEvidence("run.h5", "periods", frequency_hz=(10.0, 20.0), channels=channels),)
+    )
 
 
 def test_decisions() -> None:

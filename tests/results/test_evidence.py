@@ -189,7 +189,9 @@ def test_an_answer_left_open_shows_what_was_measured(
 ) -> None:
     estimate = rid.identify(model, few, "ls")
     first, *others = estimate.parameters
-    lost = estimate.with_(parameters=(replace(first, value=float("nan")), *others))
+    lost = estimate.with_(
+        parameters=(replace(first, value=float("nan")), *others), status="not_identifiable"
+    )
     (shown,) = record_evidence(lost, model, [few])
     assert not any(channel.predicted for channel in shown.channels)
     assert all(channel.measured and channel.noise for channel in shown.channels)

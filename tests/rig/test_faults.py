@@ -112,8 +112,9 @@ def test_faults_through_the_command(tmp_path: Path) -> None:
     rig.write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
     for name, more in (("plain", []), ("faulty", ["--fault", "unit", "--fault", "nan=2"])):
         assert run(["simulate", str(rig), "--out", str(tmp_path / f"{name}.h5"), *more]) == 0
-    plain = (tmp_path / "plain.toml").read_text().replace("plain", "faulty")
-    assert (tmp_path / "faulty.toml").read_text() == plain
+    plain, faulty = ((tmp_path / f"{n}.toml").read_text() for n in ("plain", "faulty"))
+    body = [line for line in plain.replace("plain", "faulty").splitlines() if line[:1] != "#"]
+    assert [line for line in faulty.splitlines() if line[:1] != "#"] == body
     with h5py.File(tmp_path / "plain.h5") as one, h5py.File(tmp_path / "faulty.h5") as other:
         assert np.isnan(other["x1"][:]).sum() == 2
         np.testing.assert_allclose(np.nanmax(other["x1"][:] * 25.4), one["x1"][:].max())

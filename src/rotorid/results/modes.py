@@ -162,7 +162,7 @@ def modes(
     >>> import rotorid as rid
     >>> found = rid.modes(rid.load_model("three-mass"), speed="8400 rpm")
     >>> [round(mode.frequency_hz, 2) for mode in found.modes[:3]], found.modes[0].whirl
-    ([175.53, 175.53, 340.32], 'planar')
+    ([36.85, 175.53, 175.53], 'forward')
     """
     machine = machine_of(source, record)
     omega = finite_speed(speed)

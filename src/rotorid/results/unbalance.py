@@ -67,7 +67,7 @@ def unbalance_response(
     >>> import rotorid as rid
     >>> found = rid.unbalance_response(rid.load_model("jeffcott"), "3000 rpm")
     >>> f"{abs(found.motion[0, 0]) * 1e6:.1f} um"
-    '22.2 um'
+    '21.8 um'
     """
     if isinstance(speeds, str):
         speeds = finite_speed(speeds)

@@ -687,9 +687,12 @@ def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
 
 
 def _standing(finding: Finding) -> int:
-    """Return 0 for a known value, 1 for a term, 2 for data left out, which explains nothing."""
-    term = finding.suspect.term
-    return 0 if term.startswith("prior ") else 2 if term.startswith("line ") else 1
+    """Return 0 for a known value, 1 for a term, 3 for data left out, which explains nothing.
+
+    A bandwidth, 2, comes after the delay that it looks like.
+    """
+    kinds = {"prior ": 0, "bandwidth[": 2, "line ": 3}
+    return next((n for kind, n in kinds.items() if finding.suspect.term.startswith(kind)), 1)
 
 
 def _too_much(finding: Finding) -> bool:
