@@ -7,7 +7,7 @@ import mmap
 import struct
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.files import open_regular
+from rotorid.io.child import in_child
 from rotorid.io.clock import even_rate
 from rotorid.io.table import (
     Column,
@@ -48,6 +49,11 @@ class MdfTable(NamedArrays):
         """Return columns by the names that `find` returned."""
         names = list(names)
         self.check_held(names)
+        found: dict[str, Column] = in_child(self._columns, self.file, names)
+        return found
+
+    def _columns(self, names: Sequence[str]) -> dict[str, Column]:
+        """Return columns; asammdf's own decoder ends the process with some damaged files."""
         with _opened(self.file) as data:
             return {name: self._column(data, name) for name in names}
 
@@ -73,6 +79,12 @@ def open_mdf(path: Path) -> MdfTable:
     if content(start) != "MDF data":
         raise not_what_it_says(path, start, "MDF data")
     _check_packed(path)
+    found: MdfTable = in_child(_table, str(path), path)
+    return found
+
+
+def _table(path: Path) -> MdfTable:
+    """Return what is in an MDF file."""
     channels, shapes = {}, {}
     with _opened(str(path)) as data:
         for number, group in enumerate(data.groups):

@@ -312,7 +312,8 @@ def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats
     """Return the samples of a channel in SI, and their unit."""
     factor, unit = _factor(column, source, table, name)
     check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
-    return column.values * factor, unit
+    with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
+        return column.values * factor, unit
 
 
 def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[float, str]:

@@ -285,8 +285,12 @@ def structure_of(model: Model, values: Floats, records: Sequence[Observation]) -
     """Return the structure of a model at the fastest speed, where all its values are known."""
     if not np.isfinite(values).all():
         return None
+    if not isinstance(model, RotorModel):
+        return find_structure(model, values, _fastest(records))
+    if model.whole is not None:  # its coordinates are no places
+        return None
     found = find_structure(model, values, _fastest(records))
-    return drawn_structure(found, model) if found and isinstance(model, RotorModel) else found
+    return drawn_structure(found, model) if found else None
 
 
 @dataclass(frozen=True)

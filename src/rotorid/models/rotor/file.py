@@ -18,6 +18,8 @@ from rotorid.units import to_si
 
 MAX_SECTIONS = 500
 MAX_ELEMENTS = 500
+SMALLEST, LARGEST = 1e-6, 1e3
+"""Lengths and diameters of sections in m: a wire of a micrometre, a shaft of a kilometre."""
 Text = str | float | int
 Metres = Annotated[float, BeforeValidator(lambda value: to_si(value, "m"))]
 
@@ -190,11 +192,11 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
 def _section(number: int, entry: RotorFile, reader: _Reader) -> Section:
     drawn, place = entry.sections[number], f"sections.{number}"
     for name, value in (("length", drawn.length), ("outer", drawn.outer)):
-        if value <= 0:
+        if not SMALLEST < value < LARGEST:
             raise ModelError(
                 f"{value:g} m",
-                "a length above 0",
-                "take it from the drawing again",
+                f"a length above 0, from {SMALLEST:g} to {LARGEST:g} m",
+                "take it from the drawing again, with its unit",
                 place=f"{place}.{name}",
             )
     if not 0 <= drawn.inner < drawn.outer:

@@ -1,0 +1,39 @@
+"""A child that reads: its answer, its refusals, and its end."""
+
+import os
+import signal
+
+import pytest
+
+import rotorid as rid
+from rotorid.io.child import in_child
+
+
+def refused():
+    raise rid.ReadError("nothing", "numbers", "write some", file="run.mf4", place="x")
+
+
+def failed():
+    raise KeyError("block")
+
+
+def ended():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_child_answers():
+    assert in_child(sorted, "run.mf4", [3, 1, 2]) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("work", "told"),
+    [
+        (refused, "run.mf4: x: found nothing; expected numbers; write some"),
+        (failed, "KeyError: 'block'"),
+        (ended, "run.mf4: found a file that ends the program that reads it"),
+    ],
+)
+def test_a_child_that_does_not_is_told(work, told, capfd):
+    with pytest.raises(rid.ReadError, match=told):
+        in_child(work, "run.mf4")
+    assert capfd.readouterr().err == ""
