@@ -406,3 +406,11 @@ def test_the_bandwidth_of_an_amplifier_is_found_beside_the_rotor():
     assert abs(estimate.value("bandwidth[amplifier]") - 800) < 4 * estimate.std(
         "bandwidth[amplifier]"
     )
+
+
+@pytest.mark.parametrize("middle", ["0.3 m", "0.5 m"])
+def test_a_place_in_the_middle_does_not_end_the_division(middle):
+    text = uniform(outer="10 mm", more=f'[actuators]\nA = {{ at = "{middle}" }}')
+    found = rid.parse_model(text.replace(", elements = 8", "")).rotor
+    fine = bending(rid.parse_model(uniform(outer="10 mm", elements=120)).rotor)
+    np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)

@@ -298,3 +298,32 @@ def test_what_was_fixed_is_told_and_never_exact():
     assert any("all parameters are fixed" in remark for remark in every.remarks)
     some = rid.balance(estimate_of(model, fixed=("mu", "eta")), ENDS, 500.0)
     assert any("taken as exact" in r and r.endswith(": mu, eta") for r in some.remarks)
+
+
+@pytest.mark.parametrize(
+    ("plane", "told"),
+    [
+        ("theta_x,theta_y", "a couple, where a mass makes a force"),
+        ("x,theta_x", "a couple, where a mass makes a force"),
+        ("y,x", "a pair in which y comes before x"),
+    ],
+)
+def test_a_pair_that_is_no_plane_is_refused(plane: str, told: str) -> None:
+    with pytest.raises(rid.InputError, match=told):
+        rid.balance(known_rigid(), [plane], "6000 rpm")
+
+
+def test_planes_that_cannot_do_away_with_the_unbalance_have_no_grade() -> None:
+    one = rid.balance(known_rigid(), ["F_xa,F_ya"], "6000 rpm")
+    assert one.grade_mm_s is None
+    assert all(plane.grade_mm_s is None for plane in one.residual)
+    both = rid.balance(known_rigid(), ["F_xa,F_ya", "F_xb,F_yb"], "6000 rpm")
+    assert both.grade_mm_s is not None
+
+
+def known_rigid() -> rid.Estimate:
+    """Return an estimate of the shipped rigid rotor at its nominal values."""
+    model = rid.load_model("rigid")
+    found = [rid.Value(p.name, p.unit, p.nominal, 1e-3 * p.nominal) for p in model.parameters]
+    spread = np.diag([value.std**2 for value in found])
+    return rid.Estimate("rigid", "ml", "ok", tuple(found), covariance=spread)

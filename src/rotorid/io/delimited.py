@@ -247,7 +247,7 @@ class DelimitedTable:
     def _field(self, line: int, column: int) -> str:
         """Return a field as it stands in the file."""
         with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            row = next(islice(self._bounded(stream), line - 1, None), "")
+            row = next(islice(self._bounded(stream), max(line - 1, 0), None), "")
         fields = split(row.partition("#")[0], self.dialect.delimiter)
         return fields[column] if column < len(fields) else ""
 

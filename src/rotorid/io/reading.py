@@ -200,7 +200,9 @@ def read_record(
 
 
 def _quantity(value: float | str | None, unit: str, place: str) -> float:
-    return to_si(value, unit, place=place) if isinstance(value, str) else float(value or 0.0)
+    if value is None or isinstance(value, int | float):
+        return float(value or 0.0)
+    return to_si(value, unit, place=place)
 
 
 def _optional(value: float | str | None, unit: str, place: str) -> float | None:

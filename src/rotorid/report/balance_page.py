@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.results.balancing import Balance
+from rotorid.results.balancing import POOR, Balance
 from rotorid.results.centring import Feedforward
 from rotorid.tables import Page, Table, table
 
 GMM = 1e6
 """g mm in a kg m."""
 RPM = 30 / np.pi
-POOR = 0.2
-"""Share of the response from which on it is said that the planes leave it."""
 
 
 def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:

@@ -33,6 +33,8 @@ CONFIDENCE = 0.95
 """Chance that what is left is less than the residual that is stated."""
 COARSE = 0.1
 """Share of a correction that masses may leave before it is said that they are too coarse."""
+POOR = 0.2
+"""Share of the response from which on it is said that the planes leave it."""
 DEPENDENT = 1e-6
 """Planes whose effects differ by less than this share do the same: no measurement tells them."""
 
@@ -74,7 +76,8 @@ class Residual:
     std_kg_m : float or None
         Of each of its two components, root mean square.
     grade_mm_s : float or None
-        ``unbalance_kg_m Omega / m``, m the mass of the rotor, at the highest speed.
+        ``unbalance_kg_m Omega / m``, m the mass of the rotor, at the highest speed; ``None`` where
+        the planes cannot do away with the unbalance: what they do not reach is left besides.
     off_kg_m : float
         What the masses that there are leave.
     """
@@ -190,11 +193,13 @@ def balance(
     share = float(np.linalg.norm(load + effects @ applied) / np.linalg.norm(load))
     covariance = _covariance(task, machine)
     mass, top = rotor_mass(machine), float(np.abs(speeds).max())
+    beyond = np.linalg.norm(load + effects @ ideal) > POOR * np.linalg.norm(load)
+    weighed = None if beyond else mass  # what no plane reaches is left besides, and has no place
     corrections, residual = [], []
     for k, plane in enumerate(planes):
         part = None if covariance is None else covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         corrections.append(_correction(plane, complex(applied[k]), part, mounted[k]))
-        residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, mass, top))
+        residual.append(_residual(plane, complex(applied[k] - ideal[k]), part, weighed, top))
     grades = [each.grade_mm_s for each in residual]
     return Balance(
         machine.model.name,

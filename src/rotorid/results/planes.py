@@ -55,11 +55,37 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     for pair in _readings(machine, plane):
         columns = [_force_column(machine, name) for name in pair]
         if columns[0] is not None and columns[1] is not None:
+            _check_pair(machine, plane, columns[0], columns[1])
             return np.asarray(columns[0] - 1j * columns[1])
     raise InputError(
         f"the plane {plane[:60]!r}",
         f"a pair of coordinates or inputs, {_offered(machine)}",
         "name the two directions in which its force acts, x before y: --plane x2,y2",
+        place="plane",
+    )
+
+
+def _check_pair(machine: Machine, plane: str, *columns: Floats) -> None:
+    """Refuse pairs of couples, on which no mass acts, and pairs in which y comes before x."""
+    directions, names = directions_of(machine), list(machine.model.coordinates)
+    lengths = np.array([machine.model.units[name] == "m" for name in names])
+    first, second = (
+        np.where(lengths, directions.signs * column[directions.rows], 0.0) for column in columns
+    )
+    turned = np.zeros(len(names))
+    for a, b in partners(names):
+        turned[b] += first[a]
+        turned[a] -= first[b]
+    if not (first.any() and second.any()):
+        found = "a couple, where a mass makes a force"
+    elif turned.any() and np.allclose(second, -turned):
+        found = "a pair in which y comes before x"
+    else:
+        return
+    raise InputError(
+        f"{found}: {plane[:60]!r}",
+        f"the two directions in which a force acts, {_offered(machine)}",
+        "name them, x before y",
         place="plane",
     )
 
