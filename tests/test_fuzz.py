@@ -23,6 +23,11 @@ RUNNER = Path(__file__).with_name("fuzz_run.py")
 FAST = ("csv", "experiment", "model", "result", "hdf5", "mat5", "mat5-packed", "uff", "parquet")
 
 
+SEED = 2128108498
+"""The same files in every run of CI, so that a run says what a change did; `fuzz_run.py` without it
+damages others with every change of the sources."""
+
+
 def fuzz(*arguments: str) -> str:
     """Run damaged files in a process of their own, and return what it printed."""
     for package in ("pyarrow", "nptdms", "pyuff", "asammdf"):
@@ -36,12 +41,12 @@ def fuzz(*arguments: str) -> str:
 
 
 def test_some_damaged_files() -> None:
-    assert "nothing found" in fuzz("--each", "25", *FAST)
+    assert "nothing found" in fuzz("--each", "25", "--seed", str(SEED), *FAST)
 
 
 @pytest.mark.slow
 def test_a_thousand_damaged_files_of_each_format() -> None:
-    assert "nothing found" in fuzz("--each", "1000")
+    assert "nothing found" in fuzz("--each", "1000", "--seed", str(SEED))
 
 
 @pytest.fixture(scope="module")

@@ -169,7 +169,8 @@ def _run(files: tuple[Path, ...], columns: list[Found], table: Table) -> _Run:
 def _clock(columns: Sequence[Found], stated: Rate | None) -> _Clock:
     """Find the column of times, and its unit where nothing says it."""
     for column in columns:
-        rises = len(column.values) > 2 and bool(np.all(np.diff(column.values) > 0))
+        with np.errstate(invalid="ignore"):  # infinity less infinity
+            rises = len(column.values) > 2 and bool(np.all(np.diff(column.values) > 0))
         if column.role != "time" or not rises:
             continue
         try:

@@ -49,12 +49,13 @@ class MdfTable(NamedArrays):
         """Return columns by the names that `find` returned."""
         names = list(names)
         self.check_held(names)
-        found: dict[str, Column] = in_child(self._columns, self.file, names)
+        with TemporaryDirectory() as folder:  # asammdf leaves copies there
+            found: dict[str, Column] = in_child(self._columns, self.file, names, folder)
         return found
 
-    def _columns(self, names: Sequence[str]) -> dict[str, Column]:
+    def _columns(self, names: Sequence[str], folder: str) -> dict[str, Column]:
         """Return columns; asammdf's own decoder ends the process with some damaged files."""
-        with _opened(self.file) as data:
+        with _opened(self.file, folder) as data:
             return {name: self._column(data, name) for name in names}
 
     def scalar(self, name: str) -> float:
@@ -79,14 +80,15 @@ def open_mdf(path: Path) -> MdfTable:
     if content(start) != "MDF data":
         raise not_what_it_says(path, start, "MDF data")
     _check_packed(path)
-    found: MdfTable = in_child(_table, str(path), path)
+    with TemporaryDirectory() as folder:
+        found: MdfTable = in_child(_table, str(path), path, folder)
     return found
 
 
-def _table(path: Path) -> MdfTable:
+def _table(path: Path, folder: str) -> MdfTable:
     """Return what is in an MDF file."""
     channels, shapes = {}, {}
-    with _opened(str(path)) as data:
+    with _opened(str(path), folder) as data:
         for number, group in enumerate(data.groups):
             samples = int(group.channel_group.cycles_nr)
             check_size(samples, str(path))
@@ -116,7 +118,7 @@ def _check_packed(path: Path) -> None:
 
 
 @contextmanager
-def _opened(file: str) -> Iterator[Any]:
+def _opened(file: str, folder: str) -> Iterator[Any]:
     try:
         from asammdf import MDF
     except ImportError:
@@ -125,11 +127,10 @@ def _opened(file: str) -> Iterator[Any]:
         silent(),
         redirect_stdout(StringIO()),  # asammdf prints the traceback of what it passes over
         reading(file, "MDF data"),
-        TemporaryDirectory() as folder,
     ):
         with _no_last_words():
             try:
-                opened = MDF(file, temporary_folder=folder)  # it leaves copies there
+                opened = MDF(file, temporary_folder=folder)
             except Exception as error:
                 traceback.clear_frames(error.__traceback__)
                 raise ValueError(str(error)) from None

@@ -35,8 +35,8 @@ def open_universal(path: Path) -> LoadedArrays:
     where that line does not tell the sets apart.
     """
     found, types = read_sets(path)
-    sets = [one for one in found if _is_over_time(one)]
     with reading(str(path), "universal file data"):
+        sets = [one for one in found if _is_over_time(one)]
         columns = {name: _column(s) for name, s in zip(_names(sets), sets, strict=True)}
     if not columns:
         raise ReadError(
