@@ -6,6 +6,7 @@ import signal
 import pytest
 
 import rotorid as rid
+from rotorid.io import child
 from rotorid.io.child import in_child
 
 
@@ -19,6 +20,17 @@ def failed():
 
 def ended():
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def endless():
+    while True:
+        pass
+
+
+def test_a_child_that_does_not_end_is_ended(monkeypatch):
+    monkeypatch.setattr(child, "LEAST", 1)
+    with pytest.raises(rid.ReadError, match="or never lets it end"):
+        in_child(endless, "run.mf4")
 
 
 def test_a_child_answers():
