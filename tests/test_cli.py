@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
+from working_folder import EXPERIMENT, write_record
 
 import rotorid as rid
 import rotorid.commands.demo
@@ -17,41 +17,11 @@ import rotorid.commands.identify
 from rotorid import cli, commands
 from rotorid.estimate import SourceFile, Value
 
-EXPERIMENT = """
-model = "jeffcott"
-
-[[records]]
-file = "run.csv"
-sample_rate = "2 kHz"
-speed = "30 Hz"
-fundamental = "10 Hz"
-harmonics = [1, 2, 3, 5]
-
-[channels]
-F_x = { column = "fx", unit = "N" }
-F_y = { column = "fy", unit = "N" }
-x = { column = "x", unit = "m" }
-y = { column = "y", unit = "m" }
-"""
-
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working folder with a noisy record and its experiment file."""
-    model = rid.load_model("jeffcott")
-    angle = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 2, 5])
-    record = rid.simulate(
-        model,
-        model.values(model.nominal),
-        np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)]),
-        sample_rate=2000.0,
-        periods=20,
-        speed=2 * np.pi * 30,
-        noise={"F_x": 0.01, "F_y": 0.01, "x": 1e-9, "y": 1e-9},
-        rng=np.random.default_rng(5),
-    )
-    header = "fx,fy,x,y"
-    np.savetxt(tmp_path / "run.csv", record.samples, delimiter=",", header=header, comments="")
+    write_record(tmp_path)
     (tmp_path / "run.toml").write_text(EXPERIMENT)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -22,14 +22,12 @@ F_x = { column = "fx", unit = "N" }
 F_y = { column = "fy", unit = "N" }
 x = { column = "x", unit = "m" }
 y = { column = "y", unit = "m" }
-
-[estimator]
-method = "batch"
 """
+BY_BATCH = EXPERIMENT + '\n[estimator]\nmethod = "batch"\n'
 
 
-def make(folder: Path, scale: float = 1.0) -> Path:
-    """Write run.csv, run.toml, run.json (its result) and rig.toml; all columns times `scale`."""
+def write_record(folder: Path, scale: float = 1.0) -> None:
+    """Write run.csv, a noisy record; all columns times `scale`."""
     model = rid.load_model("jeffcott")
     angle = 2 * np.pi * np.outer(np.arange(200) / 200, [1, 2, 5])
     record = rid.simulate(
@@ -44,6 +42,11 @@ def make(folder: Path, scale: float = 1.0) -> Path:
     )
     samples = record.samples * scale
     np.savetxt(folder / "run.csv", samples, delimiter=",", header="fx,fy,x,y", comments="")
-    (folder / "run.toml").write_text(EXPERIMENT)
+
+
+def make(folder: Path, scale: float = 1.0) -> Path:
+    """Write run.csv, run.toml and rig.toml; all columns times `scale`."""
+    write_record(folder, scale)
+    (folder / "run.toml").write_text(BY_BATCH)
     (folder / "rig.toml").write_text(load_rig("three-mass").text.replace('"13 s"', '"0.2 s"'))
     return folder
