@@ -30,8 +30,6 @@ from pathlib import Path
 from typing import Any
 
 SECONDS = 5.0  # of the processor, that a command may take
-SEARCH = 20.0  # where the files are read, and it is their numbers in which it looks for mistakes
-SEARCHED = ("rejected", "not_identifiable", "not_converged")
 PATIENCE = 60.0  # of the clock, after which a child is ended: much else may run on the machine
 BYTES = 1_000_000_000  # that a command may take in addition to what is loaded
 ADDRESSES = 2 * BYTES  # allocators reserve more than they use; what is used is held against BYTES
@@ -218,7 +216,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
     faults = faults_of(case, code, out, told) + _file_faults(case, code, before, folder)
     status, wrong = _result_faults(case, folder)
     faults += wrong
-    if seconds > (SEARCH if status in SEARCHED else SECONDS):
+    if seconds > SECONDS:
         faults.append(f"{seconds:.1f} s")
     if more > BYTES:
         faults.append(f"{more / 1e9:.1f} GB")
