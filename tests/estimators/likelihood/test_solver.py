@@ -1,9 +1,12 @@
 """The solver arrives: random rotors from far starts end where a start at the truth ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rotor_bank import SETTINGS, Case, rotor_case
 
+from rotorid.estimators.likelihood import search as search_module
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.fit import Fit, fit
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
@@ -72,6 +75,36 @@ def test_arrives_always(setting):
     """`python benchmarks/solver.py 300` counts more of them."""
     lost = [seed for seed in range(SLOW_SEEDS) if missed(rotor_case(SETTINGS[setting], 100 + seed))]
     assert not lost
+
+
+def _without_its_mass(solution: Solution, share: float) -> Solution:
+    """Return a solution that ended where the second mass is a share of its value."""
+    problem = solution.point.problem
+    unknowns = solution.point.unknowns.copy()
+    unknowns[problem.layout.index["m2"]] *= share
+    return replace(solution, point=problem.best_at(unknowns, 0.0))
+
+
+def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
+    """A cost to be believed for the time being is looked past: a further way finds the rotor."""
+    case = rotor_case(SETTINGS["8 sensors, noise x 10"], 2)
+    problem, right = problem_of(case), from_truth(case)
+    ways = iter([_without_its_mass(right, 1e-10)] * 3)
+    monkeypatch.setattr(search_module, "solve", lambda *way: next(ways, right))
+    found = search_module.search(problem, problem.layout.start)
+    assert found is not None
+    assert found[0].point.cost == pytest.approx(right.point.cost)
+
+
+def test_a_small_mass_is_one():
+    right = from_truth(rotor_case(SETTINGS["8 sensors, noise x 10"], 2))
+    problem = right.point.problem
+    start = problem.layout.start
+    shares = {2e-10: True, 5e-9: False}
+    for share, gone in shares.items():
+        assert search_module.vanished(problem, start, _without_its_mass(right, share)) is gone
+    held = replace(_without_its_mass(right, 2e-10), active=(0,))
+    assert not search_module.vanished(problem, start, held)
 
 
 def test_the_bank_agrees_with_the_model():

@@ -4,7 +4,8 @@ The homotopy from the given start finds the minimum of nearly every record that 
 unknowns, and its cost says so. Where it does not (the iteration ended nowhere, or at a cost that
 noise does not explain), the next ways are taken: the start with the bounds kept all the way, then
 starts spread about the given one, and from each the homotopy. A cost that noise does not explain
-is believed, and put down to the model or to the data, once two different starts have led to it.
+is believed, and put down to the model or to the data, once two different starts have led to it;
+where a mass has vanished on the way, only once all ways have been tried.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ GENERATOR = 20260
 """The fixed number from which the further starts are drawn: the same records, the same answer."""
 AGREE = 1e-6
 """Two starts led to the same cost if it differs by no more than this share, or a thousandth."""
+
+VANISHED = 1e-9
+"""An unknown below this share of its start, no bound holding it there, has left the equations:
+no noise brings a value so near to zero. A mass that vanishes beside an unbalance without end, say,
+is where many ways end, and no machine."""
 
 
 def further_starts(problem: Problem, start: Floats, count: int = STARTS) -> Iterator[Floats]:
@@ -70,6 +76,7 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
     """Return the lowest minimum found and what it tells; None where there is none at all."""
     best: tuple[Solution, Inference] | None = None
     costs: list[tuple[int, float]] = []
+    lost: list[tuple[int, float]] = []
     first: Solution | None = None
     for way in _ways(problem, start):
         if first is not None and _known(problem, way, first):
@@ -85,13 +92,24 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
         if best is None or solution.point.cost < best[0].point.cost:
             best = found
         if solution.converged:
-            costs.append((way.number, solution.point.cost))
-            first = first or solution
+            if vanished(problem, start, solution):
+                lost.append((way.number, solution.point.cost))
+            else:
+                costs.append((way.number, solution.point.cost))
+                first = first or solution
         if best[0].converged and (explained(*best) or _agreed(costs, best[0].point.cost)):
             break
+    costs += lost
     if best is not None and not explained(*best) and not _agreed(costs, best[0].point.cost):
         return replace(best[0], converged=False), best[1]
     return best
+
+
+def vanished(problem: Problem, start: Floats, solution: Solution) -> bool:
+    """Tell whether an unknown has come to nothing without a bound that holds it there."""
+    free = problem.layout.free
+    small = np.abs(solution.point.unknowns[free]) < VANISHED * np.abs(start[free])
+    return bool(small.any()) and not solution.active
 
 
 def _known(problem: Problem, way: _Way, first: Solution) -> bool:
