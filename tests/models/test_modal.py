@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorid.models import load_model
-from rotorid.models.modal import ALIKE, OVERDAMPED, RIGID, _scales, eigenmodes, parted
+from rotorid.models.modal import ALIKE, OVERDAMPED, _scales, eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])
 CHAIN_K = np.array([[1.5e6, -1e6, 0], [-1e6, 3e6, -2e6], [0, -2e6, 2e6]])
@@ -66,10 +66,26 @@ def test_a_soft_mode_is_no_rigid_body_mode() -> None:
         stiffness = CHAIN_K - np.diag([5e5, 0, 0]) + np.diag([soft, 0, 0])
         return len(eigenmodes(CHAIN_M, np.zeros((3, 3)), stiffness).values)
 
-    # about (RIGID * 1474 rad/s)^2 * 6.5 kg
-    assert RIGID == 1e-6
     assert count(1e-3) == 3
-    assert count(1e-6) == 2
+    assert count(3e-7) == 3  # a share of 3e-14 of the others: FREE is 1e-14
+    assert count(1e-8) == 2  # rounding leaves 1e-10 of a sum of 1e6
+
+
+def test_a_support_that_is_rigid_hides_no_soft_one() -> None:
+    """Beside 1e18 N/m a mode on 400 N/m has a share of 2e-8 of the highest frequency."""
+    stiffness = np.diag([1e18, 400.0])
+    found = eigenmodes(np.eye(2), np.zeros((2, 2)), stiffness)
+    assert found.rigid == 0
+    np.testing.assert_allclose(found.values.imag, [20.0, 1e9], rtol=1e-12)
+
+
+def test_zero_is_a_double_pole_but_where_damping_acts() -> None:
+    free = CHAIN_K - np.diag([5e5, 0, 0])
+    internal = CHAIN_D - np.diag([10.0, 0, 0])
+    assert eigenmodes(CHAIN_M, internal, free).rigid == 2
+    dragged = eigenmodes(CHAIN_M, internal + np.diag([1e-9, 0, 0]), free)  # UNDAMPED: 4e-11 > 1e-12
+    assert (dragged.rigid, len(dragged.real)) == (1, 1)
+    assert eigenmodes(CHAIN_M, internal + np.diag([1e-12, 0, 0]), free).rigid == 2
 
 
 def test_what_counts_as_real_and_as_one() -> None:
