@@ -101,8 +101,10 @@ def test_an_actuator_beside_the_place_where_it_is_drawn():
 
 @pytest.mark.slow
 def test_amplifiers_slower_than_said():
-    first, _ = first_suspect(FLEXIBLE, bandwidth=800.0)
+    """All sensors as slow as that say the same: y = h f / D, the unbalance, unknown, takes h."""
+    first, estimate = first_suspect(FLEXIBLE, bandwidth=800.0)
     assert first.term == "bandwidth[force]"
+    assert any("cannot tell it from bandwidth[position])" in text for text in estimate.warnings)
     assert first.value == pytest.approx(800, rel=0.01)
 
 

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotorid.estimate import Suspect
 from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.likelihood import suspects
 from rotorid.estimators.likelihood.candidates import find_candidates, find_structure
 from rotorid.identify import identify
 from rotorid.models import load_model
@@ -169,3 +171,29 @@ def test_structure_does_not_depend_on_how_equations_are_written():
         assert name == again
         np.testing.assert_allclose(matrix, same)
     assert one.pairs == two.pairs
+
+
+@pytest.mark.parametrize(
+    ("costs", "order"),
+    [
+        # The rounding of a processor decides nothing: inputs stand before sensors.
+        ((322.4, 322.4051), ("bandwidth[force]", "bandwidth[position]")),
+        ((322.4051, 322.4), ("bandwidth[force]", "bandwidth[position]")),
+        ((323.4, 322.4), ("bandwidth[force]", "bandwidth[position]")),
+        ((323.7, 322.4), ("bandwidth[position]", "bandwidth[force]")),
+        # Where even the best leaves a misfit, a difference says less in proportion.
+        ((34000.0, 33950.0), ("bandwidth[force]", "bandwidth[position]")),
+        ((34000.0, 33800.0), ("bandwidth[position]", "bandwidth[force]")),
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_suspects_that_are_even_have_an_order_of_their_own(costs, order, turned):
+    assert suspects.EVEN == 1.0
+    findings = [
+        suspects.Finding(Suspect(term, 1e6 - cost, 1.0, 800.0, "Hz"), cost, term, "")
+        for term, cost in zip(("bandwidth[force]", "bandwidth[position]"), costs, strict=True)
+    ]
+    places = {"force]": 4, "position]": 7}
+    found = suspects._ranked(findings[::-1] if turned else findings, 292.0, places)
+    assert tuple(finding.suspect.term for finding in found) == order
+    assert "the data cannot tell it from" in suspects.sentence(found, 1e6, 292.0)

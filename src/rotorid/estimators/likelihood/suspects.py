@@ -8,7 +8,7 @@ best are then freed in earnest, and so are the mistakes that are no small change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -85,6 +85,10 @@ thousands: of 3200 real equations a half is 20 deviations, and 100 times what `A
 ALIKE = 15.0
 """Suspects whose costs differ by less cannot be told apart: as for alternatives (theory, 7), times
 the cost over its expectation where even the best leaves a misfit."""
+EVEN = 1.0
+"""Suspects whose costs differ by less stand in the order in which channels and places are listed,
+inputs first: so little says nothing (likelihoods alike to a factor of 1.6), and where the minima
+are the same by theory it is the rounding of a processor that differs."""
 STANDS_OUT = 1e-2
 """A screened cost below this share of that of the records as they are is followed at once: the
 right one leaves a hundred thousandth, wrong ones a tenth and more."""
@@ -310,7 +314,8 @@ class _Search:
 
     def findings(self) -> list[Finding]:
         """Return what was found, what leaves the least cost first."""
-        scored = [*self.scored(self.options()), *self.shifted()]
+        options = self.options()
+        scored = [*self.scored(options), *self.shifted()]
         scored.sort(key=lambda pair: -pair[1].drop)
         # Of a table first: a negative damping may explain as well that phases count backward.
         found = [f for lead in table_leads(self.case, self.gross) for f in self.followed(lead)]
@@ -325,7 +330,7 @@ class _Search:
                 found += [self.finding(o, s, tried=False) for o, s in scored[FIRST:]]
         if not any(self.explained(f) and not f.suspect.term.startswith("unit[") for f in found):
             found += self.without_line()
-        return _ranked(found, self.expected)
+        return _ranked(found, self.expected, _places(options))
 
     def explained(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
@@ -670,24 +675,57 @@ class _Score:
         return float(along @ along), change / np.where(size > 0, size, 1.0)
 
 
-def _ranked(findings: Sequence[Finding], expected: float) -> list[Finding]:
+def _places(options: Sequence[Option]) -> dict[str, int]:
+    """Return where in the list of options what they act on stands first."""
+    found: dict[str, int] = {}
+    for number, option in enumerate(options):
+        found.setdefault(_acted_on(option.term), number)
+    return found
+
+
+def _ranked(
+    findings: Sequence[Finding], expected: float, places: Mapping[str, int]
+) -> list[Finding]:
     """Order findings by the cost that is left, one for each term.
 
     Those that were tried come first, and of those that the data cannot tell apart the ones that
-    need no further unknown, then known values, which are no new terms. Where two leave the same
-    cost, to rounding, a channel that reads too little, as dead ones do, comes before too much.
+    need no further unknown, then known values, which are no new terms.
     """
     best: dict[str, Finding] = {}
-    for finding in sorted(findings, key=lambda f: (not f.tried, round(f.left, 2), _too_much(f))):
+    for finding in _in_order(findings, expected, places):
         if finding.suspect.drop > 0:
             best.setdefault(finding.suspect.term, finding)
     ordered = list(best.values())
     group = alike(ordered, expected)
-    channels = {_channel(f) for f in group if f.exact}
+    channels = {_acted_on(f.suspect.term) for f in group if f.exact}
     told = [f for f in group if f.exact]
-    rest = [f for f in group if not f.exact and _channel(f) not in channels]
+    rest = [f for f in group if not f.exact and _acted_on(f.suspect.term) not in channels]
     told += sorted(rest, key=_standing)
     return [*told, *(f for f in ordered if f not in group)]
+
+
+def _in_order(
+    findings: Sequence[Finding], expected: float, places: Mapping[str, int]
+) -> list[Finding]:
+    """Order findings by the cost that is left, and where it is even by what they act on.
+
+    There a channel that reads too little, as dead ones do, comes before too much.
+    """
+
+    def even(finding: Finding) -> tuple[bool, int, str]:
+        term = finding.suspect.term
+        return _too_much(finding), places.get(_acted_on(term), len(places)), term
+
+    found: list[Finding] = []
+    for tried in (True, False):
+        rest = sorted((f for f in findings if f.tried == tried), key=lambda f: f.left)
+        while rest:
+            least = rest[0].left
+            margin = EVEN * max(1.0, least / max(expected, 1.0))
+            count = sum(f.left - least < margin for f in rest)
+            found += sorted(rest[:count], key=even)
+            rest = rest[count:]
+    return found
 
 
 def _standing(finding: Finding) -> int:
@@ -705,9 +743,9 @@ def _too_much(finding: Finding) -> bool:
     return finding.suspect.term.startswith("gain[") and value is not None and abs(value) > 1
 
 
-def _channel(finding: Finding) -> str:
+def _acted_on(term: str) -> str:
     """Return what a term acts on: a sign and a gain of one channel say the same."""
-    return finding.suspect.term.partition("[")[2] or finding.suspect.term
+    return term.partition("[")[2] or term
 
 
 def alike(findings: Sequence[Finding], expected: float) -> list[Finding]:
