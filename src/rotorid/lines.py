@@ -26,6 +26,7 @@ from rotorid.record import (
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.recorded import quantity
 from rotorid.signals.spectrum import line_spectra
+from rotorid.steady import Steady, WhenRead, changed, unread
 from rotorid.values import Arrays
 
 Signal = Callable[[Floats, Floats, Floats], Floats]
@@ -61,18 +62,37 @@ class PeriodicClock(Arrays):
 
     Parameters
     ----------
-    time, angle : array, shape (period, sample)
     speed : float
     harmonics : int array, shape (line,)
+    time, angle : array, shape (period, sample), or callable
+        What makes them when they are first read.
     """
 
-    time: Floats
-    angle: Floats
     speed: float
     harmonics: Integers
+    time: WhenRead = WhenRead()
+    angle: WhenRead = WhenRead()
+
+    @classmethod
+    def of(cls, record: PeriodicRecord) -> PeriodicClock:
+        """Return the clock of a record of periods."""
+        time, angle = (unread(record, name) for name in ("time", "angle"))
+        return cls(record.speed, record.harmonics, time, angle)
+
+    @property
+    def period(self) -> Floats:
+        """Times of the first period, shape (sample,)."""
+        given = unread(self, "time")
+        return np.asarray((given.head(1) if isinstance(given, Steady) else given)[0])
 
     def grid(self, *, timed: bool) -> tuple[Floats, Floats]:
         """Return t and phi of all periods, or of the first where the others repeat it."""
+        time, angle = (unread(self, name) for name in ("time", "angle"))
+        if not timed and isinstance(angle, Steady) and isinstance(time, Steady):
+            turns = angle.in_period / (2 * np.pi)
+            if abs(turns - round(turns)) * (angle.shape[0] - 1) < 1e-9:
+                return time.head(1), angle.head(1)
+            return self.time, self.angle
         turns = (self.angle - self.angle[0]) / (2 * np.pi)
         if not timed and np.abs(turns - np.round(turns)).max() < 1e-9:
             return self.time[:1], self.angle[:1]
@@ -86,7 +106,10 @@ class PeriodicClock(Arrays):
 
     def at_speed(self, speed: float) -> PeriodicClock:
         """Return the clock of the same run at another speed in rad/s."""
-        return replace(self, speed=speed, angle=speed * self.time)
+        given = unread(self, "time")
+        even = isinstance(given, Steady)
+        angle = replace(given, slope=speed * given.slope) if even else speed * given
+        return changed(self, speed=speed, angle=angle)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -328,7 +351,7 @@ class Lines(Arrays):
             mean=record.mean_spectrum,
             covariance=white_covariance(record.spectra) if covariance is None else covariance,
             multiplicity=record.multiplicity,
-            clock=PeriodicClock(record.time, record.angle, record.speed, record.harmonics),
+            clock=PeriodicClock.of(record),
             scatter=record.spectra,
             phase_known=record.phase_known,
             phase_std=record.phase_std,

@@ -7,7 +7,8 @@ was recorded.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
+from rotorid.steady import WhenRead, changed, first_of, mean_of
 from rotorid.units import quantity
-from rotorid.values import Arrays
+from rotorid.values import Arrays, read_only
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -359,8 +361,9 @@ class PeriodicRecord(Arrays):
         Mean over periods, as measured (all lines, nothing corrected).
     speed : float
         Mean speed in rad/s.
-    time, angle : array, shape (period, sample)
-        t in s and rotor angle phi in rad of every sample used.
+    time, angle : array, shape (period, sample), or callable
+        t in s and rotor angle phi in rad of every sample used; or what makes them when they are
+        first read.
     checks : sequence of Check
         What the samples showed before they were averaged.
     phase_known : bool
@@ -383,8 +386,8 @@ class PeriodicRecord(Arrays):
     variance: Floats
     mean: Floats
     speed: float
-    time: Floats
-    angle: Floats
+    time: WhenRead = WhenRead()
+    angle: WhenRead = WhenRead()
     phase_known: bool = True
     phase_std: float = 0.0
     source: str = ""
@@ -404,7 +407,17 @@ class PeriodicRecord(Arrays):
         -------
         PeriodicRecord
         """
-        return replace(self, parameters={**self.parameters, **parameters})
+        return changed(self, parameters={**self.parameters, **parameters})
+
+    @property
+    def begin(self) -> float:
+        """Time in s of the first sample used."""
+        return first_of(self, "time")
+
+    @property
+    def middle(self) -> float:
+        """Mean time in s of the samples used."""
+        return mean_of(self, "time")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -436,10 +449,10 @@ class PeriodicRecord(Arrays):
         """Angular frequencies of the lines in rad/s, shape (line,)."""
         return 2 * np.pi * self.frequency
 
-    @property
+    @cached_property
     def mean_spectrum(self) -> Complexes:
         """Mean over periods of the lines, shape (line, channel)."""
-        return np.asarray(self.spectra.mean(axis=0))
+        return read_only(self.spectra.mean(axis=0))
 
     @property
     def multiplicity(self) -> Floats:

@@ -167,7 +167,7 @@ class Regression:
         """T and phi at which the signals are evaluated."""
         timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
         record = self.record
-        clock = PeriodicClock(record.time, record.angle, record.speed, record.harmonics)
+        clock = PeriodicClock.of(record)
         return clock.grid(timed=timed)
 
     @cached_property

@@ -29,6 +29,7 @@ from rotorid.signals.block_average import average_blocks
 from rotorid.signals.settling import detect_settling
 from rotorid.signals.synchronism import rotation_warnings
 from rotorid.spectra import spectra
+from rotorid.steady import changed
 
 _MARK = "the mark of the rotor angle"
 
@@ -379,7 +380,7 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
         return average(record, skip=skip, **_chosen(entry))
 
     periods = _settled(cut, entry)
-    return replace(periods, warnings=(*record.warnings, *periods.warnings))
+    return changed(periods, warnings=(*record.warnings, *periods.warnings))
 
 
 def _chosen(entry: RecordEntry) -> dict[str, Any]:
@@ -407,4 +408,4 @@ def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> Peri
             warnings.append(f"{lasts}: the first {found.drop:g} s are dropped")
         else:
             warnings.append(f"{lasts}, after skip = {entry.skip:g} s: skip {found.drop:g} s more")
-    return replace(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))
+    return changed(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))

@@ -128,15 +128,17 @@ def _record(
     speeds = (lines.speed.min(), lines.speed.max()) if len(lines.speed) else ()
     time = _times(record, max(FEWEST, min(most, MOST_SAMPLES)))
     clock = lines.clock
-    seen = clock.time if isinstance(clock, PeriodicClock | WholeClock) else np.zeros(0)
-    steps = np.diff(seen[0] if seen.ndim == 2 else seen)
+    seen = np.zeros(0)
+    if isinstance(clock, PeriodicClock | WholeClock):
+        seen = clock.period if isinstance(clock, PeriodicClock) else clock.time
+    steps = np.diff(seen)
     return RecordEvidence(
         source=lines.source,
         kind=_kind(record),
         lines=len(lines.frequency),
         lines_per_point=size,
         periods=lines.periods if lines.scatter is not None else 0,
-        samples_per_period=seen.shape[1] if seen.ndim == 2 else 0,
+        samples_per_period=len(seen) if isinstance(clock, PeriodicClock) else 0,
         sample_rate_hz=_rounded([1 / steps[0] if len(steps) else math.nan])[0],
         speed_rad_s=_rounded(speeds),
         frequency_hz=_rounded([f.mean() for f in _grouped(lines.frequency, size)]),
@@ -158,8 +160,7 @@ def _times(record: Observation, most: int) -> Floats:
     """Return the times at which a record is shown: a period, or an excerpt of the whole."""
     lines, clock = record.lines, record.lines.clock
     highest = float(lines.frequency.max(initial=0.0))
-    if isinstance(clock, PeriodicClock) and clock.time.shape[1] > 1:
-        first = clock.time[0]
+    if isinstance(clock, PeriodicClock) and len(first := clock.period) > 1:
         length = (first[-1] - first[0]) * len(first) / (len(first) - 1)
         count = min(most, max(len(first), int(PER_CYCLE * highest * length)))
         return np.asarray(np.arange(count) * length / count)

@@ -19,6 +19,7 @@ from rotorid.signals.period_lines import (
     too_short,
 )
 from rotorid.signals.sums import PeriodSums
+from rotorid.steady import Steady, changed
 from rotorid.units import quantity
 
 _LOOKED_AT = 1 << 14
@@ -85,8 +86,7 @@ def average(
     check_nyquist(record, size, lines)
     periods_of_record = sums.periods(
         record,
-        _times(record, used).reshape(periods, size)[kept],
-        record.rotor_angle()[used].reshape(periods, size)[kept],
+        *_course(record, first, (periods, size), kept),
         phase_known=record.phase_known,
         phase_std=record.phase_std,
         warnings=warnings,
@@ -102,9 +102,9 @@ def average(
             band=band,
             skip=skip,
         )
-        return replace(again, checks=(*again.checks, *ramp_notes(again, rise)))
+        return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, periods_of_record, excerpt=_excerpt(record, first, size))
-    return replace(periods_of_record, checks=(*seen, *check_periods(periods_of_record)))
+    return changed(periods_of_record, checks=(*seen, *check_periods(periods_of_record)))
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
@@ -141,5 +141,14 @@ def _kept_periods(
     return kept, (told,)
 
 
-def _times(record: Record, used: slice) -> Floats:
-    return np.asarray(record.start + np.arange(used.start, used.stop) / record.sample_rate)
+def _course(
+    record: Record, first: int, shape: tuple[int, int], kept: slice | Booleans
+) -> tuple[Steady | Floats, Steady | Floats]:
+    """Return times and angles of the samples used."""
+    time = Steady(first, shape, record.sample_rate, record.start)
+    angle = replace(time, slope=record.speed) if record.angle is None else record.angle
+    if not isinstance(angle, Steady):
+        angle = angle[first : first + shape[0] * shape[1]].reshape(shape)
+    if isinstance(kept, slice):
+        return time, angle
+    return time()[kept], (angle() if isinstance(angle, Steady) else angle)[kept]

@@ -19,6 +19,7 @@ from rotorid.signals.period_lines import (
     too_short,
 )
 from rotorid.signals.sums import PeriodSums
+from rotorid.steady import Steady, changed
 
 
 class Blocks(Sampled, Protocol):
@@ -65,12 +66,11 @@ def average_blocks(
         looked_at.add(periods)
     if sums.count < 2:
         raise too_short(blocks, sums.count * size, size)
-    count = np.arange(first, first + sums.count * size)
-    time = (count / blocks.sample_rate).reshape(sums.count, size)
-    angle = blocks.phase + blocks.speed * time
+    time = Steady(first, (sums.count, size), blocks.sample_rate)
+    angle = replace(time, offset=blocks.phase, slope=blocks.speed)
     record = sums.periods(blocks, time, angle, phase_known=phase_known)
     excerpt = Record(blocks.channels, looked_at.samples(), blocks.sample_rate)
-    return replace(record, checks=check_record(excerpt, record))
+    return changed(record, checks=check_record(excerpt, record))
 
 
 def _whole_periods(blocks: Blocks, first: int, size: int) -> Iterator[Floats]:

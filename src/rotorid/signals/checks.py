@@ -72,7 +72,7 @@ def check_record(
     if part.valid is not None:
         part = replace(part, samples=part.samples[part.valid], angle=None, valid=None)
     scatter = None if periods is None else _scatter(periods)
-    begin = -np.inf if periods is None else float(periods.time[0, 0])
+    begin = -np.inf if periods is None else periods.begin
     found = {
         "dead": check_dead(part, scatter),
         "stuck": check_stuck(record if record.valid is None else part, begin),

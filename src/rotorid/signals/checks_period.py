@@ -27,7 +27,7 @@ _MOST = 1 << 15  # samples looked at
 def check_multiple(record: Record, periods: PeriodicRecord) -> list[Check]:
     """Find a fundamental that is two or three times the true one."""
     size = periods.samples
-    first = round(float(periods.time[0, 0]) * record.sample_rate)
+    first = round(periods.begin * record.sample_rate)
     count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size
     inputs = [c for c, channel in enumerate(record.channels) if is_input(channel)]
     chosen = inputs or list(range(len(record.channels)))

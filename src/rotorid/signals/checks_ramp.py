@@ -26,7 +26,7 @@ def ramps(record: Record, periods: PeriodicRecord) -> Floats:
     """
     none = np.zeros(len(record.channels))
     size, count = periods.samples, periods.periods
-    first = round((float(periods.time[0, 0]) - record.start) * record.sample_rate)
+    first = round((periods.begin - record.start) * record.sample_rate)
     lines = periods.harmonics > 0
     whole = (len(record.samples) - first) // size
     if record.valid is not None or whole != count or count < LEAST or not lines.any():

@@ -89,18 +89,18 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     found: list[Tone] = []
     if not sensors:
         return []
-    rests, level = _rests(record, periods, sensors)
-    if rests.shape[1] < 4 * _WIDTH:
-        return []
-    telling = np.flatnonzero(rests.std(axis=1) > SMALL * level)
-    powers, floors = _spectra(rests[telling])
-    for at, power, floor in zip(telling, powers, floors, strict=True):
-        c, rest = sensors[at], rests[at]
+    on_grid = [] if periods is None else _on_grid(periods, sensors)
+    for c in sensors:
+        rest, level = _rest(record, periods, c)
+        if len(rest) < 4 * _WIDTH:
+            return []
+        if np.sqrt(rest @ rest / len(rest)) <= SMALL * level:
+            continue
+        power, floor = _spectrum(rest)
         clear = _off_grid(rest, power, floor, record.sample_rate, record.names[c])
         clear = [t for t in clear if not _is_ghost(t, clear[0], record, periods, len(rest))]
         found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
-        if periods is not None:
-            found += _on_grid(periods, c)
+        found += [tone for tone in on_grid if tone.channel == record.names[c]]
     best: list[Tone] = []
     width = 2 * record.sample_rate / min(len(record.samples), _MOST)
     for tone in sorted(found, key=lambda t: -t.strength):
@@ -109,21 +109,18 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     return best
 
 
-def _rests(
-    record: Record, periods: PeriodicRecord | None, sensors: list[int]
-) -> tuple[Floats, Floats]:
-    """Return what the mean over periods leaves of channels, and their level without it taken."""
+def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Floats, float]:
+    """Return what the mean over periods leaves of a channel, and its level without it taken."""
     first, count, size = 0, 1, min(len(record.samples), _MOST)
     if periods is not None:
         size = periods.samples
-        first = round(periods.time[0, 0] * record.sample_rate)
+        first = round(periods.begin * record.sample_rate)
         count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
-    part = np.ascontiguousarray(record.samples[first : first + count * size, sensors].T)
-    folded = part.reshape(len(sensors), count, size)
-    mean = folded.mean(axis=2 if periods is None else 1, keepdims=True)
+    part = record.samples[first : first + count * size, c].copy()
+    folded = part.reshape(count, size)
+    mean = folded.mean(axis=1 if periods is None else 0, keepdims=True)
     folded -= mean
-    power = np.einsum("cn,cn->c", part, part) / part.shape[1] - part.mean(axis=1) ** 2
-    return part, np.sqrt(power.clip(0) + mean.var(axis=(1, 2)))
+    return part, float(np.sqrt(part @ part / len(part) + mean.var()))
 
 
 @cache
@@ -131,21 +128,19 @@ def _window(count: int) -> Floats:
     return np.hanning(count)
 
 
-def _spectra(rests: Floats) -> tuple[Floats, Floats]:
-    """Return the power of windowed signals (signal, sample), and its floor around each line."""
-    count, lines = len(rests), rests.shape[1] // 2 + 1
-    power, window = np.empty((count, lines)), _window(rests.shape[1])
-    windowed = np.empty(rests.shape[1])
-    for rest, into in zip(rests, power, strict=True):  # one by one they stay in the cache
-        spectrum = np.fft.rfft(np.multiply(rest, window, out=windowed))
-        np.square(spectrum.real, out=into)
-        into += np.square(spectrum.imag, out=windowed[:lines])
-    blocks = -(-lines // _WIDTH)
+def _spectrum(rest: Floats) -> tuple[Floats, Floats]:
+    """Return the power of a windowed signal, and its floor around each line.
+
+    Of one channel at a time: they stay in the cache, and take no memory anew.
+    """
+    spectrum = np.fft.rfft(rest * _window(len(rest)))
+    power = np.square(spectrum.real)
+    power += np.square(spectrum.imag)
+    blocks = -(-len(power) // _WIDTH)
     # As many lines as fill the last block are taken from the first.
-    filled = np.concatenate([power, power[:, : blocks * _WIDTH - lines]], axis=1)
-    medians = median(filled.reshape(count, blocks, _WIDTH))
-    floor = np.repeat(medians, _WIDTH, axis=1)[:, :lines]
-    return power, np.maximum(floor, 1e-20 * power.sum(axis=1, keepdims=True))
+    filled = np.concatenate([power, power[: blocks * _WIDTH - len(power)]])
+    medians = np.maximum(median(filled.reshape(blocks, _WIDTH)), 1e-20 * power.sum())
+    return power, np.repeat(medians, _WIDTH)[: len(power)]
 
 
 def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str) -> list[Tone]:
@@ -205,18 +200,22 @@ def _steady(rest: Floats, turns: float) -> float | None:
     return float(turns + np.angle(second * np.conj(first)) / (2 * np.pi * half))
 
 
-def _on_grid(periods: PeriodicRecord, c: int) -> list[Tone]:
-    """Return the line that stands alone among those that are not kept."""
+def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
+    """Return of each sensor the line that stands alone among those that are not kept."""
     size, count = periods.samples, periods.periods
-    power = np.abs(np.fft.rfft(periods.mean[:, c]) / size) ** 2
+    power = np.abs(np.fft.rfft(periods.mean[:, sensors], axis=0) / size) ** 2
     power[0] = 0.0
     power[periods.harmonics] = 0.0
-    noise = float(periods.variance[:, c].mean()) / (size * count)
-    order = np.argsort(-power)
-    if len(order) < 3 or power[order[0]] < max(ALONE**2 * power[order[1]], TONE * noise):
+    if len(power) < 3:
         return []
-    frequency = float(order[0] * periods.fundamental)
-    return [Tone(frequency, float(power[order[0]] / max(noise, 1e-300)), periods.names[c])]
+    noise = periods.variance[:, sensors].mean(axis=0) / (size * count)
+    place, (second, first) = np.argmax(power, axis=0), np.partition(power, -2, axis=0)[-2:]
+    alone = first >= np.maximum(ALONE**2 * second, TONE * noise)
+    strength = first / np.maximum(noise, 1e-300)
+    return [
+        Tone(float(place[k] * periods.fundamental), float(strength[k]), periods.names[sensors[k]])
+        for k in np.flatnonzero(alone)
+    ]
 
 
 def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Check]:
@@ -265,7 +264,7 @@ def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
 
 def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency: float) -> complex:
     """Return the complex amplitude of a tone in a channel, the excitation taken away."""
-    rest, length = _rests(record, periods, [c])[0][0], 0 if periods is None else periods.samples
+    rest, length = _rest(record, periods, c)[0], 0 if periods is None else periods.samples
     wave = np.exp(-2j * np.pi * frequency / record.sample_rate * np.arange(len(rest)))
     found = complex((_window(len(rest)) * rest) @ wave) / len(rest) * 2
     turns = frequency * length / record.sample_rate

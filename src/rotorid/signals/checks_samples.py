@@ -148,15 +148,14 @@ def check_clipped(record: Record) -> list[Check]:
     found = []
     if not len(record.samples):
         return []
-    rows = np.ascontiguousarray(record.samples.T)
-    limits = rows.min(axis=1), rows.max(axis=1)
-    touched = [np.count_nonzero(rows == limit[:, None], axis=1) for limit in limits]
     for c, channel in enumerate(record.channels):
+        samples = np.ascontiguousarray(record.samples[:, c])
+        limits = samples.min(), samples.max()
+        touched = max(np.count_nonzero(samples == limit) for limit in limits)
         # Most channels touch their extremes once: there is nothing more to look at.
-        if limits[0][c] == limits[1][c] or max(touched[0][c], touched[1][c]) < CLIPPED_RUN:
+        if limits[0] == limits[1] or touched < CLIPPED_RUN:
             continue
-        samples = rows[c]
-        counts = {float(limit[c]): _flat(samples, limit[c]) for limit in limits}
+        counts = {float(limit): _flat(samples, float(limit)) for limit in limits}
         if sum(counts.values()) < CLIPPED_SAMPLES:
             continue
         where = " and ".join(

@@ -217,23 +217,22 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Check]:
 
 def _without_trend(spectra: Complexes) -> Floats:
     """Return the size of each period's deviation in units of the scatter: (period, channel)."""
-    count = len(spectra)
-    # The middle of the two neighbours is the best guess of a period in slow change.
-    before, after = spectra[:-2], spectra[2:]
-    inner = spectra[1:-1] - (before + after) / 2
-    ends = [spectra[:1] - spectra[1:2], spectra[-1:] - spectra[-2:-1]]
-    middle = [median(np.moveaxis(part, 0, -1)) for part in (spectra.real, spectra.imag)]
-    centre = spectra - (middle[0] + 1j * middle[1])
-    local = np.concatenate([ends[0], inner, ends[1]])
     level = np.sqrt((np.abs(spectra.mean(axis=0)) ** 2).mean(axis=0))
-    size = np.empty((2, count, spectra.shape[2]))
-    for kind, part in enumerate((centre, local)):
-        power = np.square(part.real) + np.square(part.imag)
-        typical = median(np.moveaxis(power, 0, -1))
-        floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
-        size[kind] = (power / np.maximum(typical, floor)).mean(axis=1)
+    floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)[:, None]
+    size = np.empty((2, spectra.shape[2], len(spectra)))
+    powers = np.zeros((2, *spectra.shape[1:], len(spectra)))
+    for part in (spectra.real, spectra.imag):
+        each = np.ascontiguousarray(np.moveaxis(part, 0, -1))  # periods last: they are sorted
+        powers[0] += np.square(each - median(each)[..., None])
+        # The middle of the two neighbours is the best guess of a period in slow change.
+        powers[1, ..., 1:-1] += np.square(each[..., 1:-1] - (each[..., :-2] + each[..., 2:]) / 2)
+        powers[1, ..., 0] += np.square(each[..., 0] - each[..., 1])
+        powers[1, ..., -1] += np.square(each[..., -1] - each[..., -2])
+    for kind, power in enumerate(powers):
+        typical = np.maximum(median(power)[..., None], floor)
+        size[kind] = (power / typical).mean(axis=0)
     # A knock stands out both from the whole and from its neighbours; a drift only from the whole.
-    return np.asarray(size.min(axis=0))
+    return np.asarray(size.min(axis=0).T)
 
 
 def check_drift(periods: PeriodicRecord) -> list[Check]:

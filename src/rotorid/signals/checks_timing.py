@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorid.record import Booleans, Check, Complexes, Floats, PeriodicRecord, Verdict
+from rotorid.record import Booleans, Check, Complexes, Floats, Integers, PeriodicRecord, Verdict
 from rotorid.signals.checks_scatter import NO_SCATTER
 from rotorid.signals.sums import median
 
@@ -134,7 +134,7 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     sharp = (weight * power.mean(axis=0) * squared).sum(axis=0)
     slopes = strength * omega[:, None] / np.where(information > 0, information, 1.0)
     tau = -np.einsum("plc,lc->pc", phase, slopes)
-    turned = z * np.exp(1j * omega[:, None] * tau[:, None, :])
+    turned = z * _turns(periods.harmonics[lines], 2 * np.pi * periods.fundamental * tau)
     before, after = (_spreads(values, weight) for values in (z, turned))
     chance = np.count_nonzero(clear, axis=0)
     told = before > 2 * chance
@@ -147,6 +147,17 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
         )
         for c in np.flatnonzero(chance)
     }
+
+
+def _turns(harmonics: Integers, angle: Floats) -> Complexes:
+    """Return exp(i k angle) of each harmonic k, (period, line, channel), as products of powers."""
+    once = np.exp(1j * angle)
+    powers = {int(d): once ** int(d) for d in np.unique(np.diff(harmonics, prepend=0))}
+    turns = np.empty((len(angle), len(harmonics), angle.shape[1]), dtype=np.complex128)
+    here = np.ones_like(once)
+    for at, step in enumerate(np.diff(harmonics, prepend=0)):
+        turns[:, at] = here = here * powers[int(step)]
+    return turns
 
 
 def _spreads(z: Complexes, weight: Floats) -> Floats:
@@ -258,24 +269,34 @@ def _best_place(tau: Floats) -> int:
     return 1 + int(np.argmax(_explained_by_steps(tau)))
 
 
-def _may_step(shifts: Shifts) -> bool:
-    """Tell whether a step could be clear: none explains more than it would of noise alone.
+def _may_step(channels: dict[int, Shifts]) -> list[int]:
+    """Return where a step could be clear: elsewhere none explains more than noise alone would.
 
     The fit leaves two periods to themselves besides, for which a half is allowed.
     """
-    return bool(_explained_by_steps(shifts.tau).max() > (STEP / 2 * shifts.noise) ** 2)
+    if not channels:
+        return []
+    most = _explained_by_steps(np.stack([s.tau for s in channels.values()])).max(axis=1)
+    return [
+        c
+        for (c, s), found in zip(channels.items(), most, strict=True)
+        if found > (STEP / 2 * s.noise) ** 2
+    ]
 
 
 def _explained_by_steps(tau: Floats) -> Floats:
-    """Return the sum of squares that a step before each period but the first explains."""
-    count = len(tau)
+    """Return the sum of squares that a step before each period but the first explains.
+
+    Of one course of shifts, or of several, periods last.
+    """
+    count = tau.shape[-1]
     place = np.arange(count) - (count - 1) / 2
-    rest = tau - tau.mean()
-    rest = rest - place * (place @ rest) / (place @ place)
+    rest = tau - tau.mean(axis=-1, keepdims=True)
+    rest = rest - place * (rest @ place / (place @ place))[..., None]
     after = np.arange(count - 1, 0, -1)  # periods behind a step at 1, 2, ...
     moment = np.cumsum(place[::-1])[:-1][::-1]
     size = after - after**2 / count - moment**2 / (place @ place)
-    gain = np.cumsum(rest[::-1])[:-1][::-1]
+    gain = np.cumsum(rest[..., ::-1], axis=-1)[..., -2::-1]
     size = np.where(size > 1e-9 * count, size, np.inf)
     return np.asarray(gain**2 / size)
 
@@ -339,7 +360,7 @@ def _largest_step(
     periods: PeriodicRecord, channels: dict[int, Shifts]
 ) -> tuple[Check, dict[int, Shifts]] | None:
     """Return the clearest step by whole samples, and the shifts without it."""
-    fits = {c: fit_shifts(s.tau, s.noise) for c, s in channels.items() if _may_step(s)}
+    fits = {c: fit_shifts(channels[c].tau, channels[c].noise) for c in _may_step(channels)}
     clear = {
         c: abs(f.step) / f.step_std
         for c, f in fits.items()

@@ -9,6 +9,7 @@ import numpy as np
 from rotorid.record import Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.period_lines import Sampled
 from rotorid.signals.spectrum import line_spectra, transfer_of_recording
+from rotorid.steady import Steady
 
 _FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
@@ -24,8 +25,8 @@ def periods_at_once(size: int, channels: int) -> int:
 class PeriodSums:
     """What is kept of periods: their number, mean, squares about it, and the lines of each.
 
-    Sums of parts of a record, merged in any order, are those of the whole, by the formulas of
-    Chan, Golub and LeVeque (1983), which lose no digits to a large mean.
+    Every period is summed as it differs from the mean of the first ones: no digits are lost to a
+    large mean (Chan, Golub and LeVeque 1983), and sums of parts add in any order.
 
     Parameters
     ----------
@@ -39,58 +40,55 @@ class PeriodSums:
     channels: int
     lines: Integers
     count: int = 0
-    mean: Floats = field(init=False)
-    squares: Floats = field(init=False)
     spectra: dict[int, Complexes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.mean = np.zeros((self.size, self.channels))
-        self.squares = np.zeros((self.size, self.channels))
+        self._centre: Floats | None = None
+        self._sum = np.zeros((self.size, self.channels))
+        self._squares = np.zeros((self.size, self.channels))
         self._apart = np.empty((0, self.size, self.channels))
-        few = len(self.lines) <= _FEW_LINES
-        self._waves = np.ascontiguousarray(_waves(self.lines, self.size).T) if few else None
+        self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
 
     def add(self, periods: Floats, first: int) -> None:
         """Add periods, shape (period, sample, channel), the first of them number `first`."""
         step = periods_at_once(self.size, self.channels)
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]
-            mean = part.mean(axis=0)
-            self._merge_moments(len(part), mean, self._squares(part, mean))
+            self._add_moments(part)
             self.spectra[first + begin] = self._lines_of(part)
+        self.count += len(periods)
 
-    def _merge_moments(self, count: int, mean: Floats, squares: Floats) -> None:
-        if count == 0:
-            return
-        total = self.count + count
-        if self.count == 0:
-            self.mean, self.squares = mean.copy(), squares.copy()
-        else:
-            apart = mean - self.mean
-            self.mean += apart * (count / total)
-            np.square(apart, out=apart)
-            apart *= self.count * count / total
-            self.squares += squares
-            self.squares += apart
-        self.count = total
-
-    def _squares(self, part: Floats, mean: Floats) -> Floats:
-        """Return the sum over periods of the squares about their mean."""
+    def _add_moments(self, part: Floats) -> None:
+        """Add what differs from the first periods' mean, and its squares, in one buffer."""
+        if self._centre is None:
+            self._centre = part.mean(axis=0)
         if len(self._apart) < len(part):
             self._apart = np.empty_like(part)
-        apart = np.subtract(part, mean, out=self._apart[: len(part)])
-        return np.asarray(np.square(apart, out=apart).sum(axis=0))
+        apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
+        self._sum += apart.sum(axis=0)
+        self._squares += np.square(apart, out=apart).sum(axis=0)
 
     def _lines_of(self, part: Floats) -> Complexes:
-        if self._waves is None:
+        if self._folds is None:
             return line_spectra(part, self.lines)
-        sums = np.matmul(part.transpose(0, 2, 1), self._waves).transpose(0, 2, 1)
-        return np.asarray(sums[:, : len(self.lines)] + 1j * sums[:, len(self.lines) :])
+        lines = np.empty((len(part), len(self.lines), self.channels), dtype=np.complex128)
+        for fold in self._folds:
+            sums = np.matmul(fold.waves.T, fold.of(part))
+            lines.real[:, fold.places] = sums[:, : len(fold.places)]
+            lines.imag[:, fold.places] = sums[:, len(fold.places) :]
+        return lines
+
+    @property
+    def mean(self) -> Floats:
+        """Mean over periods of each sample, shape (sample, channel)."""
+        centre = 0.0 if self._centre is None else self._centre
+        return np.asarray(centre + self._sum / max(self.count, 1))
 
     @property
     def variance(self) -> Floats:
         """Unbiased variance over periods of each sample, shape (sample, channel)."""
-        return self.squares / (self.count - 1)
+        squares = self._squares - self._sum**2 / self.count
+        return np.asarray(np.maximum(squares, 0.0) / (self.count - 1))
 
     def ordered(self) -> Complexes:
         """Return the lines of the periods in their order, shape (period, line, channel)."""
@@ -99,8 +97,8 @@ class PeriodSums:
     def periods(
         self,
         recorded: Sampled,
-        time: Floats,
-        angle: Floats,
+        time: Steady | Floats,
+        angle: Steady | Floats,
         *,
         phase_known: bool,
         phase_std: float = 0.0,
@@ -133,6 +131,38 @@ def median(values: Floats) -> Floats:
     if ordered.shape[-1] % 2:
         return np.asarray(ordered[..., middle])
     return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """Lines that halve a period alike: its second half repeats the first, or is its opposite.
+
+    Even lines are those of the sum of both halves, odd ones those of their difference: half the
+    products. A period of an odd number of samples stays whole.
+    """
+
+    places: Integers
+    waves: Floats
+    sign: int
+
+    def of(self, part: Floats) -> Floats:
+        """Return the samples, folded, shape (period, sample, channel)."""
+        if not self.sign:
+            return part
+        half = part.shape[1] // 2
+        join = np.add if self.sign > 0 else np.subtract
+        return np.asarray(join(part[:, :half], part[:, half:]))
+
+
+def _folds(lines: Integers, size: int) -> list[_Fold]:
+    """Return the lines by how they fold, with their cosines and sines, (sample, 2 x line)."""
+    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
+    folds = []
+    for sign in sorted(set(signs.tolist())):
+        places = np.flatnonzero(signs == sign)
+        waves = _waves(lines[places], size)[:, : size // 2 if sign else size]
+        folds.append(_Fold(places, np.ascontiguousarray(waves.T), sign))
+    return folds
 
 
 def _waves(lines: Integers, size: int) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.record import Floats, PeriodicRecord
+from rotorid.steady import Steady, unread
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
 _BLOCK = 1 << 16  # samples at once, so that memory does not grow with the record
@@ -50,14 +51,34 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
     angle, so they lose the same part. What remains is the answer of the rotor to the part that
     leaks, which is not periodic: an error of about the leakage times the amplification there.
     """
+    angle, time = unread(periods, "angle"), unread(periods, "time")
+    if isinstance(angle, Steady) and isinstance(time, Steady):
+        return _of_one_speed(periods, angle.slope)
+    return _measured(periods)
+
+
+def _of_one_speed(periods: PeriodicRecord, speed: float) -> Synchronism:
+    """Return it for a constant speed: the sums over periods and over samples are apart."""
+    omega0, count = 2 * np.pi * periods.fundamental, periods.periods
+    turns = speed / omega0
+    nearest = round(turns)
+    gains = speed - omega0 * np.array([*periods.harmonics, nearest])
+    place = np.arange(periods.samples) / periods.sample_rate
+    begin = np.arange(count) / periods.fundamental
+    means = [np.exp(1j * np.multiply.outer(t, gains)).mean(axis=0) for t in (begin, place)]
+    length = (count * periods.samples - 1) / periods.sample_rate
+    return _told(periods, turns, length, 0.0, np.abs(means[0] * means[1]))
+
+
+def _measured(periods: PeriodicRecord) -> Synchronism:
+    """Return it for a measured angle: its line in every period."""
     angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
     omega0 = 2 * np.pi * periods.fundamental
     some = slice(None, None, max(1, len(time) // _FITTED))
     middle, centre = time.mean(), angle.mean()
     speed = np.polynomial.polynomial.polyfit(time[some] - middle, angle[some] - centre, 2)
-    turns = speed[1] / omega0
-    nearest = round(turns)
-    orders = np.array([*periods.harmonics, nearest])
+    turns = float(speed[1] / omega0)
+    orders = np.array([*periods.harmonics, round(turns)])
     within = 2 * np.pi * np.multiply.outer(np.arange(periods.samples), orders) / periods.samples
     waves = np.exp(-1j * within)
     starts = np.exp(-1j * omega0 * np.multiply.outer(periods.time[:, 0], orders))
@@ -66,11 +87,20 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
     for begin in range(0, periods.periods, step):
         part = slice(begin, begin + step)
         sums += (starts[part] * (np.exp(1j * periods.angle[part]) @ waves)).sum(axis=0)
-    *kept, own = np.abs(sums / len(time))
+    length = float(time[-1] - time[0])
+    return _told(periods, turns, length, float(speed[2]), np.abs(sums / len(time)))
+
+
+def _told(
+    periods: PeriodicRecord, turns: float, length: float, bend: float, sizes: Floats
+) -> Synchronism:
+    """Return what is told of a rotation, from its sizes on the kept lines and, last, its own."""
+    nearest = round(turns)
+    *kept, own = sizes
     return Synchronism(
-        turns=float(turns),
-        slip=float((turns - nearest) * omega0 * (time[-1] - time[0])),
-        drift=float(2 * speed[2] * (time[-1] - time[0])),
+        turns=turns,
+        slip=(turns - nearest) * 2 * np.pi * periods.fundamental * length,
+        drift=2 * bend * length,
         loss=float(1 - own),
         leakage=np.where(periods.harmonics == nearest, 0.0, kept),
     )

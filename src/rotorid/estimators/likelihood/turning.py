@@ -18,6 +18,7 @@ from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, PeriodicRecord
+from rotorid.steady import Steady, unread
 
 CREEPS = 3.5
 """Deviations of the slope from which on the angle is no better known than by its creep: chance
@@ -103,7 +104,7 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
     if given is None:
         return None
     angles = -(turned @ each) / size - given
-    middle = float(periodic.time.mean()) * periodic.fundamental
+    middle = periodic.middle * periodic.fundamental
     return _fitted(angles, float(np.sqrt(len(angles) / size)), middle)
 
 
@@ -116,7 +117,12 @@ def _given(periodic: PeriodicRecord) -> Floats | None:
     if abs(turns - round(turns)) * periodic.periods > 1:
         return None
     wave = np.exp(-2j * np.pi * round(turns) * np.arange(periodic.samples) / periodic.samples)
-    phase = np.unwrap(np.angle(np.exp(1j * periodic.angle) @ wave))
+    given = unread(periodic, "angle")
+    if isinstance(given, Steady):
+        turned = np.exp(1j * given.in_period * np.arange(periodic.periods))
+    else:
+        turned = np.exp(1j * given) @ wave
+    phase = np.unwrap(np.angle(turned))
     return np.asarray(phase - phase.mean())
 
 
