@@ -413,7 +413,7 @@ def test_paths_that_are_no_files(tmp_path):
         load_estimate("a\0b")
 
 
-def test_a_prediction_worse_than_none_is_explained_where_the_cost_is_in_order():
+def test_a_prediction_that_noise_spoils_is_explained_where_the_cost_is_in_order():
     """Sweeps of a rotor that floats: beside its modes the noise of the forces predicts motion."""
     good = Estimate(
         "m", "ml", "ok", (), misfit=Misfit(98.0, 99.0, 90, 0.5),
@@ -424,7 +424,8 @@ def test_a_prediction_worse_than_none_is_explained_where_the_cost_is_in_order():
     for other in (
         replace(good, status="rejected"),
         replace(good, misfit=None),
-        replace(good, prediction={"x1": Prediction(0.9)}),
+        replace(good, prediction={"x1": Prediction(0.29)}),
     ):
         assert "beside a resonance" not in str(other)
+    assert "beside a resonance" in str(replace(good, prediction={"x1": Prediction(0.31)}))
     assert "\n260 periods, 2 lines" in str(replace(good, periods=260))

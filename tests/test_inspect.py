@@ -56,7 +56,7 @@ def test_the_page_stands_alone(rig: Path) -> None:
     page = rig / "found.html"
     assert run(["inspect", str(rig / "rig.toml"), "--report", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
-    for title in ("Samples", "Lines of the mean period", "From period to period", "Noise that"):
+    for title in ("Samples", "Spectrum of the mean period", "From period to period", "Noise that"):
         assert f"<h3>{title}" in text
     shown = text.split("</head>")[1].split("<script")[0]
     assert "http" not in shown

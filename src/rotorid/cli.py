@@ -140,9 +140,10 @@ def demo(**options: Any) -> int:
 @click.argument("experiment", type=_FILE)
 @_output_options
 @_debug_option
-def inspect(**options: Any) -> int:
+@click.pass_obj
+def inspect(given: str, /, **options: Any) -> int:
     """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
-    return _work("inspect", **options)
+    return _work("inspect", given=given, **options)
 
 
 @cli.command(epilog=_example("rotorid identify run.toml --json run.json --report run.html"))
@@ -163,9 +164,10 @@ def identify(given: str, /, **options: Any) -> int:
 @click.argument("experiment", type=_FILE)
 @_output_options
 @_debug_option
-def validate(**options: Any) -> int:
+@click.pass_obj
+def validate(given: str, /, **options: Any) -> int:
     """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
-    return _work("validate", **options)
+    return _work("validate", given=given, **options)
 
 
 @cli.command(epilog=_example('rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"'))
@@ -193,21 +195,23 @@ def modes(given: str, /, **options: Any) -> int:
 @click.option("--masses", help='Those that there are, such as "0.5 g, 1 g, 2 g".')
 @click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
 @click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
-@_json_option
+@_output_options
 @_debug_option
-def balance(**options: Any) -> int:
+@click.pass_obj
+def balance(given: str, /, **options: Any) -> int:
     """Correction masses in some planes for RESULT, and the unbalance that is left."""
-    return _work("balance", **options)
+    return _work("balance", given=given, **options)
 
 
-@cli.command(epilog=_example("rotorid sensitivity sweep.toml"))
+@cli.command(epilog=_example("rotorid sensitivity sweep.toml --report sensitivity.html"))
 @click.argument("experiment", type=_FILE)
 @click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
-@_json_option
+@_output_options
 @_debug_option
-def sensitivity(**options: Any) -> int:
+@click.pass_obj
+def sensitivity(given: str, /, **options: Any) -> int:
     """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
-    return _work("sensitivity", **options)
+    return _work("sensitivity", given=given, **options)
 
 
 @cli.command(epilog=_example("rotorid report run.json --out run.html"))

@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 SCHEMA = "rotorid-estimate/2"
 NOTICED = 0.01  # p-value below which the tables say where the misfit lies
 WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
+SPOILT = 0.3  # relative error of an accepted prediction from which on its reason is told
 FAR = 10.0  # deviations in a value, from which on it is not shown in percent
+MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
 HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
 _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
@@ -665,21 +667,40 @@ def _together(estimate: Estimate) -> list[str]:
     pairs.sort(key=lambda pair: (-round(float(pair[0]), 6), pair[1], pair[2]))
     if not pairs:
         return []
-    said = [
-        f"{names[i]} with {names[j]} {estimate.correlation[i, j]:+.3f}" for _, i, j in pairs[:WORST]
-    ]
-    more = f" and {len(pairs) - WORST} more" if len(pairs) > WORST else ""
-    return [f"correlated, so known together better than one by one: {', '.join(said)}{more}"]
+    said = []
+    for group in _linked([(i, j) for _, i, j in pairs]):
+        own = [(r, i, j) for r, i, j in pairs if i in group]
+        if len(own) > MANY:
+            said.append(f"{', '.join(names[i] for i in sorted(group))}, up to {own[0][0]:.3f}")
+        else:
+            told = ((names[i], names[j], estimate.correlation[i, j]) for _, i, j in own)
+            said += [f"{one} with {other} {r:+.3f}" for one, other, r in told]
+    more = f" and {len(said) - WORST} more" if len(said) > WORST else ""
+    shown = (", " if len(said) == len(pairs) else "; ").join(said[:WORST])
+    return [f"correlated, so known together better than one by one: {shown}{more}"]
+
+
+def _linked(pairs: Sequence[tuple[int, int]]) -> list[set[int]]:
+    """Return the groups that pairs link, in the order in which they begin."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        met = [group for group in groups if group & {*pair}]
+        if met:
+            met[0].update(pair, *met[1:])
+            groups = [group for group in groups if all(group is not other for other in met[1:])]
+        else:
+            groups.append({*pair})
+    return groups
 
 
 def _by_noise(estimate: Estimate) -> str:
     """Say what makes a prediction from the forces worse than none, where the cost is in order."""
     worst = max((p.relative_error for p in estimate.prediction.values() if p), default=0.0)
-    if worst < 1 or estimate.status != "ok" or estimate.misfit is None:
+    if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
         return ""
     return (
         ", from the measured forces alone: beside a resonance with hardly any damping their "
-        "noise moves the model further than the machine moved; the misfit tells the fit"
+        "noise moves the model as far as the machine moved; the misfit tells the fit"
     )
 
 

@@ -32,7 +32,10 @@ class ChannelEvidence:
     wave_noise : float
         Standard deviation that noise gives the difference of the two at any time.
     error : float
-        |predicted - measured| / |measured| on all lines.
+        |predicted - measured| / |measured| on all lines that are not left out.
+    left_out : int
+        Lines beside a resonance on which the noise alone moves the prediction further than the
+        channel moved. They are in none of what is over time, nor in `error`.
     """
 
     name: str
@@ -45,6 +48,7 @@ class ChannelEvidence:
     wave_predicted: Numbers = ()
     wave_noise: Number = math.nan
     error: Number = math.nan
+    left_out: Count = 0
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,15 @@ def page_html(page: Page) -> str:
     )
 
 
+def by_hand(unit: str) -> tuple[str, float]:
+    """Return the unit in which small motion is told, and the factor from SI.
+
+    >>> by_hand("m"), by_hand("A")
+    (('um', 1000000.0), ('A', 1.0))
+    """
+    return {"m": ("um", 1e6), "rad": ("urad", 1e6)}.get(unit, (unit, 1.0))
+
+
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
     """Return a table of headings and rows."""
     return Table(tuple(headings), tuple(tuple(row) for row in rows))

@@ -11,12 +11,25 @@ from browser import Browser, browser
 
 from rotorid import cli
 from rotorid.demo import run_demo
+from rotorid.report.answers import sensitivity_report
 from rotorid.report.demo import demo_report
+from rotorid.results.sensitivity import AxisSensitivity
 
 LOOKS = [(400, "dark"), (1280, "light"), (2560, "dark")]
 MORE = [(400, "light"), (1280, "dark"), (2560, "light")]
 INK = {"light": "rgb(32, 33, 36)", "dark": "rgb(232, 234, 237)"}
 HOSTILE = "</script><img src=x onerror=alert(1)>"
+
+
+LOOP = AxisSensitivity(
+    HOSTILE,
+    np.arange(1.0, 99.0),
+    1 + 1.2 / (1 + 0.1j * np.arange(-39.0, 59.0)),
+    np.full(98, 0.05),
+    2.2,
+    40.0,
+    (2.1, 2.3),
+)
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +54,16 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     assert cli.run(["validate", str(result), str(experiment), "--report", str(found[2])]) == 0
     turning = ["--speed", "9000 rpm", "--to", "20000 rpm"]
     assert cli.run(["modes", str(result), *turning, "--report", str(found[3])]) == 0
+    planes = ["--plane", "F_xa,F_ya", "--plane", "F_xb,F_yb", "--radius", "30 mm"]
+    balanced = folder / "balance.html"
+    assert cli.run(["balance", str(result), *planes, "--report", str(balanced)]) == 0
+    loops = folder / "sensitivity.html"
+    loops.write_text(sensitivity_report([LOOP], HOSTILE), encoding="utf-8")
     demo = folder / "demo.html"
     page = demo_report(run_demo(2, rng=np.random.default_rng(3)))
     demo.write_text(page, encoding="utf-8")
     assert HOSTILE.replace("<", "&lt;").replace(">", "&gt;") in found[0].read_text("utf-8")
-    return [*found, demo]
+    return [*found, balanced, loops, demo]
 
 
 @pytest.mark.slow

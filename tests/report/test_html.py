@@ -130,8 +130,8 @@ def test_estimate_report_shows_the_estimate(
     assert titles(page) == [
         "Measured and predicted over time",
         "What is left over time",
-        "Measured and predicted on the lines",
-        "What is left, line by line",
+        "Measured and predicted, frequency by frequency",
+        "What is left, frequency by frequency",
         "Correlation of the parameters",
         "Campbell diagram",
         "Mode shapes",
@@ -140,7 +140,7 @@ def test_estimate_report_shows_the_estimate(
     for value in estimate.parameters:
         assert value.name in page.words
     for note in estimate.notes:
-        assert note in page.words
+        assert note.removeprefix("note, ") in page.words
     for text in (model.title, *model.texts, "simulation", "Accepted: these 5 parameters explain"):
         assert text in page.words
 
@@ -154,7 +154,7 @@ def test_the_page_is_that_of_the_file(estimate: Estimate, tmp_path: Path) -> Non
 def test_every_record_has_its_pictures(model: Model, periods: PeriodicRecord) -> None:
     page = Page(estimate_report(gathered(model, periods, periods)))
     check_self_contained(page)
-    assert "Measured and predicted on the lines, record 2" in titles(page)
+    assert "Measured and predicted, frequency by frequency, record 2" in titles(page)
     assert "F_x, record 2" in page.words
 
 
@@ -253,7 +253,7 @@ def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
     page = Page(estimate_report(found))
     check_self_contained(page)
     assert "Measured and predicted over time" not in titles(page)
-    assert "Measured and predicted on the lines" in titles(page)  # as they were measured
+    assert "Measured and predicted, frequency by frequency" in titles(page)  # as they were measured
     assert "Not identifiable: " in page.words
     for warning in found.warnings:
         assert warning.removeprefix("not identifiable: ").removeprefix("cure: ") in page.words
@@ -267,7 +267,7 @@ def test_where_the_misfit_lies(estimate: Estimate) -> None:
     )
     page = Page(estimate_report(found))
     check_self_contained(page)
-    assert "Misfit line by line" in titles(page)
+    assert "Misfit, frequency by frequency" in titles(page)
     assert "20 Hz90.5" in page.words
     assert "x70.2518" in page.words
     text = str(found).splitlines()

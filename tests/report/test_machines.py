@@ -1,5 +1,6 @@
 """Modes, Campbell diagram and unbalance response as pictures and pages."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,15 @@ from report_pages import Page, check_self_contained, titles
 import rotorid as rid
 from rotorid.plots.machines import campbell as campbell_panel
 from rotorid.plots.machines import response, shapes
+from rotorid.report.answers import balance_report
 from rotorid.report.machines import BEYOND, SPEEDS, machine_part, modes_report
+from rotorid.report.modes_page import (
+    mode_table,
+    ringing,
+    ringing_curves,
+    sentence_of,
+    summary,
+)
 from rotorid.results.critical import campbell
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import modes
@@ -134,3 +143,60 @@ def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path: Path) ->
     check_self_contained(page)
     assert f"{np.sqrt(400 - 1) / (2 * np.pi):.6g}" in page.words
     assert titles(page) == ["Mode shapes"]
+
+
+def test_the_page_of_a_balance(estimate: rid.Estimate, model: rid.Model) -> None:
+    planes = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
+    found = rid.balance(estimate, planes, SPEED, radius="60 mm", masses=["1 g", "2 g"])
+    page = Page(balance_report(found, [], model, ["rotorid balance run.json"]))
+    check_self_contained(page)
+    assert "Balanced with this to less than G " in page.words
+    assert "rotorid balance run.json" in page.words
+    for plot, one, left in zip(page.plots.values(), found.corrections, found.residual, strict=True):
+        arrow, _, ring, masses = plot["data"]  # type: ignore[misc]
+        tip = 1e6 * one.unbalance_kg_m * np.exp(1j * one.angle_rad)
+        np.testing.assert_allclose([arrow["x"][1], arrow["y"][1]], [tip.real, tip.imag], rtol=1e-4)
+        away = np.hypot(np.array(ring["x"]) - tip.real, np.array(ring["y"]) - tip.imag)
+        np.testing.assert_allclose(away, 1e6 * left.unbalance_kg_m, atol=0.01)
+        angles = np.arctan2(masses["y"], masses["x"])
+        np.testing.assert_allclose(
+            np.exp(1j * angles), np.exp(1j * np.array(one.masses)[:, 1]), 1e-4
+        )
+        assert plot["layout"]["yaxis"]["scaleanchor"] == "x"  # type: ignore[index]
+
+
+def test_planes_that_do_not_reach_are_said(estimate: rid.Estimate, model: rid.Model) -> None:
+    found = rid.balance(estimate, ["x1,y1"], SPEED)
+    page = Page(balance_report(found, [], model))
+    assert "These planes cannot do away with the unbalance: " in page.words
+
+
+def test_what_is_overdamped_is_no_mode_of_a_page(estimate: rid.Estimate) -> None:
+    """A pole without a peak in any response, damping ratio above .707, is neither row nor curve."""
+    found = modes(estimate, speed=SPEED)
+    dull = replace(found.modes[1], damping_ratio=0.71, frequency_hz=57.6)
+    crowd = replace(found, modes=(found.modes[0], dull, *found.modes[2:]))
+    assert len(ringing(crowd).modes) == len(found.modes) - 1
+    assert "57.6" not in [cell for row in mode_table(crowd).rows for cell in row]
+    assert [text for text in summary(crowd) if text.startswith("1 overdamped")]
+    rings = replace(dull, damping_ratio=0.70)
+    assert len(ringing(replace(found, modes=(rings,))).modes) == 1
+    diagram = campbell(estimate, SPEED)
+    ratio = diagram.damping_ratio.copy()
+    ratio[:, 0] = 1.0
+    ratio[0, 1] = 0.8
+    kept = ringing_curves(replace(diagram, damping_ratio=ratio))
+    assert len(kept.whirl) == len(diagram.whirl) - 1
+    assert np.isnan(kept.frequency_hz[0, 0])
+    np.testing.assert_array_equal(kept.frequency_hz[1:, 0], diagram.frequency_hz[1:, 1])
+
+
+def test_modes_in_a_sentence(estimate: rid.Estimate) -> None:
+    found, diagram = modes(estimate, speed=SPEED), campbell(estimate, "20000 rpm")
+    said = sentence_of(found, diagram)
+    nearest = min((c.speed_rad_s for c in diagram.critical), key=lambda s: abs(s - SPEED))
+    assert said.startswith("At 8400 rpm the machine rings from ")
+    assert f"{30 / np.pi * nearest:.5g} rpm, lies {100 * (nearest / SPEED - 1):.3g} % above" in said
+    still = sentence_of(modes(estimate, speed=0.0), None)
+    assert still.startswith("At standstill the machine rings ")
+    assert still.endswith("modes.")

@@ -203,6 +203,16 @@ def test_parameters_known_together_are_named() -> None:
     assert note.endswith("b with c -0.990, a with b +0.951")
 
 
+def test_many_parameters_known_together_are_named_once() -> None:
+    values = tuple(Value(name, "kg", 1.0, 0.1) for name in "abcde")
+    correlation = np.full((5, 5), 0.97)
+    correlation[:4, 4] = correlation[4, :4] = 0.0
+    np.fill_diagonal(correlation, 1.0)
+    found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
+    (note,) = (text for text in found.notes if text.startswith("correlated"))
+    assert note.endswith("one by one: a, b, c, d, up to 0.970")
+
+
 def test_suspects_only_where_something_is_suspect() -> None:
     assert "suspect" in str(ESTIMATE)
     assert "suspect" not in str(ESTIMATE.with_(status="ok"))

@@ -9,6 +9,7 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 import rotorid as rid
 from rotorid import cli
 from rotorid.distributions import bound_of_length
+from rotorid.evidence import Evidence, RecordEvidence
 from rotorid.results.balancing import CONFIDENCE, Balance
 from rotorid.results.machine import machine_of
 from rotorid.results.masses import Masses, chosen
@@ -289,6 +290,22 @@ def test_the_speeds_of_the_experiment_are_those_of_the_records(tmp_path, capsys)
     base.with_(provenance=source).save(tmp_path / "run.json")
     assert cli.run(["balance", str(tmp_path / "run.json"), "--plane", *ENDS]) == 0
     assert "rigid at 6000, 6000 rpm" in capsys.readouterr().out
+
+
+def test_speeds_that_an_encoder_told_are_those_of_the_records(tmp_path, capsys):
+    """No speed in the experiment, as with an angle: the one that was measured, if it was one."""
+    run = [RecordEvidence("run.h5", "periods", speed_rad_s=speeds) for speeds in SPEEDS]
+    arguments = ["balance", str(tmp_path / "run.json"), "--plane", *ENDS]
+    base = estimate_of(rid.load_model("rigid"))
+    base.with_(evidence=Evidence((run[0],))).save(tmp_path / "run.json")
+    assert cli.run(arguments) == 0
+    assert "rigid at 5999.82 rpm" in capsys.readouterr().out
+    base.with_(evidence=Evidence((run[1],))).save(tmp_path / "run.json")
+    assert cli.run(arguments) == 2
+    assert "no speed, and none" in capsys.readouterr().err
+
+
+SPEEDS = ((628.0, 628.6), (628.0, 629.0))
 
 
 def test_what_was_fixed_is_told_and_never_exact():

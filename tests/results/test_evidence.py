@@ -211,3 +211,17 @@ def test_what_does_not_fit_together_is_refused(
     data["evidence"]["records"][0]["channels"][0][key] = []
     path.write_text(json.dumps(data), encoding="utf-8")
     assert "run" in estimate_report(rid.load_estimate(path))
+
+
+def test_lines_that_only_noise_moves_are_left_out_over_time(
+    model: rid.Model, few: rid.PeriodicRecord
+) -> None:
+    """Beside a resonance noise moves a prediction further than the machine moved: not shown."""
+    variance = np.array([1.0, 4.1, 0.0])
+    told = gathering._telling(np.array([2.0 + 0j, 2.0j, 0.1]), variance)
+    assert told.tolist() == [True, False, True]
+    assert gathering._telling(np.ones(2, dtype=complex), None).all()
+    assert gathering._telling(np.ones(2, dtype=complex), np.full(2, 9.0)).all()  # nothing to show
+    estimate = rid.identify(model, few, "ml")
+    (shown,) = record_evidence(estimate, model, [few])
+    assert {channel.left_out for channel in shown.channels} == {0}

@@ -7,6 +7,7 @@ import pytest
 import scipy.signal
 from linear_machines import estimate_of
 from loop_cases import FUNDAMENTAL, LAST, exact, exact_peak, excited, measured, pair
+from report_pages import Page, check_self_contained
 
 import rotorid as rid
 from rotorid import cli
@@ -170,8 +171,13 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     text = EXPERIMENT.replace('y = { column = "x"', 'y = { column = "y"')
     np.savetxt("run.csv", whole, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
     (tmp_path / "run.toml").write_text(text)
-    assert cli.run(["sensitivity", "run.toml", "--json", "s.json"]) == 0
-    assert "the machine: " in capsys.readouterr().out
+    assert cli.run(["sensitivity", "run.toml", "--json", "s.json", "--report", "s.html"]) == 0
+    assert capsys.readouterr().out.startswith("Zone B: the largest sensitivity is ")
+    page = Page((tmp_path / "s.html").read_text())
+    check_self_contained(page)
+    assert "rotorid sensitivity run.toml --json s.json --report s.html" in page.words
+    for at, size in ((0, 3.0), (1, 4.0), (2, 5.0)):  # the limits of ISO 14839-3
+        assert page.plots["plot-2"]["data"][at]["y"] == [size, size]
     found = json.loads((tmp_path / "s.json").read_text())
     assert [axis["axis"] for axis in found["axes"]] == ["F_x", "F_y"]
     assert found["axes"][1]["peak"] == pytest.approx(peaks[1], rel=0.02)

@@ -400,7 +400,7 @@ def test_lines_that_nothing_excites_are_told() -> None:
     assert found.found.startswith("40, 80 Hz hold no input")
     grave = told(machine(), lines=[2, 4, 6])
     assert {c.verdict for c in grave} == {"warning"}
-    assert "no kept line of any input" in grave[0].found
+    assert "no line used of any input" in grave[0].found
 
 
 @pytest.mark.slow

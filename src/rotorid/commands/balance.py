@@ -8,12 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import BALANCE, as_json, check_outputs, progress, show, write
+from rotorid.commands.console import (
+    BALANCE,
+    REPORT,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
+from rotorid.commands.sources import done
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.report.balance_page import balance_page
 from rotorid.results.balancing import Balance, balance
 from rotorid.results.centring import Feedforward, centring
+from rotorid.results.model import own_model
 from rotorid.writing import check_apart
 
 
@@ -28,10 +38,12 @@ def run(
     holes: int | None,
     record: int,
     json: Path | None,
+    report: Path | None,
     force: bool,
+    given: str,
 ) -> int:
     """Show correction masses for a result, what is left after them, and a feedforward."""
-    targets = check_outputs((json, BALANCE), force=force)
+    targets = check_outputs((json, BALANCE), (report, REPORT), force=force)
     check_apart(targets, [result])
     estimate = load_estimate(result)
     speeds = list(speed) or speeds_of(estimate)
@@ -51,8 +63,14 @@ def run(
             centred = centring(estimate, speeds[0], record=record)
     except InputError as error:
         raise error.at(file=str(result)) from None
-    write((json, as_json(content(found, centred))))
-    show(balance_page(found, centred))
+
+    def html() -> str:
+        from rotorid.report.answers import balance_report  # pictures take their time to load
+
+        return balance_report(found, centred, own_model(estimate), done(given, [result]))
+
+    data = as_json(content(found, centred))
+    answer(balance_page(found, centred), json=(json, data), report=(report, as_text(html)))
     return OK if found.status in ("ok", "rejected") else NO_ANSWER
 
 
@@ -69,8 +87,12 @@ def _weighed(text: str) -> tuple[str, float]:
         ) from None
 
 
+STEADY = 1e-3
+"""Relative difference between the lowest and highest speed of a record at one speed."""
+
+
 def speeds_of(estimate: Estimate) -> list[str]:
-    """Return the speeds of the records of an estimate, as its experiment file states them."""
+    """Return the speeds of the records: as the experiment states them, else as measured."""
     text = "" if estimate.provenance is None else estimate.provenance.experiment
     try:
         records = tomllib.loads(text).get("records", [])
@@ -78,9 +100,14 @@ def speeds_of(estimate: Estimate) -> list[str]:
         records = []
     found = [r["speed"] for r in records if isinstance(r, dict) and "speed" in r]
     speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
+    seen = estimate.evidence.records if estimate.evidence else ()
+    for low, high in (one.speed_rad_s for one in seen if not speeds and len(one.speed_rad_s) == 2):
+        if abs(high - low) <= STEADY * abs(high) and high:  # by an encoder or a keyphasor
+            found.append(f"{(low + high) / 2:.6g} rad/s")
+    speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
     if not speeds:
         raise InputError(
-            "no speed, and none in the result's experiment",
+            "no speed, and none in the result",
             "the speed at which the rotor is to run quietly",
             'give it: --speed "8400 rpm"',
             place="speed",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from hashlib import file_digest
 from pathlib import Path
 from typing import Any
 
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
+from rotorid.commands.sources import source_of
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Provenance, SourceFile
+from rotorid.estimate import Estimate, Provenance
 from rotorid.estimators.methods import Estimator
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify
@@ -78,9 +78,3 @@ def provenance(plan: Experiment, command: str) -> Provenance:
     return Provenance(
         tuple(map(source_of, files)), text, __version__, command, model.file_text, model.held
     )
-
-
-def source_of(path: Path) -> SourceFile:
-    """Return a file with its sha256."""
-    with path.open("rb") as stream:
-        return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

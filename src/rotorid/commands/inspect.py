@@ -16,6 +16,7 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
+from rotorid.commands.sources import done
 from rotorid.experiment.inspecting import inspect_experiment, named_files
 from rotorid.line_inspection import LineInspection
 from rotorid.record import Check
@@ -25,7 +26,7 @@ from rotorid.signals.inspection import Inspection
 from rotorid.writing import check_apart
 
 
-def run(experiment: Path, json: Path | None, report: Path | None, force: bool) -> int:
+def run(experiment: Path, json: Path | None, report: Path | None, force: bool, given: str) -> int:
     """Say what is in the records of an experiment, before identifying."""
     targets = check_outputs((json, INSPECTION), (report, REPORT), force=force)
     if targets:
@@ -39,7 +40,8 @@ def run(experiment: Path, json: Path | None, report: Path | None, force: bool) -
     def html() -> str:
         from rotorid.report.inspection import inspection_report  # pictures take their time to load
 
-        return inspection_report(experiment.name, found, told)
+        work = done(given, named_files(experiment))
+        return inspection_report(experiment.name, found, told, work)
 
     answer(page, json=(json, as_json(content_of(found))), report=(report, as_text(html)))
     return OK

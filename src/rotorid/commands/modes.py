@@ -17,6 +17,7 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
+from rotorid.commands.sources import done
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.models import Model, load_model
 from rotorid.report.modes_page import modes_page
@@ -45,12 +46,12 @@ def run(
         found = modes(read, speed=speed, record=record)
         diagram = None if to is None else campbell(read, to, record=record)
         response = _response(read, finite_speed(speed), record)
-    page = modes_page(found, diagram, response, machine_of(read, record).model.inputs)
+    page = modes_page(found, diagram, response, machine_of(read, record).model)
 
     def html() -> str:
         from rotorid.report.machines import modes_report  # pictures take their time to load
 
-        return modes_report(read, found, diagram, [given])
+        return modes_report(read, found, diagram, done(given, [Path(source)]))
 
     data = as_json(content(found, diagram))
     answer(page, json=(json, data), report=(report, as_text(html)))

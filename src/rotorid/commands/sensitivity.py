@@ -7,18 +7,34 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import SENSITIVITY, as_json, check_outputs, progress, show, write
+from rotorid.commands.console import (
+    REPORT,
+    SENSITIVITY,
+    answer,
+    as_json,
+    as_text,
+    check_outputs,
+    progress,
+)
+from rotorid.commands.sources import done
 from rotorid.errors import InputError
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.experiment.recording import reference_name
+from rotorid.report.sensitivity_page import sensitivity_page
 from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
-from rotorid.tables import Page, table
 from rotorid.writing import check_apart
 
 
-def run(experiment: Path, pair: Sequence[str], json: Path | None, force: bool) -> int:
+def run(
+    experiment: Path,
+    pair: Sequence[str],
+    json: Path | None,
+    report: Path | None,
+    force: bool,
+    given: str,
+) -> int:
     """Show the sensitivity of each loop as it was measured, its peak, and its zone."""
-    targets = check_outputs((json, SENSITIVITY), force=force)
+    targets = check_outputs((json, SENSITIVITY), (report, REPORT), force=force)
     with progress("reading"):
         plan = load_experiment(experiment)
         plan.require_records()
@@ -30,8 +46,14 @@ def run(experiment: Path, pair: Sequence[str], json: Path | None, force: bool) -
             found = sensitivity(records, pairs, band=band, skip=skip)
     except InputError as error:
         raise error.at(file=str(experiment)) from None
-    write((json, as_json({"axes": [_axis(each) for each in found], "verdict": worst_of(found)})))
-    show(page_of(found))
+
+    def html() -> str:
+        from rotorid.report.answers import sensitivity_report  # pictures take their time to load
+
+        return sensitivity_report(found, experiment.name, done(given, plan.files))
+
+    data = as_json({"axes": [_axis(each) for each in found], "verdict": worst_of(found)})
+    answer(sensitivity_page(found), json=(json, data), report=(report, as_text(html)))
     return OK
 
 
@@ -63,23 +85,6 @@ def _said(
             )
         pairs = {e: reference_name(r) for e, r in zip(plan.model.inputs, references, strict=True)}
     return pairs, entry.band, float(entry.skip or 0.0)
-
-
-def page_of(found: Sequence[AxisSensitivity]) -> Page:
-    """Return a row per axis, and the zone of the machine."""
-    rows = [
-        (
-            each.axis,
-            f"{each.peak:.3g}",
-            f"{each.interval[0]:.3g} to {each.interval[1]:.3g}",
-            f"{each.peak_db:.1f}",
-            f"{each.peak_hz:.4g}",
-            each.verdict,
-        )
-        for each in found
-    ]
-    headings = ("axis", "peak of S", "95 %", "dB", "at Hz", "ISO 14839-3")
-    return [table(headings, rows), f"the machine: {worst_of(found)}"]
 
 
 def _axis(each: AxisSensitivity) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.identify import source_of
+from rotorid.commands.sources import done, source_of
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, load_estimate
 from rotorid.estimators.information import information_of
@@ -28,7 +28,14 @@ from rotorid.validation import CURES, ChannelError, channel_errors, verdict_of
 from rotorid.writing import check_apart
 
 
-def run(result: Path, experiment: Path, json: Path | None, report: Path | None, force: bool) -> int:
+def run(
+    result: Path,
+    experiment: Path,
+    json: Path | None,
+    report: Path | None,
+    force: bool,
+    given: str,
+) -> int:
     """Predict the records of an experiment with a result."""
     targets = check_outputs((json, VALIDATION), (report, REPORT), force=force)
     estimate = load_estimate(result)
@@ -56,8 +63,8 @@ def run(result: Path, experiment: Path, json: Path | None, report: Path | None, 
         from rotorid.results.evidence import record_evidence
 
         shown = record_evidence(estimate, plan.model, records, another=True)
-        notes = [*information_lines(told), f"experiment: {experiment}", f"result: {result}"]
-        return validation_report(estimate, plan.model, found, shown, notes)
+        work = [*done(given, [result, *plan.files]), *information_lines(told)]
+        return validation_report(estimate, plan.model, found, shown, work)
 
     content = {"verdict": verdict, "channels": channels(found)}
     answer(page, json=(json, as_json(content)), report=(report, as_text(html)))

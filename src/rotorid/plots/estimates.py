@@ -91,7 +91,10 @@ def _difference(channel: Any, time: Floats, title: str) -> Panel:
 
 def _headline(channel: Any) -> str:
     name = label(channel.name, 36)
-    return f"{name}: off by {100 * channel.error:.2g} %" if np.isfinite(channel.error) else name
+    if not np.isfinite(channel.error):
+        return name
+    percent = 100 * channel.error
+    return f"{name}: off by {percent:.0f} %" if percent >= 10 else f"{name}: off by {percent:.2g} %"
 
 
 def lines(record: Shown) -> list[Panel]:

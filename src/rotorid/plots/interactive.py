@@ -12,7 +12,7 @@ import numpy as np
 from rotorid.plots.panel import Axis, Curve, Floats, Matrix, Panel, label
 
 _WIDTH = {"line": 1.6, "thin": 0.9, "thick": 4.5, "dashed": 1.6}
-_SIZE = {"dots": 6, "points": 3, "diamonds": 8}
+_SIZE = {"dots": 6, "points": 3, "diamonds": 8, "named": 8}
 _CLEAR = "rgba(0,0,0,0)"
 _DARK = "#202124"  # as the page has it on white; it sets the ink of dark pages itself
 _RULE = "rgba(128,134,139,0.28)"
@@ -38,15 +38,15 @@ def spec(panel: Panel) -> dict[str, Any]:
         drawn.append(_heatmap(panel.matrix))
     shapes = []
     if panel.level is not None:
-        shapes.append({**_RULER, "xref": "paper", "x0": 0, "x1": 1, **_both("y", panel.level)})
+        shapes.append({**_RULER, "xref": "x domain", "x0": 0, "x1": 1, **_both("y", panel.level)})
     if panel.upright is not None:
-        shapes.append({**_RULER, "yref": "paper", "y0": 0, "y1": 1, **_both("x", panel.upright)})
+        shapes.append({**_RULER, "yref": "y domain", "y0": 0, "y1": 1, **_both("x", panel.upright)})
     x, y = panel.x, panel.y
     if panel.matrix is not None:
         y = replace(y, names=panel.matrix.rows)
         if isinstance(panel.matrix.columns, tuple):
             x = replace(x, names=panel.matrix.columns)
-    layout = {
+    layout: dict[str, Any] = {
         "xaxis": _axis(x, [curve.x for curve in panel.curves]),
         "yaxis": {
             **_axis(y, [curve.y for curve in panel.curves]),
@@ -63,6 +63,9 @@ def spec(panel: Panel) -> dict[str, Any]:
         "shapes": shapes,
         "height": round(_INCH * panel.height),
     }
+    if panel.equal:
+        layout["yaxis"] |= {"scaleanchor": "x", "constrain": "domain"}
+        layout["xaxis"]["constrain"] = "domain"
     return {"data": drawn, "layout": layout}
 
 
@@ -121,12 +124,14 @@ def _trace(curve: Curve) -> dict[str, Any]:
     if curve.look == "stems":
         made |= _stems(curve)
     if curve.look in _SIZE:
-        symbol = "diamond-open" if curve.look == "diamonds" else "circle"
+        symbol = "diamond-open" if curve.look in ("diamonds", "named") else "circle"
         size = _SIZE[curve.look]
         made |= {
-            "mode": "markers",
+            "mode": "markers+text" if curve.look == "named" else "markers",
             "marker": {"color": curve.colour, "size": size, "symbol": symbol},
         }
+        if curve.look == "named":  # on paper nobody points at a mark
+            made |= {"textposition": "top center", "cliponaxis": False}
     else:
         line: dict[str, Any] = {"color": curve.colour, "width": _WIDTH.get(curve.look, 1.6)}
         if curve.look == "dashed":

@@ -17,7 +17,9 @@ BLUE, SKY, GREEN, RED, PINK = "#0072b2", "#56b4e9", "#009e73", "#d55e00", "#cc79
 # Okabe and Ito: told apart by every eye, and on black as on white
 COLOURS = (BLUE, RED, GREEN, PINK, SKY)  # of records
 
-Look = Literal["line", "thin", "thick", "dashed", "dots", "points", "stems", "band", "diamonds"]
+Look = Literal[
+    "line", "thin", "thick", "dashed", "dots", "points", "stems", "band", "diamonds", "named"
+]
 MOST_PANELS = 24
 """Channels with a panel of their own: what a page still shows."""
 
@@ -96,6 +98,8 @@ class Panel:
         Where a thin line goes across.
     height : float
         Inches.
+    equal : bool
+        Whether both axes have one scale, so that a circle is one.
     """
 
     title: str = ""
@@ -106,6 +110,7 @@ class Panel:
     level: float | None = None
     upright: float | None = None
     height: float = 2.1
+    equal: bool = False
 
 
 def key_of(panels: Sequence[Panel]) -> list[Curve]:

@@ -64,7 +64,14 @@ def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
             if size > 2
             else Curve(time, high, "samples", BLUE, "thin")
         )
-        drawn.append(Panel(label(channel.name, 36), Axis("time in s"), Axis(unit), (curve,)))
+        drawn.append(
+            Panel(
+                label(channel.name, 36),
+                Axis("time in s"),
+                Axis(f"{label(channel.name)} in {unit}"),
+                (curve,),
+            )
+        )
     return drawn
 
 
@@ -95,14 +102,17 @@ def _spectrum(record: Periods, c: int) -> Panel:
     few = len(record.frequency) <= MOST_STEMS
     lines = record.frequency.astype(float)
     curves = []
-    for odd, colour, told in ((1, GREEN, "other odd lines"), (0, PINK, "other even lines")):
+    for odd, colour, told in (
+        (1, GREEN, "odd multiples, not used"),
+        (0, PINK, "even multiples, not used"),
+    ):
         here = others[(others % 2 == odd) & (amplitude[others] > ROUNDING * top)]
         curves.append(Curve(here * record.fundamental, amplitude[here], told, colour, "points"))
     if few:
         curves.append(Curve(lines, kept, "", BLUE, "stems", base=np.full_like(kept, floor)))
-    curves.append(Curve(lines, kept, "kept lines", BLUE, "dots" if few else "points"))
+    curves.append(Curve(lines, kept, "used", BLUE, "dots" if few else "points"))
     if (noise > ROUNDING * top).any():
-        curves.append(Curve(lines, noise, "noise of the mean, one deviation", RED, "line"))
+        curves.append(Curve(lines, noise, "noise of the mean, one standard deviation", RED, "line"))
     drawn = tuple(curve for curve in curves if len(curve.x))
     return Panel(title, HERTZ, Axis(axis.title, log=True, ends=(floor, 3 * top)), drawn)
 
@@ -161,7 +171,7 @@ def line_filter(
                 "thin",
             ),
             Curve(lines, sizes, "", BLUE, "stems", base=np.full_like(sizes, floor)),
-            Curve(lines, sizes, "after: kept lines", BLUE, "dots"),
+            Curve(lines, sizes, "after: the lines of the excitation", BLUE, "dots"),
         ),
         height=3.0,
     )

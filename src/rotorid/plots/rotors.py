@@ -23,13 +23,14 @@ class Drawn(Protocol):
 
 
 MARKS = (
-    ("discs", "disc", GREY, 1.25),
-    ("actuators", "actuator", RED, 1.5),
-    ("sensors", "sensor", GREEN, 1.7),
-    ("supports", "support", BLUE, 1.5),
-    ("unbalance", "unbalance", PINK, 1.35),
+    ("discs", "disc", GREY, 1.1),
+    ("actuators", "actuator", RED, 1.7),
+    ("sensors", "sensor", GREEN, 2.3),
+    ("supports", "support", BLUE, 2.0),
+    ("unbalance", "unbalance", PINK, 1.4),
 )
-"""What stands on a rotor: its key, its word, its colour, and its height over the widest section."""
+"""What stands on a rotor: its key, its word, its colour, and its height over the
+widest section: names of marks at one place stand above each other."""
 
 
 def drawing(rotor: Drawn) -> Panel:
@@ -44,8 +45,9 @@ def drawing(rotor: Drawn) -> Panel:
     return Panel(
         "The rotor as it is drawn",
         Axis("mm from the left end"),
-        Axis("radius in mm", ends=(-1.9 * widest, 1.9 * widest)),
+        Axis("radius in mm", ends=(-1.2 * widest, 2.7 * widest)),
         tuple(curves),
+        height=2.8,
     )
 
 
@@ -64,4 +66,4 @@ def _marks(
 ) -> Curve:
     """Return marks above the shaft, each with its name."""
     place = 1e3 * np.asarray(at, dtype=float)
-    return Curve(place, np.full(len(place), height), word, colour, "diamonds", told=names)
+    return Curve(place, np.full(len(place), height), word, colour, "named", told=names)

@@ -45,6 +45,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "dots": {"marker": "o", "ms": 4, "ls": "none"},
     "points": {"marker": "o", "ms": 2, "ls": "none"},
     "diamonds": {"marker": "D", "ms": 4.5, "mfc": "none", "ls": "none"},
+    "named": {"marker": "D", "ms": 4.5, "mfc": "none", "ls": "none"},
     "stems": {"lw": 1.4},
     "band": {"lw": 6.0, "alpha": 0.4},
 }
@@ -118,6 +119,8 @@ def draw(axes: Axes, panel: Panel) -> None:
         axes.axhline(panel.level, color=_INK, lw=0.8)
     if panel.upright is not None:
         axes.axvline(panel.upright, color=_INK, lw=0.8)
+    if panel.equal:
+        axes.set_aspect("equal")
     if panel.x.ends is not None:
         axes.set_xlim(*panel.x.ends)
     if panel.y.ends is not None:
@@ -133,6 +136,10 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         axes.vlines(curve.x, 0.0 if curve.base is None else curve.base, curve.y, color=colour)
     else:
         axes.plot(curve.x, curve.y, color=colour, **_LOOKS[curve.look])
+    if curve.look == "named":
+        for x, y, told in zip(curve.x, curve.y, curve.told, strict=True):
+            place: Any = {"xytext": (0, 5), "textcoords": "offset points", "ha": "center"}
+            axes.annotate(label(told), (x, y), fontsize=7, **place)
     if curve.error is not None:
         axes.hlines(curve.y, curve.x - curve.error, curve.x + curve.error, color=colour, lw=2)
 

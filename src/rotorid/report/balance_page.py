@@ -32,6 +32,24 @@ def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
     return page
 
 
+def sentence_of(found: Balance) -> str:
+    """Return what a balance comes to."""
+    if found.share > POOR:
+        return (
+            f"These planes cannot do away with the unbalance: {100 * found.share:.2g} % of the "
+            "response is left."
+        )
+    if found.covariance is None:
+        return "What to add is computed; the result states no deviations, so what is left is open."
+    if found.grade_mm_s is not None and found.rotor_mass is not None:
+        return (
+            f"Balanced with this to less than G {found.grade_mm_s:.2g} mm/s (ISO 21940-11), all "
+            "planes together, with 95 %."
+        )
+    most = max(each.unbalance_kg_m or 0.0 for each in found.residual)
+    return f"With this less than {GMM * most:.2g} g mm is left in any plane, with 95 %."
+
+
 def correction_table(found: Balance) -> Table:
     """Return a row per plane: what to add."""
     rows = [

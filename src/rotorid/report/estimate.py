@@ -14,6 +14,7 @@ from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.plots import estimates as drawn
 from rotorid.plots import rotors
+from rotorid.record import Floats
 from rotorid.report import parameters
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.machines import Part, machine_part
@@ -68,7 +69,8 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         early=[_titled(one) for one in others if one.headings[0] in EARLY],
         tables=[_titled(one) for one in others if one.headings[0] not in EARLY],
         remarks=told,
-        notes=[note for note in estimate.notes if not note.startswith("warning: ")],
+        notes=[n for n in estimate.notes if not n.startswith(("warning: ", "note, "))],
+        exact=[note.removeprefix("note, ") for note in estimate.notes if note.startswith("note, ")],
         channels=channels_table(records),
         records=records_table(records),
         pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate)],
@@ -104,7 +106,7 @@ def _drawn(model: Model | None) -> Iterator[Picture]:
     if isinstance(model, RotorModel):
         yield Picture(
             "The rotor",
-            "The rotor as it is drawn, and what stands on it: point at a mark for its name.",
+            "The rotor as it is drawn, and what stands on it.",
             (rotors.drawing(model.rotor),),
         )
 
@@ -120,19 +122,28 @@ def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
             [row.expected for row in rows],
         )
         yield Picture(
-            "Misfit line by line",
-            "Misfit of each line over what noise would leave of it; 1 is right on average. Lines "
-            "that stand out together say where in frequency the model lacks something.",
+            "Misfit, frequency by frequency",
+            "Misfit of each spectral line over what noise would leave of it; 1 is right on "
+            "average. Lines that stand out together say where in frequency the model lacks "
+            "something.",
             (panel,),
         )
     names = [value.name for value in estimate.free]
     if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
         yield Picture(
             "Correlation of the parameters",
-            "Near +1 or \N{MINUS SIGN}1 two parameters are known as a combination better than one "
-            "by one.",
+            f"{_strongest(names, estimate.correlation)} Near +1 or \N{MINUS SIGN}1 two "
+            "parameters are known as a combination better than one by one.",
             (drawn.correlation(names, estimate.correlation),),
         )
+
+
+def _strongest(names: Sequence[str], matrix: Floats) -> str:
+    """Name the two parameters that hang together most."""
+    size = np.nan_to_num(np.abs(np.triu(matrix, 1)))
+    i, j = divmod(int(np.argmax(size)), size.shape[1])
+    value = f"{matrix[i, j]:+.2f}".replace("-", "\N{MINUS SIGN}")
+    return f"Strongest: {names[i]} with {names[j]}, {value}."
 
 
 def record_pictures(
@@ -158,13 +169,13 @@ def record_pictures(
                 drawn.differences(record),
             ),
             (
-                f"Measured and predicted on the lines{where}",
+                f"Measured and predicted, frequency by frequency{where}",
                 f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
                 f"{noise}. A channel that is not predicted is shown with its own noise.",
                 drawn.lines(record),
             ),
             (
-                f"What is left, line by line{where}",
+                f"What is left, frequency by frequency{where}",
                 f"Predicted less measured of each channel over what {noise} of it. Evenly near "
                 "1 is noise; a line or a channel that stands out is none.",
                 drawn.residual(record),
@@ -180,19 +191,26 @@ def _of_waves(record: RecordEvidence) -> str:
             "motion leave over to the inputs."
         )
     stretch = (
-        "One period, of the lines that were kept."
+        "One period, of the frequencies that are used."
         if record.kind == "periods"
-        else "An excerpt from the middle of the record, of the lines that were used."
+        else "An excerpt from the middle of the record, of the frequencies that are used."
     )
-    return (
+    told = (
         f"{stretch} Where every coordinate is measured, forces are predicted from the motion; else "
         "what the sensors should read, from the forces."
     )
+    left = max((channel.left_out for channel in record.channels), default=0)
+    if left:
+        told += (
+            f" Up to {left} of {record.lines} lines, beside a resonance, are not in it: there the "
+            "noise of the forces alone moves the model further than the machine moved."
+        )
+    return told
 
 
 def _of_lines(record: RecordEvidence) -> str:
     """Say what the pictures on the lines show."""
-    told = f"Amplitudes of {record.lines} lines"
+    told = f"Amplitudes of {record.lines} spectral lines"
     if record.lines_per_point > 1:
         told += f", {record.lines_per_point} neighbours together as their root mean square"
     return f"{told}."

@@ -9,12 +9,12 @@ import numpy as np
 
 from rotorid.line_inspection import LineInspection
 from rotorid.signals.inspection import ChannelFacts, Inspection
-from rotorid.tables import Page, table
+from rotorid.tables import Page, by_hand, table
 
 if TYPE_CHECKING:
     from rotorid.report.html import Picture
 
-_LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "coherence", "crest")
+_LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "least coherence", "crest")
 _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
 
 
@@ -49,7 +49,13 @@ def _amplitudes(found: LineInspection) -> Page:
     """Return a row per channel, and what was said of the table."""
     unit = "rpm" if found.turning else "Hz"
     rows = [
-        (f.name, f.unit, f"{f.low:.4g}", f"{f.high:.4g}", f"{f.at:.6g}", _shown(f.snr_db, 1, ".1f"))
+        (
+            f.name,
+            by_hand(f.unit)[0],
+            *(f"{by_hand(f.unit)[1] * level:.4g}" for level in (f.low, f.high)),
+            f"{f.at:.6g}",
+            _shown(f.snr_db, 1, ".1f"),
+        )
         for f in found.channels
     ]
     headings = ("channel", "unit", "least", "largest", f"at {unit}", "S/N dB")
@@ -76,13 +82,12 @@ def _recorded(found: Inspection) -> str:
 
 
 def _row(facts: ChannelFacts) -> tuple[str, ...]:
-    orders = [f"{a:.3g}" for a in facts.orders] or ["", "", ""]
+    unit, factor = by_hand(facts.unit)
+    orders = [f"{factor * a:.3g}" for a in facts.orders] or ["", "", ""]
     return (
         facts.name,
-        facts.unit,
-        f"{facts.low:.4g}",
-        f"{facts.high:.4g}",
-        f"{facts.rms:.4g}",
+        unit,
+        *(f"{factor * level:.4g}" for level in (facts.low, facts.high, facts.rms)),
         _shown(facts.snr_db, 1, ".1f"),
         _shown(facts.coherence, 1, ".3f"),
         _shown(facts.crest_factor, 1, ".2f"),
@@ -109,7 +114,9 @@ def _noise(found: Inspection) -> list[str]:
     ]
 
 
-def inspection_report(name: str, found: Sequence[Inspection | LineInspection], told: str) -> str:
+def inspection_report(
+    name: str, found: Sequence[Inspection | LineInspection], told: str, done: Sequence[str] = ()
+) -> str:
     """Return the page: one part for each record."""
     from rotorid.report.html import render
 
@@ -118,7 +125,7 @@ def inspection_report(name: str, found: Sequence[Inspection | LineInspection], t
         title = f", record {number + 1}" if len(found) > 1 else ""
         drawn = _pictures(one, title) if isinstance(one, Inspection) else _lines(one, title)
         parts.append((inspection_page(one), one, drawn))
-    return render("inspection.html", name=name, told=told, records=parts)
+    return render("inspection.html", name=name, told=told, records=parts, done=done)
 
 
 def _lines(one: LineInspection, title: str) -> list[Picture]:
@@ -149,9 +156,9 @@ def _pictures(one: Inspection, title: str) -> list[Picture]:
         return pictures
     pictures += [
         Picture(
-            f"Lines of the mean period{title}",
-            "Lines that are kept, other odd and even lines of the mean, and the noise of "
-            "the mean. What stands above the noise and is not kept is distortion, "
+            f"Spectrum of the mean period{title}",
+            "Multiples of the fundamental: those that are used, and the others, odd and even, with "
+            "the noise of the mean. What stands above the noise and is not used is distortion, "
             "rotation, or excitation left out.",
             tuple(drawn.spectra(periods)),
         ),
@@ -168,7 +175,7 @@ def _pictures(one: Inspection, title: str) -> list[Picture]:
         pictures.append(
             Picture(
                 f"Noise that goes together{title}",
-                "Correlation between the noises of two channels on the kept lines. In "
+                "Correlation between the noises of two channels on the lines that are used. In "
                 "closed loop the controller feeds the noise of sensors into the forces.",
                 (drawn.noise_correlation(names, one.noise_correlation),),
             )

@@ -12,7 +12,14 @@ from rotorid.estimate import Estimate
 from rotorid.models import Model
 from rotorid.plots import machines as drawn
 from rotorid.report.html import Picture, pictures, render
-from rotorid.report.modes_page import critical_table, mode_table, summary
+from rotorid.report.modes_page import (
+    critical_table,
+    mode_table,
+    ringing,
+    ringing_curves,
+    sentence_of,
+    summary,
+)
 from rotorid.results.critical import Campbell, campbell
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Modes, modes
@@ -29,17 +36,18 @@ RPM = 30 / np.pi
 
 @dataclass(frozen=True)
 class Part:
-    """What a page shows of a machine: sentences, tables with their titles, pictures."""
+    """What a page shows of a machine: a verdict, sentences, tables with their titles, pictures."""
 
     title: str
     said: tuple[str, ...]
     tables: tuple[tuple[str, Table], ...] = ()
     pictures: tuple[Picture, ...] = ()
+    verdict: str = ""
 
 
 def machine_part(source: Estimate | Model, speed: float) -> Part:
     """Return the modes of a machine at a speed, and what lies up to half as much again."""
-    title = f"Modes at {RPM * speed:.6g} rpm" if speed else "Modes at standstill"
+    title = f"Modes at {RPM * speed:.5g} rpm" if speed else "Modes at standstill"
     try:
         found = modes(source, speed=speed)
         diagram = campbell(source, BEYOND * speed) if speed else None
@@ -66,14 +74,11 @@ def part_of(
         else "Of the machine as its equations have it.",
         *summary(found),
     ]
-    tables = [("Natural frequencies", mode_table(found))] if found.modes else []
+    tables = [("Natural frequencies", mode_table(found))] if ringing(found).modes else []
     if diagram is not None and diagram.critical:
         tables.append(("Critical speeds", critical_table(diagram)))
-    if diagram is not None and not diagram.critical:
-        said.append(f"No critical speed up to {RPM * abs(diagram.speed[-1]):.6g} rpm.")
-    return Part(
-        title, tuple(said), tuple(tables), tuple(_pictures(model, found, diagram, response))
-    )
+    drawn_of = tuple(_pictures(model, found, diagram, response))
+    return Part(title, tuple(said), tuple(tables), drawn_of, sentence_of(found, diagram))
 
 
 def _pictures(
@@ -84,15 +89,15 @@ def _pictures(
         pictures(
             (
                 "Campbell diagram",
-                "Natural frequencies over the speed; a critical speed is where one meets the "
-                "rotation. Bars and bands hold 95 %.",
-                [] if diagram is None else [drawn.campbell(diagram)],
+                "Natural frequencies over the speed, up to three times the rotation; a critical "
+                "speed is where one meets the rotation. Bars and bands hold 95 %.",
+                [] if diagram is None else [drawn.campbell(ringing_curves(diagram))],
             ),
             (
                 "Mode shapes",
                 "Each place at the moment when the largest is at its largest, as the sum of a "
                 "circle run through with the rotation and one against it.",
-                drawn.shapes(found, pairs, alone),
+                drawn.shapes(ringing(found), pairs, alone),
             ),
             (
                 "Unbalance response",
@@ -130,6 +135,6 @@ def modes_report(
     """Return the page of a machine's modes at a speed and, where asked for, up to a speed."""
     end = diagram.speed[-1] if diagram is not None else 0.0
     response = _response(source, float(end)) if end else None
-    title = f"Modes at {RPM * found.speed:.6g} rpm" if found.speed else "Modes at standstill"
+    title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
     part = part_of(source, title, found, diagram, response)
     return render("modes.html", part=part, model=machine_of(source).model, notes=notes)

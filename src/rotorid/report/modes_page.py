@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from rotorid.models import Model
+from rotorid.record import Floats
 from rotorid.results.critical import Campbell
 from rotorid.results.modes import Modes
 from rotorid.results.unbalance import UnbalanceResponse
-from rotorid.tables import Page, Table, table
+from rotorid.tables import Page, Table, by_hand, table
 
 RPM = 30 / np.pi
 _NODE = re.compile(r"node\d+$")
@@ -25,29 +29,90 @@ FEWEST, MOST_CURVES = 2, 8
 """Curves of that table at the least, and at the most."""
 NOTHING = 1e-9
 """Damping ratios below this are rounding."""
+RESONANT = 0.5**0.5
+"""Damping ratio from which on no response has a peak, so that nobody measures such a mode."""
 
 
 def modes_page(
     found: Modes,
     diagram: Campbell | None,
     response: UnbalanceResponse | None,
-    inputs: tuple[str, ...],
+    model: Model,
 ) -> Page:
     """Return the page of a machine's modes at a speed, and up to a speed."""
-    whose = f"without forces at its inputs ({', '.join(inputs)})" if inputs else "without inputs"
+    free = ", ".join(model.inputs)
+    whose = f"without forces at its inputs ({free})" if free else "without inputs"
     page: list[str | Table] = [
+        sentence_of(found, diagram),
         f"{found.model} at {found.speed * RPM:.6g} rpm, as its equations have it, {whose}: what a "
-        "controller or magnets add is no part of it"
+        "controller or magnets add is no part of it",
     ]
-    if found.modes:
+    if ringing(found).modes:
         page.append(mode_table(found))
     page += summary(found)
     if diagram is not None:
         page += [critical_table(diagram)] if diagram.critical else [_none(diagram)]
         page.append(campbell_table(diagram))
     if response is not None:
-        page.append(response_table(response))
+        page.append(response_table(response, model.units))
     return page
+
+
+def ringing(found: Modes) -> Modes:
+    """Return the modes that a response shows as peaks: those that are not overdamped."""
+    return replace(found, modes=tuple(m for m in found.modes if m.damping_ratio < RESONANT))
+
+
+def ringing_curves(found: Campbell) -> Campbell:
+    """Return the curves of a diagram where they are not overdamped."""
+    with np.errstate(invalid="ignore"):
+        heard = np.isfinite(found.frequency_hz) & (found.damping_ratio < RESONANT)
+    some = np.flatnonzero(heard.any(axis=0))
+
+    def kept(values: Floats) -> Floats:
+        return np.where(heard, values, np.nan)[:, some]
+
+    return replace(
+        found,
+        frequency_hz=kept(found.frequency_hz),
+        std_hz=kept(found.std_hz),
+        damping_ratio=kept(found.damping_ratio),
+        whirl=tuple(found.whirl[i] for i in some),
+    )
+
+
+def sentence_of(found: Modes, diagram: Campbell | None) -> str:
+    """Return what matters of modes and critical speeds, in one sentence."""
+    rpm = RPM * found.speed
+    where = f"At {rpm:.5g} rpm" if found.speed else "At standstill"
+    growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
+    heard = ringing(found).modes
+    told = f"{where} there is no mode that rings"
+    if heard:
+        low, high = heard[0].frequency_hz, heard[min(len(heard), MOST_MODES) - 1].frequency_hz
+        ends = f"from {low:.4g} to {high:.4g} Hz" if len(heard) > 1 else f"at {low:.4g} Hz"
+        count = len(heard[:MOST_MODES])
+        told = f"{where} the machine rings {ends}, in {count} mode{'s' if count > 1 else ''}"
+    if growing:
+        told += (
+            f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
+        )
+    if diagram is None:
+        return f"{told}."
+    return f"{told}; {_nearest(rpm, diagram)}."
+
+
+def _nearest(rpm: float, diagram: Campbell) -> str:
+    """Say how far the nearest critical speed is."""
+    if not diagram.critical:
+        return f"no critical speed up to {RPM * abs(diagram.speed[-1]):.5g} rpm"
+    speeds = [RPM * abs(each.speed_rad_s) for each in diagram.critical]
+    if not rpm:
+        return f"the first critical speed is {min(speeds):.5g} rpm"
+    near = min(speeds, key=lambda speed: abs(speed - abs(rpm)))
+    away = near / abs(rpm) - 1
+    side = "above" if away > 0 else "below"
+    return f"the nearest critical speed, {near:.5g} rpm, lies {100 * abs(away):.3g} % {side} it"
 
 
 def mode_table(found: Modes) -> Table:
@@ -58,10 +123,10 @@ def mode_table(found: Modes) -> Table:
             f"{mode.frequency_hz:.6g}",
             _std(mode.std_hz),
             _ratio(mode.damping_ratio),
-            _std(mode.damping_std),
+            "-" if abs(mode.damping_ratio) < NOTHING else _std(mode.damping_std),
             mode.whirl + (", both planes" if mode.count > 1 else ""),
         )
-        for number, mode in enumerate(found.modes[:MOST_MODES], start=1)
+        for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
     ]
     return table(("mode", "frequency in Hz", "std", "damping ratio", "std", "whirl"), rows)
 
@@ -69,8 +134,11 @@ def mode_table(found: Modes) -> Table:
 def summary(found: Modes) -> list[str]:
     """Return what is to be said of modes besides their table."""
     said = list(found.remarks)
-    if len(found.modes) > MOST_MODES:
-        said.append(f"{len(found.modes) - MOST_MODES} modes above; --json holds all")
+    heard = ringing(found).modes
+    if len(heard) > MOST_MODES:
+        said.append(f"{len(heard) - MOST_MODES} modes above; --json holds all")
+    if dull := len(found.modes) - len(heard):
+        said.append(f"{dull} overdamped, with no peak in any response, not shown; --json holds all")
     growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
     if not found.modes:
         said.append("no natural frequencies: only free motion, or poles that do not oscillate")
@@ -117,6 +185,7 @@ def _none(found: Campbell) -> str:
 def campbell_table(found: Campbell) -> Table:
     """Return some speeds of a Campbell diagram, a column per curve, in Hz."""
     chosen = np.unique(np.linspace(0, len(found.speed) - 1, SHOWN).round().astype(int))
+    found = ringing_curves(found)
     low = np.nanmin(found.frequency_hz, axis=0, initial=np.inf)
     within = low <= REACH * abs(found.speed[-1]) / (2 * np.pi)
     within[np.argsort(low, kind="stable")[:FEWEST]] = True
@@ -132,26 +201,29 @@ def campbell_table(found: Campbell) -> Table:
     return table(headings, rows)
 
 
-def response_table(found: UnbalanceResponse) -> Table:
+def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
     """Return amplitude and angle of each coordinate at the first speed of a response."""
     every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
     named = [row for row in every if len(every) <= MOST_PLACES or not _NODE.search(row[0])]
     rows = []
     for name, value, std in named[:MOST_PLACES]:
-        size = abs(value)
+        unit, factor = by_hand(units.get(name, ""))
+        size = factor * abs(value)
         rows.append(
             (
                 name,
                 f"{size:.4g}" if np.isfinite(size) else "no bound",
-                "-" if np.isnan(std) else f"{std:.2g}",
+                "-" if np.isnan(std) else f"{factor * std:.2g}",
+                unit,
                 f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
             )
         )
     return table(
         (
             f"unbalance response at {found.speed[0] * RPM:.6g} rpm",
-            "amplitude (SI)",
+            "amplitude",
             "std",
+            "unit",
             "phase in deg",
         ),
         rows,

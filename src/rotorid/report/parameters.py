@@ -41,9 +41,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Group:
-    """Rows that belong together."""
+    """Rows that belong together, under a title."""
 
     rows: tuple[Row, ...]
+    title: str = ""
 
 
 def groups(estimate: Estimate) -> list[Group]:
@@ -51,11 +52,15 @@ def groups(estimate: Estimate) -> list[Group]:
     names = {value.name for value in estimate.parameters}
     derived = [value for value in estimate.derived if value.name not in names]
     free = [value for value in estimate.parameters if not value.fixed]
-    parts: Iterable[Sequence[Value]] = (free, estimate.nuisance, derived)
+    parts: Iterable[tuple[str, Sequence[Value]]] = (
+        ("", free),
+        ("of the measurement", estimate.nuisance),
+        ("what follows from them", derived),
+    )
     known = estimate.evidence
     return [
-        Group(tuple(_row(v, known.prior(v.name) if known else None) for v in part))
-        for part in parts
+        Group(tuple(_row(v, known.prior(v.name) if known else None) for v in part), title)
+        for title, part in parts
         if part
     ]
 

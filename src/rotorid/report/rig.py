@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rotorid.rig.faults import FAULTS
 from rotorid.rig.logger import Column, Logged
-from rotorid.tables import Page, table
+from rotorid.tables import Page, by_hand, table
 
 _HEADINGS = ("column", "unit", "mean", "rms about it", "hold", "delay us")
 
@@ -28,11 +28,12 @@ def fault_page() -> Page:
 
 def _row(column: Column) -> tuple[str, ...]:
     mean, rms = column.samples.mean(), column.samples.std()
+    unit, factor = by_hand(column.unit)
     return (
         column.name,
-        column.unit,
-        f"{mean:.4g}",
-        f"{rms:.4g}",
+        unit,
+        f"{factor * mean:.4g}",
+        f"{factor * rms:.4g}",
         "zero-order" if column.hold else "",
         f"{column.delay * 1e6:.6g}" if column.delay else "",
     )

@@ -10,6 +10,7 @@ from rotorid.models import Model
 from rotorid.report.estimate import record_pictures, records_table
 from rotorid.report.html import render
 from rotorid.report.text import validation_table
+from rotorid.report.verdict import METHODS
 from rotorid.validation import CURES, ChannelError, verdict_of
 
 
@@ -27,6 +28,7 @@ def validation_report(
         estimate=estimate,
         model=model,
         verdict=verdict,
+        method=METHODS.get(estimate.method, estimate.method),
         said=said[:1].upper() + said[1:],
         steps=CURES if verdict == "fails" else (),
         channels=validation_table(found),

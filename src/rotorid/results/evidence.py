@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
@@ -214,24 +215,34 @@ def _channel(
     if len(both) == 1:
         return made
     away = both[1] - measured
-    power, wrong = (float(c @ np.abs(x) ** 2) for x in (measured, away))
+    told = _telling(measured, variance)
+    power, wrong = (float(c[told] @ np.abs(x[told]) ** 2) for x in (measured, away))
     made = replace(
         made,
         predicted=_amplitude(both[1], c, size),
         difference=_amplitude(away, c, size),
         error=_rounded([math.sqrt(wrong / power) if power > 0 else math.nan])[0],
+        left_out=int((~told).sum()),
     )
     if not len(time):
         return made
-    turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency))
-    waves = (turns @ (c[:, None] * np.column_stack(both))).real
-    noise = math.nan if variance is None else math.sqrt(float(c @ variance))
+    turns = np.exp(2j * np.pi * np.outer(time, record.lines.frequency[told]))
+    waves = (turns @ (c[told, None] * np.column_stack(both)[told])).real
+    noise = math.nan if variance is None else math.sqrt(float(c[told] @ variance[told]))
     return replace(
         made,
         wave_measured=_rounded(waves[:, 0]),
         wave_predicted=_rounded(waves[:, 1]),
         wave_noise=_rounded([noise])[0],
     )
+
+
+def _telling(measured: Complexes, variance: Floats | None) -> NDArray[np.bool_]:
+    """Return the lines on which noise moves a prediction less than the channel moved; else all."""
+    if variance is None:
+        return np.ones(len(measured), dtype=bool)
+    told = np.abs(measured) ** 2 > variance
+    return told if told.any() else np.ones(len(measured), dtype=bool)
 
 
 def _of_samples(record: Observation, found: Predicted | None, most: int) -> RecordEvidence:

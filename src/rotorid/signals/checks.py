@@ -150,7 +150,7 @@ _IN_ORDER = {
     "copied": "no two channels are the same",
     "identical periods": "the periods scatter, so that deviations can be stated",
     "repeats": "the periods repeat",
-    "lines below noise": "every kept line stands above its noise",
+    "lines below noise": "every line that is used stands above its noise",
     "lost samples": "every period comes when it should",
     "settled": "no transient is left",
     "knock": "no period stands out",

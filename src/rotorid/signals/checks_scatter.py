@@ -125,12 +125,12 @@ def check_silent(periods: PeriodicRecord) -> list[Check]:
             continue
         here = there[:, chosen]
         if not here.any():
-            text = f"no kept line of any {what} stands above its own noise: {cure}"
+            text = f"no line used of any {what} stands above its own noise: {cure}"
             found.append(Check("lines below noise", "", text, "warning"))
             continue
         for c in np.flatnonzero(~here.any(axis=0)):
             channel = periods.channels[chosen[c]].name
-            text = f"no kept line of it stands above its own noise, while other {what}s hold some"
+            text = f"no line used of it stands above its own noise, while other {what}s hold some"
             found.append(Check("lines below noise", channel, text, "note"))
         empty = np.flatnonzero(~here.any(axis=1))
         if empty.size and not found:
