@@ -494,3 +494,22 @@ class TestWindow:
         (lines,) = load(folder, TABLE, more="every = 2\n").records("ml")
         assert set(lines.frequency) < set(HERTZ[::2])
         assert len(lines.frequency) > 50  # but for lines of noise alone
+
+
+def measured_twice(order: int, own: float) -> rid.Lines:
+    """Return the response of x1, and what was computed from it with so much noise of its own."""
+    rng = np.random.default_rng(7)
+    first = response()[:, 0] + 1e-9 * (1 + 1j) * rng.standard_normal(len(HERTZ))
+    second = 1.02 * first * (1j * OMEGA) ** order
+    second = second + own * 1e-9 * OMEGA**order * rng.standard_normal(len(HERTZ))
+    std = 1e-9 * np.column_stack([np.ones(len(HERTZ)), OMEGA**order])
+    return rid.response_lines(F, [X1, X3], HERTZ, np.column_stack([first, second]), std=std)
+
+
+@pytest.mark.parametrize("order", [-2, -1, 0, 1, 2])
+def test_a_response_and_its_derivative_are_one_measurement(order: int) -> None:
+    with pytest.raises(InputError, match=rf"one response in x1 and x3.*\(i omega\)\^{order} of"):
+        measured_twice(order, 0.0)
+    with pytest.raises(InputError, match="one response in x1 and x3"):
+        measured_twice(order, 0.02)
+    assert len(measured_twice(order, 0.2).frequency) == len(HERTZ)

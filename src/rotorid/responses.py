@@ -9,6 +9,7 @@ Piersol, Random Data); of the complex number it is the root of two times as much
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,12 @@ POOLED = 20
 fewer, single lines get weights of three times what they deserve by chance."""
 FAINT = 0.01
 """A coherence below this says that the line holds noise: its own deviation would be noise too."""
+
+SAME = 0.05
+"""Share of the stated noise within which two responses are one: noise of their own agrees so well
+on eight lines by a chance of 1e-20."""
+LEAST_SAME = 8
+"""Lines, fewer of which may agree by chance."""
 
 
 def response_lines(
@@ -73,7 +80,8 @@ def response_lines(
     ------
     InputError
         For shapes that do not fit, numbers that are not finite, deviations that are not positive,
-        coherence outside 0 to 1, and responses that nothing tells the noise of.
+        coherence outside 0 to 1, responses that nothing tells the noise of, and two sensors that
+        hold one response: its derivatives and multiples are no measurements of their own.
 
     Examples
     --------
@@ -98,6 +106,7 @@ def response_lines(
         told, order = _faint(len(order) - len(kept), source, len(kept)), kept
         variance, dof = _from_coherence(found[order], gamma[order], _count(averages, source))
         kind = "coherence"
+    _refuse_repeated(sensors, hertz[order], found[order], variance, source)
     channels = (driven, *sensors)
     transfer = transfer_of_recording(channels, hertz[order], 1.0)
     mean = np.column_stack([np.ones(len(order)), found[order]]) * transfer
@@ -144,6 +153,30 @@ def _check(hertz: Floats, responses: Complexes, sensors: int, source: str) -> No
             file=source,
             place="frequency",
         )
+
+
+def _refuse_repeated(
+    sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats, source: str
+) -> None:
+    """Refuse a response that is another one, differentiated or times a number, noise and all."""
+    kept = (np.abs(responses) > 0).all(axis=1)
+    omega, found, noise = 2j * np.pi * hertz[kept], responses[kept], variance[kept]
+    if len(found) < LEAST_SAME:
+        return
+    relative = noise / np.abs(found) ** 2
+    for i, j in combinations(range(len(sensors)), 2):
+        own = np.sqrt((relative[:, i] + relative[:, j]).mean())
+        for order in range(-2, 3):
+            ratio = found[:, j] / (found[:, i] * omega**order)
+            if np.std(ratio) < SAME * own * abs(ratio.mean()):
+                raise InputError(
+                    f"one response in {sensors[i].name} and {sensors[j].name}, noise and all: "
+                    f"{ratio.mean().real:.4g} times (i omega)^{order} of the first is the second",
+                    "responses that were measured apart",
+                    "keep the one that was measured, leave out what was computed from it; as "
+                    "measurements of their own they make deviations too small",
+                    file=source,
+                )
 
 
 def _checked_std(std: ArrayLike, responses: Complexes, source: str) -> Floats:

@@ -56,6 +56,37 @@ def test_what_is_fixed_counts_in_the_balance():
     assert gate.physical(RIGID, replace(smaller, parameters=heavy)).faults
 
 
+TILTING = parse_model("""
+title = "a tilting disc"
+equations = [
+    "It*a'' + Ip*Omega*b' + k*a = Ma",
+    "It*b'' - Ip*Omega*a' + k*b = Mb",
+]
+coordinates = { a = "rad", b = "rad" }
+inputs = { Ma = "N m", Mb = "N m" }
+[parameters]
+It = { unit = "kg m^2", nominal = 0.01 }
+Ip = { unit = "kg m^2", nominal = 0.01 }
+k = { unit = "N m/rad", nominal = 1e3 }
+""")
+
+
+def tilting_estimate(ratio: float, std: float = 1e-3) -> Estimate:
+    """Return an estimate whose polar inertia is so many of its deviations."""
+    values = {"It": 0.03, "Ip": ratio * std, "k": 1e3}
+    found = tuple(Value(p.name, p.unit, values[p.name], std, std) for p in TILTING.parameters)
+    return Estimate("tilting", "ml", "ok", found, covariance=std**2 * np.eye(3))
+
+
+def test_a_rotor_that_turns_the_other_way_is_told():
+    """Nobody called Ip positive: it is the sense of rotation that it contradicts."""
+    assert gate.physical(TILTING, tilting_estimate(3.1)) == gate.Verdict()
+    assert gate.physical(TILTING, tilting_estimate(-2.9)) == gate.Verdict()
+    (fault,) = gate.physical(TILTING, tilting_estimate(-3.1)).faults
+    assert "a polar inertia of -0.0031 about a, b" in fault
+    assert "the speed is stated backwards" in fault
+
+
 @pytest.mark.parametrize("name", ["m", "I_t"])
 def test_what_the_model_declares_positive_is_positive(name):
     found = gate.physical(RIGID, rigid_estimate(**{name: -1.0}))

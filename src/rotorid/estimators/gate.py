@@ -204,7 +204,7 @@ def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Float
         std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
         where = reduced.coordinates[int(np.abs(vectors[:, 0]).argmax())]
         total += _sure(_judge(where, float(values[0]), std, f"a negative inertia of {where}"))
-    turning = np.tensordot(base, gyroscopic, 1)
+    turning, drawn = np.tensordot(base, gyroscopic, 1), _drawn_coupling(reduced, gyroscopic)
     for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
         sign = np.sign(turning[i, j] - turning[j, i])
         slopes = (
@@ -220,7 +220,37 @@ def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Float
                 f"ones, {whole[i, i] + whole[j, j]:.4g}"
             )
             total += _sure(_judge(f"{a} and {b}", size, std, text))
+        if sign * (drawn[i, j] - drawn[j, i]) < 0:
+            slopes = sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
+            if np.count_nonzero(slopes) == 1:  # of a sum of inertias the sign may be either
+                total += _backwards(reduced, (i, j), float(slopes @ base), slopes, covariance)
     return total
+
+
+def _drawn_coupling(reduced: Model, gyroscopic: Floats) -> Floats:
+    """Return G at the nominal values, whose sense the model's author gave it; zero without any."""
+    nominal = reduced.nominal
+    if not set(reduced.parameter_names) <= set(nominal):
+        return np.zeros(gyroscopic.shape[1:])
+    base = reduced.base_values([nominal[name] for name in reduced.parameter_names])
+    return np.asarray(np.tensordot(np.append(base, 1.0), gyroscopic, 1))
+
+
+def _backwards(
+    reduced: Model, pair: tuple[int, int], polar: float, slopes: Floats, covariance: Floats
+) -> Verdict:
+    """Judge a gyroscopic coupling against the sense that the model gives it: turned backwards."""
+    std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+    if polar <= SURE * std:
+        return Verdict()
+    a, b = (reduced.coordinates[i] for i in pair)
+    return Verdict(
+        faults=(
+            f"a polar inertia of {-polar:.4g} about {a}, {b}, against the sense of rotation: no "
+            f"machine has that; the speed is stated backwards, or "
+            "two axes are exchanged, or one is upside down",
+        )
+    )
 
 
 def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Verdict:

@@ -205,6 +205,10 @@ def test_refuses_what_is_not_linear_in_the_coordinates(demo):
     [
         ({"fixed": {"L9": 0.3}}, "'L9' in fixed"),
         ({"known": {"L1": (0.3, 0.0)}}, "a value and a deviation of more than 0"),
+        ({"known": {"L1": (0.3, 2.9e-13)}}, "a deviation of 2.9e-13 of L1 .* write fixed"),
+        ({"bounds": {"L1": (0.4, 0.4)}}, "L1 from 0.4 to 0.4; expected a lower bound below"),
+        ({"bounds": {"2*I_t - I_p": (1.0, 0.5)}}, "I_p from 1 to 0.5"),
+        ({"bounds": {"m1": (None, -1.0)}}, "m1 from 0 to -1, which the model calls positive"),
         ({"start": {"m1": -1.0}}, "a start of m1 that is not positive"),
         ({"start": {"m1": float("nan")}}, "finite numbers"),
         ({"gains": ("kx",)}, "gains: found 'kx'"),

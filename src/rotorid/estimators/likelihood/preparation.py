@@ -23,6 +23,8 @@ GENERIC = 0.2
 """Relative change of the unknowns after which natural frequencies that coincide do so always."""
 GENERATOR = 4711
 """The fixed number from which that change is drawn."""
+EXACT = 1e-12
+"""Share of a known value below which its deviation is lost in the rounding of what it weighs."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,13 @@ def _check_names(model: Model, extra: Sequence[Unknown], knowledge: Knowledge, b
                     "give both, or fix the value",
                     place=key,
                 )
+            if key == "known" and numbers[1] < EXACT * abs(numbers[0]):
+                raise InputError(
+                    f"a deviation of {numbers[1]:g} of {name} = {numbers[0]:g}",
+                    f"more than {EXACT:g} of the value: less is lost in rounding",
+                    f"write fixed in place of value and std of {name}, if it is exact",
+                    place=key,
+                )
     twice = set(knowledge.fixed) & set(knowledge.known)
     if twice:
         raise InputError(
@@ -283,6 +292,7 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:
             raise InputError("bounds", "none, where base parameters are asked for", "drop them")
         return Relations.build(rows, count)
     for expression, (lower, upper) in knowledge.bounds.items():
+        _refuse_empty(expression, lower, upper, layout)
         for limit, sign in ((lower, 1.0), (upper, -1.0)):
             if limit is None:
                 continue
@@ -291,6 +301,22 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:
                 signed = {powers: sign * c for powers, c in polynomial.items()}
                 rows.append((signed, 1.0, f"{expression} {relation} {limit:g}"))
     return Relations.build(rows, count)
+
+
+def _refuse_empty(
+    expression: str, lower: float | None, upper: float | None, layout: Layout
+) -> None:
+    """Refuse bounds with nothing between them."""
+    positive = any(u.name == expression and u.positive for u in layout.unknowns)
+    least = max(-np.inf if lower is None else lower, 0.0 if positive else -np.inf)
+    if upper is not None and least >= upper:
+        told = ", which the model calls positive" if positive and least == 0 else ""
+        raise InputError(
+            f"{expression} from {least:g} to {upper:g}{told}",
+            "a lower bound below the upper one",
+            "exchange them, or correct one; for an exact value write fixed, or value alone",
+            place=f"bounds of {expression[:60]!r}",
+        )
 
 
 def _check_relations(layout: Layout, exact: Relations) -> None:
