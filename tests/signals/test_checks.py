@@ -74,7 +74,7 @@ def test_everything_looked_at_is_named() -> None:
     record = machine()
     periods = cut(record)
     names = [c.check for c in (*check_record(record, periods), *check_periods(periods))]
-    assert len(set(names)) == len(names) == 15
+    assert len(set(names)) == len(names) == 16
     assert worst(check_periods(periods)) == "ok"
     assert worst(()) == "ok"
 
@@ -191,6 +191,25 @@ def test_identical_periods_are_said() -> None:
     tiled = damaged(machine(), lambda s: np.tile(s[:SIZE], (60, 1)))
     found = only(told(tiled), "identical periods")
     assert "deviations of the result are unknown, not zero" in found.found
+
+
+def test_a_measurement_that_is_there_twice_is_said() -> None:
+    once = 30 * SIZE
+    appended = damaged(machine(), lambda s: np.concatenate([s[:once], s[:once]]))
+    found = only(told(appended), "copied periods")
+    assert found.found.startswith("30 of 60 periods are earlier ones again")
+    assert "period 31 is period 1" in found.found
+    single = damaged(machine(), lambda s: np.concatenate([s[:once], s[-SIZE:], s[once:]]))
+    assert "1 of" in only(told(single), "copied periods").found
+
+
+def test_what_settles_without_noise_is_no_copy() -> None:
+    def settled(samples: np.ndarray) -> np.ndarray:
+        fading = np.exp(-np.arange(len(samples)) / SIZE)
+        return samples * (1 + np.where(fading > 1e-9, fading, 0.0))[:, None]
+
+    quiet = damaged(machine(noise=0.0), settled)
+    assert not [c for c in told(quiet) if c.check == "copied periods"]
 
 
 def test_one_channel_without_scatter_is_named() -> None:

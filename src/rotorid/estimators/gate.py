@@ -37,6 +37,7 @@ CONTRADICTING = frozenset(
         "speed",
         "period",
         "repeats",
+        "copied periods",
         "clipped",
         "wander",
     }

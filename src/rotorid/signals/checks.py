@@ -20,6 +20,7 @@ from rotorid.signals.checks_samples import (
 from rotorid.signals.checks_scatter import (
     NO_SCATTER,
     check_drift,
+    check_copied_periods,
     check_identical,
     check_knocks,
     check_repeats,
@@ -112,6 +113,7 @@ def check_periods(periods: PeriodicRecord) -> tuple[Check, ...]:
     """
     found = {
         "identical periods": check_identical(periods),
+        "copied periods": check_copied_periods(periods),
         "copied": check_copied(periods.channels, _deviations(periods)),
         "repeats": check_repeats(periods),
         "lines below noise": check_silent(periods),
@@ -148,6 +150,7 @@ _IN_ORDER = {
     "clipped": "no channel is cut at a limit",
     "quantized": "no channel is too coarse",
     "copied": "no two channels are the same",
+    "copied periods": "no period is an earlier one again",
     "identical periods": "the periods scatter, so that deviations can be stated",
     "repeats": "the periods repeat",
     "lines below noise": "every line that is used stands above its noise",

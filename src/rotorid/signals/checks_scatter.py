@@ -6,6 +6,8 @@ a line between periods, from differences of neighbours, which a slow drift does 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from rotorid.distributions import f_limit
@@ -73,6 +75,44 @@ def check_identical(periods: PeriodicRecord) -> list[Check]:
         verdict: Verdict = "note" if command else "warning"
         found.append(Check("identical periods", channel.name, text, verdict))
     return found
+
+
+def check_copied_periods(periods: PeriodicRecord) -> list[Check]:
+    """Find periods that are earlier ones again: a file that holds a measurement twice.
+
+    Periods that settled without noise are the same too, but then each is the same as the next.
+    """
+    z = periods.spectra - periods.mean_spectrum
+    size = np.sqrt((np.abs(z) ** 2).sum(axis=(0, 1)))
+    scatters = size > 0
+    rows = (z[:, :, scatters] / size[scatters]).reshape(len(z), -1)
+    first: dict[int, int] = {}
+    for one, other in _equal_pairs(rows):
+        if other > one + 1 and not _equal(rows[one], rows[one + 1]):
+            first.setdefault(other, one)
+    if not first:
+        return []
+    later, earlier = min(first.items())
+    text = (
+        f"{len(first)} of {len(z)} periods are earlier ones again, in every digit: period "
+        f"{later + 1} is period {earlier + 1}: the file holds one measurement twice; take each "
+        "period once, by until"
+    )
+    return [Check("copied periods", "", text, "warning")]
+
+
+def _equal_pairs(rows: Complexes) -> list[tuple[int, int]]:
+    """Return pairs of equal rows, the earlier first: candidates are neighbours in one number."""
+    weights = np.cos(np.arange(2 * rows.shape[1]))
+    key = np.concatenate([rows.real, rows.imag], axis=1) @ weights
+    order = np.argsort(key, kind="stable")
+    pairs = ((int(min(pair)), int(max(pair))) for pair in pairwise(order))
+    return [pair for pair in pairs if _equal(rows[pair[0]], rows[pair[1]])]
+
+
+def _equal(one: Complexes, other: Complexes) -> bool:
+    """Tell whether two periods differ by rounding only, beside their scatter."""
+    return bool(np.linalg.norm(one - other) <= NO_SCATTER * np.linalg.norm(one))
 
 
 def check_repeats(periods: PeriodicRecord) -> list[Check]:
