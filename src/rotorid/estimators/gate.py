@@ -241,7 +241,7 @@ def _backwards(
     reduced: Model, pair: tuple[int, int], polar: float, slopes: Floats, covariance: Floats
 ) -> Verdict:
     """Judge a gyroscopic coupling against the sense that the model gives it: turned backwards."""
-    std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+    std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     if polar <= SURE * std:
         return Verdict()
     a, b = (reduced.coordinates[i] for i in pair)

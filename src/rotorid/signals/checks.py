@@ -19,8 +19,8 @@ from rotorid.signals.checks_samples import (
 )
 from rotorid.signals.checks_scatter import (
     NO_SCATTER,
-    check_drift,
     check_copied_periods,
+    check_drift,
     check_identical,
     check_knocks,
     check_repeats,
