@@ -8,6 +8,8 @@ import pytest
 import rotorid as rid
 from rotorid.errors import ReadError
 from rotorid.io.delimited import open_delimited
+from rotorid.io.dialect import find_dialect
+from rotorid.io.preamble import SLOWEST
 
 CONTROL_DESK = """\
 "ControlDesk Next Generation","CSV export 1.0"
@@ -193,3 +195,87 @@ def test_what_pyarrow_does_not_take_is_explained(
     ):
         with pytest.raises(ReadError, match=place):
             open_delimited(table(tmp_path, text)).read(["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("line", "rows", "hertz"),
+    [
+        ("Sample rate: 5,000 Hz", "1.5\t2", 5000),
+        ("Sampling rate [Hz]: 5,000", "1.5\t2", 5000),
+        ("Sample rate: 1,000,000 Hz", "1\t2", 1e6),
+        ("Sample rate: 12,345.5 Hz", "1\t2", 12345.5),
+        ("Sample rate: 10.000 Hz", "1,5\t2", 10_000),
+        ("Sample rate: 12.345,5 Hz", "1,5\t2", 12345.5),
+        ("Sample rate: 5000,25 Hz", "1,5\t2", 5000.25),
+        ("Sample rate: 5,000 Hz", "1\t2", None),  # nothing tells which mark it is
+        ("Sample rate: 5,000 Hz", "1,5\t2", None),  # 5 Hz, which nobody samples at
+        ("Sample rate: 5.000 kHz", "1\t2", 5000),
+        ("Sample rate: 5,000 Hz", "1.5,2", 5000),
+        ("Sample rate,5000,Channels,4", "1.5,2", 5000),
+        ("Sample rate,5000,2", "1.5,2", 5000),
+        ("Sample rate: 10 kS/s", "1\t2", 10_000),
+        ("Sample rate [kS/s]: 10", "1\t2", 10_000),
+        ("Sample rate\t10\tkSa/s", "1\t2", 10_000),
+        ("Sample rate: 2 MHz", "1\t2", 2e6),
+        ("Sample rate: 600 bpm", "1\t2", None),
+        ("Sample rate;600;B/s", "1;2", None),
+        ("Sample rate: 5000 per channel", "1\t2", None),
+        ("Sample time: 12:30:05", "1\t2", None),
+        ("Sampling time 2026-03-11", "1\t2", None),
+        ("Sampling time 11.03.2026", "1\t2", None),
+        ("Sampling time 10 s", "1\t2", None),  # how long was recorded
+        ("Sampling time 100 ms", "1\t2", 10),
+        ("Sampling time 101 ms", "1\t2", None),
+        ("Sampling interval: 200 us", "1\t2", 5000),
+        ("Sample time: 12:30:05\nSample rate: 5 kHz", "1\t2", 5000),
+    ],
+)
+def test_rates_beyond_doubt(line: str, rows: str, hertz: float | None) -> None:
+    """A rate read a thousand times too small makes masses a million times too large, and ok."""
+    dialect = find_dialect([*line.split("\n"), *[rows] * 4])
+    assert dialect is not None
+    assert (dialect.rate and dialect.rate.hertz) == (hertz and pytest.approx(hertz))
+    assert SLOWEST == 10.0
+
+
+@pytest.mark.parametrize("rows", ["-3.67621\t403,848", "1,5;2.5", "0.5 1,000"])
+def test_two_decimal_marks(rows: str) -> None:
+    """One of the two stands between thousands, and would make a number a thousandth."""
+    with pytest.raises(ReadError, match=r"numbers with commas and with points, '[^']*,.*one deci"):
+        find_dialect(["a b".replace(" ", rows.strip("0123456789.,-")), *[rows] * 4])
+
+
+def test_a_mark_between_thousands_further_on(tmp_path: Path) -> None:
+    rows = "0,5;2,5\n" * 500
+    path = table(tmp_path, f"x;y\n{rows}1.234;0,5\n")
+    with pytest.raises(ReadError, match=r"line 502, column x: found '1.234'; expected a number"):
+        open_delimited(path).read(["x", "y"])
+    path = table(tmp_path, f"x;y\n{rows.replace(',', '.')}1,234;0.5\n")
+    with pytest.raises(ReadError, match=r"line 502, column x: found '1,234'; expected a number"):
+        open_delimited(path).read(["x", "y"])
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "names"),
+    [
+        ("Time (s) fx [N] px", "1 2 3", ("Time", "fx", "px")),
+        ("fx [N] px [ um ] py", "1 2 3", ("fx", "px", "py")),
+        ("x [mm,N],y", "1,2", ("x [mm,N]", "y")),
+        ("X_Value\tfx\tComment", "1\t2", ("X_Value", "fx")),
+        ("fx,py,,", "1,2", ("fx", "py")),
+    ],
+)
+def test_names_that_hold_the_delimiter(header: str, row: str, names: tuple[str, ...]) -> None:
+    dialect = find_dialect([header, *[row] * 4])
+    assert dialect is not None
+    assert dialect.names == names
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [("a,b,c,d,e", "1,2,3"), ("a b c", "1 2"), ("a (s b c", "1 2"), ("x\ty\tz", "1\t2")],
+)
+def test_more_names_than_columns(header: str, row: str) -> None:
+    """A name that is cut in two would give every column behind it its neighbour's."""
+    with pytest.raises(ReadError, match=r"line 1: found \d names for \d columns"):
+        find_dialect([header, *[row] * 4])

@@ -101,8 +101,8 @@ class DelimitedTable:
         """Return the lines of values; those of a decimal comma with a point."""
         lines = self._bounded(stream)
         next(islice(lines, self.dialect.header_lines, self.dialect.header_lines), None)
-        if self.dialect.decimal_comma:
-            return (line.replace(",", ".") for line in lines)
+        if self.dialect.decimal_comma:  # a point would stand between thousands
+            return (line.replace(".", "'").replace(",", ".") for line in lines)
         return lines
 
     def _bounded(self, stream: IO[str]) -> Iterator[str]:

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rotorid.errors import InputError, ReadError
+from rotorid.io.preamble import stated_rate
 from rotorid.io.table import Rate
-from rotorid.limits import COLUMNS, DIGITS, PREAMBLE_CHARACTERS, UNIT_CHARACTERS
-from rotorid.units import check_unit, si_factor
+from rotorid.limits import COLUMNS, DIGITS, UNIT_CHARACTERS
+from rotorid.units import check_unit
 
 COMMENTS = ("#", "%")
 _BRACKETS = {"]": "[", ")": "("}
+_PAIRS = tuple(_BRACKETS.items())
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf)", re.I)
 CLOCK = re.compile(
     r"(?:\d{4}[-/]\d\d?[-/]\d\d?[T ]|\d\d?[./]\d\d?[./]\d{2,4} )?"
@@ -23,23 +25,6 @@ CLOCK = re.compile(
 """A time of day, ``12:30:01.250``, perhaps with its date."""
 _DELIMITERS = ("\t", ";", ",", " ")
 _BODY = 12  # rows from which the delimiter is judged
-# Every part takes all that it can and gives nothing back: the time grows with the line alone.
-_VALUE = (
-    r"[^\d+\-.\[(]*+(?:[\[(](?P<unit>[^\])]*+)[\])])?[^\d+\-.]*+"
-    r"(?P<value>[\d.,]++(?:[eE][+-]?\d++)?)[\s;,\"]*+"
-)
-_RATE = re.compile(
-    r"(?:sampl(?:e|ing)[ _-]?(?:rate|freq(?:uency)?)|scan[ _-]?rate)\b"
-    + _VALUE
-    + r"(?P<after>k?hz)?",
-    re.I,
-)
-_STEP = re.compile(
-    r"(?:delta_x|sampl(?:e|ing)[ _-]?(?:interval|time|period)|time[ _-]?step)\b"
-    + _VALUE
-    + r"(?P<after>[mun]?s\b)?",
-    re.I,
-)
 
 
 @dataclass(frozen=True)
@@ -111,16 +96,16 @@ def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect
     elif header_row is None:
         header, unit_row = _header(lines, rows, told, start, delimiter)
     pairs = _names(lines, header, unit_row, fields, delimiter)
-    body_fields = [field for i in told if i >= start for field in rows[i]]
+    mark = _decimal_mark([field for i in told if i >= start for field in rows[i]], delimiter)
     return Dialect(
         names=tuple(name for name, _ in pairs),
         units=tuple(unit for _, unit in pairs),
         delimiter=delimiter,
         fields=fields,
         header_lines=start,
-        decimal_comma=delimiter != "," and any("," in field for field in body_fields),
+        decimal_comma=mark == ",",
         clocks=tuple(bool(CLOCK.fullmatch(field)) for field in row[: len(pairs)]),
-        rate=_rate(lines[:start]),
+        rate=stated_rate(lines[:start], delimiter, mark),
         named=header is not None,
     )
 
@@ -139,6 +124,29 @@ def split(line: str, delimiter: str) -> list[str]:
 def is_value(field: str) -> bool:
     """Tell whether a field is a number or a time of day."""
     return len(field) <= DIGITS and bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
+
+
+def _decimal_mark(fields: Sequence[str], delimiter: str) -> str:
+    """Return the decimal mark of a table; empty where all its numbers are whole.
+
+    Raises
+    ------
+    ReadError
+        Where numbers have commas and others points: one of the two stands between thousands.
+    """
+    if delimiter == ",":
+        return "."
+    first = {
+        mark: next((f for f in fields if mark in f and _NUMBER.fullmatch(f)), "") for mark in ",."
+    }
+    if all(first.values()):
+        shown = " and ".join(repr(field[:40]) for field in first.values())
+        raise ReadError(
+            f"numbers with commas and with points, {shown}",
+            "one decimal mark",
+            "export the table without marks between thousands",
+        )
+    return next((mark for mark, field in first.items() if field), "")
 
 
 def _score(body: Sequence[str], delimiter: str) -> int:
@@ -222,6 +230,8 @@ def _names(
     names = split(lines[header].lstrip().lstrip("#%"), delimiter)
     while len(names) > 1 and not names[-1]:  # rows that end in a delimiter
         names.pop()
+    if len(names) > fields:
+        names = _whole_names(names, fields, delimiter, header + 1)
     pairs = [_name_and_unit(name) for name in names[:fields]]
     pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
     if unit_row is not None:
@@ -232,6 +242,33 @@ def _names(
             for (name, unit), other in zip(pairs, units, strict=False)
         ]
     return pairs
+
+
+def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> list[str]:
+    """Put names together that hold the delimiter in brackets, as ``Time (s)`` may.
+
+    Raises
+    ------
+    ReadError
+        Where there are more names than columns even so: nothing tells whose they are.
+    """
+    whole: list[str] = []
+    for name in names:
+        unit = delimiter == " " and name[:1] in _BRACKETS.values()
+        if whole and (unit or any(whole[-1].count(o) > whole[-1].count(c) for c, o in _PAIRS)):
+            whole[-1] += delimiter + name
+        else:
+            whole.append(name)
+    if len(whole) == fields + 1 and whole[-1].lower() == "comment":  # LabVIEW's, mostly empty
+        whole.pop()
+    if len(whole) != fields:
+        raise ReadError(
+            f"{len(names)} names for {fields} columns",
+            "a name for each column",
+            "correct the row of names, or header_row = 0 and name the columns 0, 1, 2",
+            place=f"line {line}",
+        )
+    return whole
 
 
 def _is_unit_row(fields: list[str]) -> bool:
@@ -260,22 +297,3 @@ def _name_and_unit(field: str) -> tuple[str, str | None]:
     if name.strip() and (unit in ("", "-") or _is_unit(unit)):
         return name, unit.strip("-") or None
     return field, None
-
-
-def _rate(preamble: Sequence[str]) -> Rate | None:
-    """Return the sample rate that the lines before the numbers state."""
-    for line in preamble:
-        for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
-            match = pattern.search(line[:PREAMBLE_CHARACTERS])
-            if match is None:
-                continue
-            text = match["value"].strip(".,").replace(",", ".")
-            try:
-                value = float(text) * si_factor(match["after"] or match["unit"] or unit, unit)
-            except (InputError, ValueError):
-                continue
-            if 0 < value < 1e12:
-                digits = len(re.sub(r"[eE].*|\D", "", text).lstrip("0")) or 1
-                rounding = max(0.5 * 10.0 ** (1 - digits) if "." in text else 0.0, 1e-12)
-                return Rate(value if unit == "Hz" else 1 / value, rounding)
-    return None
