@@ -311,15 +311,19 @@ def _responses(binary: int = 0) -> bytes:
     return written(lambda path: writers.write_responses(path, sets, binary=binary), "run.uff")
 
 
-def _phasor_table() -> bytes:
+def phasor_rows() -> np.ndarray:
     rpm = np.linspace(1000, 4000, 8)
     omega = rpm * np.pi / 30
     motion = 1e6 * 1e-4 * omega**2 / (1e6 - 5 * omega**2 + 60j * omega)
-    table = np.column_stack(
+    return np.column_stack(
         [rpm, np.abs(motion), np.degrees(np.angle(motion)), motion.imag, -motion.real]
     )
+
+
+def phasor_table(rows: np.ndarray | None = None) -> bytes:
+    rows = phasor_rows() if rows is None else rows
     return written(
-        lambda path: np.savetxt(path, table, delimiter=",", header="n,a,p,re,im", comments=""),
+        lambda path: np.savetxt(path, rows, delimiter=",", header="n,a,p,re,im", comments=""),
         "run.csv",
     )
 
@@ -572,9 +576,9 @@ def _formats() -> list[Format]:
                beside=lambda: {"run.csv": _timed_csv(units=False)},
                commands=_EXPERIMENT_COMMANDS),
         Format("phasors", "experiment.toml", lambda: (PHASORS,), text,
-               beside=lambda: {"run.csv": _phasor_table()}, commands=_EXPERIMENT_COMMANDS,
+               beside=lambda: {"run.csv": phasor_table()}, commands=_EXPERIMENT_COMMANDS,
                share=0.2),
-        Format("phasor-table", "run.csv", lambda: (_phasor_table(),), text, experiment=PHASORS,
+        Format("phasor-table", "run.csv", lambda: (phasor_table(),), text, experiment=PHASORS,
                commands=_EXPERIMENT_COMMANDS, share=0.2),
         Format("equations", "model.toml", lambda: (MODEL, EQUATIONS + SPRINGS), text,
                commands=((1, ("models", "model.toml"), ()),), share=0.2),

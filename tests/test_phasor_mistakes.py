@@ -4,12 +4,14 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import fuzz_files
 import numpy as np
 import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, load, write
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.estimators.likelihood import solver
 from rotorid.estimators.likelihood.table_leads import FAR, NEAR
 
 TRIAL = 5e-5 + 2e-5j
@@ -227,3 +229,27 @@ def test_forces_that_are_zero_set_no_scale(tmp_path: Path) -> None:
     assert estimate.value("xi") == pytest.approx(TRUTH["u_x"] / TRUTH["m"], rel=1e-2)
     assert any("m, c, k scale together" in w for w in estimate.warnings)
     assert any("trial mass" in w for w in estimate.warnings)
+
+
+def test_a_row_beyond_all_hope_is_soon_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No suspect is followed to the last digit of a misfit that it does not explain."""
+    steps = 0
+    plain = solver.tangent
+
+    def counted(*arguments):
+        nonlocal steps
+        steps += 1
+        return plain(*arguments)
+
+    rows = fuzz_files.phasor_rows()
+    rows[2, 3] = -671.0  # um, where the rotor moves by five
+    (tmp_path / "run.csv").write_bytes(fuzz_files.phasor_table(rows))
+    (tmp_path / "experiment.toml").write_bytes(fuzz_files.PHASORS)
+    experiment = rid.load_experiment(tmp_path / "experiment.toml")
+    monkeypatch.setattr(solver, "tangent", counted)
+    found = experiment.identify()
+    assert found.status != "ok"
+    assert found.suspects[0].term == "row"
+    assert steps < 1500  # 1000; twice as many where all are followed to their ends

@@ -124,10 +124,13 @@ def assembled(
 def minimized(
     prepared: Prepared, records: Sequence[Observation], start: Floats, stages: Sequence[float]
 ) -> Point | None:
-    """Return the minimum, or None where the way leads nowhere."""
+    """Return the minimum, or None where the way leads nowhere.
+
+    What leaves a misfit beyond all hope explains nothing: how much exactly is not found out.
+    """
     try:
         with np.errstate(all="ignore"):
-            point = solve(assembled(prepared, records), start, stages).point
+            point = solve(assembled(prepared, records), start, stages, brief=True).point
     except np.linalg.LinAlgError:
         return None
     return point if np.isfinite(point.cost) else None

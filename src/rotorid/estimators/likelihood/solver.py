@@ -43,7 +43,7 @@ LIMIT = 200
 EFFORT = 1000
 """Jacobians of one way. The longest of the bank that arrived took 500."""
 BRIEF = 60
-"""Jacobians of the way from a further start that only checks an answer."""
+"""Jacobians of the last stage from a further start that only checks an answer, and of a suspect."""
 HOPELESS = 10.0
 """Cost per residual from which a way is not worth going on with: a brief one, or on all lines."""
 JOINED = 0.01
@@ -166,9 +166,16 @@ def evaluated(problem: Problem, unknowns: Floats, relaxation: float = 0.0) -> Po
 
 
 def solve(
-    problem: Problem, start: Floats, stages: Sequence[float] = STAGES, bounded: bool = False
+    problem: Problem,
+    start: Floats,
+    stages: Sequence[float] = STAGES,
+    bounded: bool = False,
+    *,
+    brief: bool = False,
 ) -> Solution:
     """Minimize the cost from a start, within the bounds; `bounded`: also on the way.
+
+    With `brief`, a way that is hopeless after a few steps is left there.
 
     The start itself is a candidate: where it costs less than what the homotopy led to, the
     minimum nearest to it is looked for too, and the lower one taken.
@@ -179,27 +186,29 @@ def solve(
         Where no point on the way has a finite cost, or no point near keeps the bounds.
     """
     with np.errstate(all="ignore"):  # what overflows on the way is refused there
-        candidates = _within(problem, start, stages, bounded)
+        candidates = _within(problem, start, stages, bounded, brief)
         best = _lowest(candidates)
         there = evaluated(problem, start, stages[-1])
         if there is not None and (best is None or there.cost < best.point.cost):
-            best = _lowest([*candidates, *_within(problem, start, stages[-1:], bounded)])
+            best = _lowest([*candidates, *_within(problem, start, stages[-1:], bounded, brief)])
     if best is None:
         raise np.linalg.LinAlgError("no way from this start")
     return best
 
 
 def _within(
-    problem: Problem, start: Floats, stages: Sequence[float], bounded: bool
+    problem: Problem, start: Floats, stages: Sequence[float], bounded: bool, brief: bool
 ) -> list[Solution]:
     """Descend freely; where that ends outside, again from its end and from the start inside."""
-    found = None if bounded else _descended(problem, start, stages, bounded=False)
+    found = None if bounded else _descended(problem, start, stages, False, brief=brief)
     if found is not None and not len(outside(problem.bounds, found.point.unknowns)):
         return [found]
     ways = [(start, stages)]
     if found is not None:
         ways.append((found.point.unknowns, stages[-1:]))
-    inner = [_descended(problem, x, way, bounded=True) for x, way in ways]
+        if brief and _hopeless(found.point):  # bounds only add to that
+            del ways[0]
+    inner = [_descended(problem, x, way, True, brief=brief) for x, way in ways]
     return [solution for solution in inner if solution is not None]
 
 
@@ -325,7 +334,7 @@ def _ended(
     try:
         if converged is None:
             point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
-            if brief and not converged and point.cost < HOPELESS * len(point.residual):
+            if brief and not converged and not _hopeless(point):
                 walk.effort = EFFORT  # a bent valley, not another mountain
                 point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
             return point, converged
@@ -333,6 +342,10 @@ def _ended(
         converged = False
     last = evaluated(problem, walk.unknowns, relaxation)
     return None if last is None else (last, converged)
+
+
+def _hopeless(point: Point) -> bool:
+    return point.cost >= HOPELESS * len(point.residual)
 
 
 def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
