@@ -106,6 +106,17 @@ def test_validate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert all(line.endswith("predicted") for line in both)
 
 
+def test_a_result_of_another_model(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its parameters may have the same names, and its equations be others."""
+    assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
+    (folder / "other.toml").write_text(rid.load_model("jeffcott").file_text)
+    experiment = EXPERIMENT.replace('"jeffcott"', '"other.toml"')
+    (folder / "other_run.toml").write_text(experiment)
+    assert cli.run(["validate", "run.json", "other_run.toml"]) == 2
+    told = capsys.readouterr().err
+    assert "run.json: found a result of the model 'jeffcott'; expected one of 'other'" in told
+
+
 def test_models(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["models"]) == 0
     listed = capsys.readouterr().out

@@ -26,6 +26,7 @@ from rotorid.estimate import (
     SourceFile,
     Suspect,
     Value,
+    check_units,
     load_estimate,
 )
 from rotorid.estimators import Batch, LeastSquares, Sequential
@@ -33,7 +34,8 @@ from rotorid.record import Check
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
-DEVIATIONS = st.none() | FINITE
+DEVIATIONS = st.none() | FINITE.map(abs)
+ROOTS = st.floats(-1e100, 1e100).map(lambda x: x if abs(x) > 1e-100 else 0.0)
 ASSIGNMENTS = st.lists(st.tuples(NAMES, FINITE), max_size=3).map(tuple)
 SOURCES = st.lists(st.builds(SourceFile, NAMES, NAMES), max_size=2).map(tuple)
 VERDICTS = st.sampled_from(["ok", "note", "warning", "refused"])
@@ -43,16 +45,23 @@ VERDICTS = st.sampled_from(["ok", "note", "warning", "refused"])
 def estimates(draw):
     values = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS, DEVIATIONS, st.booleans())
     bare = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS)
-    size = draw(st.integers(0, 4))
-    rows = draw(st.lists(FINITE, min_size=size**2, max_size=size**2))
+    parameters, nuisance = draw(st.lists(values, max_size=3)), draw(st.lists(bare, max_size=3))
+    free = [v for v in [*parameters, *nuisance] if not v.fixed] if draw(st.booleans()) else []
+    size = len(free)
+    root = np.array(draw(st.lists(ROOTS, min_size=size**2, max_size=size**2))).reshape(size, size)
+    stated = {id(v): s for v, s in zip(free, np.sqrt((root**2).sum(axis=1)).tolist(), strict=True)}
+    parameters, nuisance = (
+        tuple(replace(v, std=stated.get(id(v), v.std)) for v in several)
+        for several in (parameters, nuisance)
+    )
     return Estimate(
         model=draw(NAMES),
         method=draw(NAMES),
         status=draw(st.sampled_from(["ok", "rejected", "not_identifiable", "not_converged"])),
-        parameters=tuple(draw(st.lists(values, max_size=3))),
-        nuisance=tuple(draw(st.lists(bare, max_size=3))),
+        parameters=parameters,
+        nuisance=nuisance,
         derived=tuple(draw(st.lists(bare, max_size=3))),
-        covariance=np.array(rows).reshape(size, size),
+        covariance=root @ root.T,
         misfit=draw(st.none() | st.builds(Misfit, FINITE, FINITE, st.integers(0, 999), FINITE)),
         suspects=tuple(
             draw(st.lists(st.builds(Suspect, NAMES, FINITE, DEVIATIONS, DEVIATIONS), max_size=3))
@@ -251,6 +260,43 @@ def test_a_file_that_calls_it_ok_is_refused(tmp_path):
         assert path.read_text() != whole
         with pytest.raises(ReadError, match=r"a\.json: .*found.*expected"):
             load_estimate(path)
+
+
+TWO = (Value("m", "kg", 2.0, std=0.1), Value("k", "N/m", 3.0, std=0.2))
+
+
+@pytest.mark.parametrize(
+    ("values", "covariance", "message"),
+    [
+        ({"std": -0.1}, [], r"parameters\.0\.std: found -0.1"),
+        ({"std_inflated": -1.0}, [], r"parameters\.0\.std_inflated: found -1"),
+        ({}, [[-0.01, 0], [0, 0.04]], "found -0.01 where m has a std of 0.1"),
+        ({"std": None}, [[-0.01, 0], [0, 0.04]], "found -0.01 where m has"),
+        ({}, [[0.01, 0], [0, 0.0401]], "found 0.0401 where k has a std of 0.2"),
+        ({}, [[0.01, 0.01], [0, 0.04]], "found a matrix that is not symmetric"),
+        ({}, [[0.01, 0.03], [0.03, 0.04]], "found a combination of a negative variance"),
+        ({}, [[0.01]], "found 1 rows for 2 free quantities"),
+    ],
+)
+def test_a_result_that_contradicts_itself_is_refused(values, covariance, message, tmp_path):
+    """What follows from it would state deviations that are too small."""
+    first = replace(TWO[0], **values)
+    path = tmp_path / "result.json"
+    Estimate("one", "ls", "ok", (first, TWO[1]), covariance=np.array(covariance)).save(path)
+    with pytest.raises(ReadError, match=f"{message}.*this one was edited"):
+        load_estimate(path)
+    whole = Estimate("one", "ls", "ok", TWO, covariance=np.array([[0.01, 0.02], [0.02, 0.04]]))
+    whole.save(path)
+    assert load_estimate(path) == whole
+
+
+def test_other_units_than_those_of_the_model():
+    check_units(Estimate("one", "ls", "ok", TWO), {"m": "kg"})
+    with pytest.raises(InputError, match="found m in 'kg'; expected g, as its model has it"):
+        check_units(Estimate("one", "ls", "ok", TWO), {"m": "g", "k": "N/m"})
+    own = (Value("t[1]", "kg m", 2.0),)
+    with pytest.raises(InputError, match=r"found t\[1\] in 'kg m'"):
+        check_units(Estimate("one", "ls", "ok", own), {"t": "g mm"})
 
 
 def test_what_is_not_stated_need_not_be_finite():

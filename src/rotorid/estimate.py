@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from codecs import BOM_UTF8
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -46,6 +46,7 @@ FAR = 10.0  # deviations in a value, from which on it is not shown in percent
 MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
 HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
+EDITED = 1e-6  # share by which covariance and deviations of a file differ that was not edited
 _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
 READABLE = ("rotorid-estimate/1", SCHEMA)
 Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
@@ -922,12 +923,63 @@ def load_estimate(path: str | Path) -> Estimate:
         if head.schema_ not in READABLE:
             found, expected = f"schema {head.schema_!r}", " or ".join(map(repr, READABLE))
             raise ReadError(found, expected, cure, file=file)
-        return _adapter().validate_json(content)
+        estimate = _adapter().validate_json(content)
     except ValidationError as error:
         if (count := error.error_count()) > _TOLD:
             raise ReadError(f"{count} faults", "a result file", cure, file=file) from None
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None
+    if (found := _contradiction(estimate)) is not None:
+        place, fault = found
+        expected = "deviations of zero or more that are those of the covariance"
+        raise ReadError(fault, expected, f"{cure}: this one was edited", file=file, place=place)
+    return estimate
+
+
+def _contradiction(estimate: Estimate) -> tuple[str, str] | None:
+    """Return where deviations and covariance cannot be, or are not those of each other."""
+    for kind in ("parameters", "nuisance", "derived"):
+        for number, value in enumerate(getattr(estimate, kind)):
+            for key in ("std", "std_inflated"):
+                if (getattr(value, key) or 0.0) < 0:
+                    return f"{kind}.{number}.{key}", f"{getattr(value, key):g}"
+    free, covariance = estimate.free, estimate.covariance
+    if not len(covariance):
+        return None
+    if len(free) != len(covariance):
+        return "covariance", f"{len(covariance)} rows for {len(free)} free quantities"
+    size = np.sqrt(np.abs(np.diag(covariance)))
+    std = np.array([s if v.std is None else v.std for v, s in zip(free, size, strict=True)])
+    known = np.flatnonzero(np.isfinite(std) & np.isfinite(covariance).all(axis=1) & (std > 0))
+    scaled = covariance[np.ix_(known, known)] / std[known, None] / std[known]
+    off = np.abs(np.diag(scaled) - 1) > EDITED
+    if off.any():
+        i = int(known[off.argmax()])
+        return "covariance", f"{covariance[i, i]:g} where {free[i].name} has a std of {std[i]:g}"
+    if (np.abs(scaled - scaled.T) > EDITED).any():
+        return "covariance", "a matrix that is not symmetric"
+    if np.linalg.eigvalsh(scaled).min(initial=0.0) < -EDITED * len(scaled):
+        return "covariance", "a combination of a negative variance"
+    return None
+
+
+def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
+    """Refuse values in other units than those that a model gives its parameters.
+
+    Raises
+    ------
+    InputError
+        With the first of them.
+    """
+    for value in estimate.parameters:
+        unit = units.get(value.name.partition("[")[0], value.unit)
+        if value.unit != unit:
+            raise InputError(
+                f"{value.name} in {value.unit[:60]!r}",
+                f"{unit}, as its model has it",
+                "identify again, or correct the file: values are in SI",
+                place="parameters",
+            )
 
 
 class _Head(BaseModel):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Prediction
+from rotorid.estimate import Estimate, Prediction, check_units
 from rotorid.estimators.by_samples import filtered_records
 from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.assembly import assemble
@@ -186,6 +186,7 @@ def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) 
             f"parameters: {', '.join(model.base.names)}",
             "use the result and the experiment of one model",
         )
+    check_units(estimate, {p.name: p.unit for p in model.parameters})
     unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
     if unknown:
         raise InputError(

@@ -97,6 +97,15 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
     return table
 
 
+def table_within(text: str) -> dict[str, Any]:
+    """Parse TOML text that another file holds; empty where it is none, or would take long."""
+    data = text.encode("utf-8", "replace")
+    try:
+        return parse_table(data) if len(data) <= TOML_BYTES else {}
+    except InputError:
+        return {}
+
+
 def _too_deep(file: str) -> ReadError:
     return ReadError("nesting too deep", "TOML of a few levels", "flatten it", file=file)
 

@@ -1,6 +1,7 @@
 """Correction masses and what they leave, held against closed forms and draws."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -306,6 +307,36 @@ def test_speeds_that_an_encoder_told_are_those_of_the_records(tmp_path, capsys):
 
 
 SPEEDS = ((628.0, 628.6), (628.0, 629.0))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "records = 5",
+        "channels = 5",
+        "a = " + "[" * 5000,
+        ".".join("a" * 15_000) + " = 1",
+        "a = 1\n" * 1_000_000,
+        "a = 0x" + "f" * 20_000,
+        "\ud800 = 1",
+    ],
+)
+def test_the_experiment_in_a_result_may_be_anything(text: str, tmp_path, capsys):
+    base = estimate_of(rid.load_model("rigid"))
+    source = rid.Provenance(experiment=text, model=base.provenance.model)
+    result = tmp_path / "run.json"
+    base.save(result)
+    found = json.loads(result.read_text())
+    found["provenance"]["experiment"] = text
+    result.write_text(json.dumps(found))
+    started = time.process_time()
+    code = cli.run(["balance", str(result), "--plane", *ENDS])
+    told = capsys.readouterr().err
+    assert code == 2
+    assert "found no speed" in told or "found no JSON" in told
+    assert time.process_time() - started < 2
+    if "\ud800" not in text:
+        assert len(rid.centring(base.with_(provenance=source), 600.0)) == 4
 
 
 def test_what_was_fixed_is_told_and_never_exact():

@@ -52,6 +52,11 @@ def test_the_response_is_that_of_the_machine(name, speed):
         assert np.abs(answer - expected[:, :, j]).max() < 1e-9 * size
 
 
+def test_a_machine_beyond_all_bounds():
+    with pytest.raises(rid.InputError, match="found a machine beyond all bounds"):
+        rid.state_space(estimate_of(model_of(SUPPORTED), {"m": 1e-310}))
+
+
 def test_an_estimate_is_exported_as_it_is():
     estimate = estimate_of(model_of(SUPPORTED), {"m": 9.0})
     plant = rid.state_space(estimate, speed="3000 rpm", outputs=["x - 0.2*theta_y", "y"])

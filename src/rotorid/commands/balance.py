@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from rotorid.report.balance_page import balance_page
 from rotorid.results.balancing import Balance, balance
 from rotorid.results.centring import Feedforward, centring
 from rotorid.results.model import own_model
+from rotorid.toml import table_within
 from rotorid.writing import check_apart
 
 
@@ -94,11 +94,9 @@ STEADY = 1e-3
 def speeds_of(estimate: Estimate) -> list[str]:
     """Return the speeds of the records: as the experiment states them, else as measured."""
     text = "" if estimate.provenance is None else estimate.provenance.experiment
-    try:
-        records = tomllib.loads(text).get("records", [])
-    except tomllib.TOMLDecodeError:
-        records = []
-    found = [r["speed"] for r in records if isinstance(r, dict) and "speed" in r]
+    records = table_within(text).get("records")
+    entries = records if isinstance(records, list) else []
+    found = [r["speed"] for r in entries if isinstance(r, dict) and "speed" in r]
     speeds = list(dict.fromkeys(each for each in found if isinstance(each, str)))
     seen = estimate.evidence.records if estimate.evidence else ()
     for low, high in (one.speed_rad_s for one in seen if not speeds and len(one.speed_rad_s) == 2):

@@ -43,6 +43,7 @@ def run(
         plan = load_experiment(experiment)
         plan.require_records()
         check_apart(targets, [result, *plan.files])
+        _check_model(estimate, plan.model.name, result)
         records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:
         found = [
@@ -69,6 +70,17 @@ def run(
     content = {"verdict": verdict, "channels": channels(found)}
     answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
     return OK if verdict == "predicts" else NO_ANSWER
+
+
+def _check_model(estimate: Estimate, name: str, result: Path) -> None:
+    """Refuse a result of another model, even where the names of its parameters are the same."""
+    if estimate.model != name:
+        raise InputError(
+            f"a result of the model {estimate.model[:60]!r}",
+            f"one of {name[:60]!r}, the model of the experiment",
+            "name the model of the result in the experiment, or identify with this one",
+            file=str(result),
+        )
 
 
 def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:

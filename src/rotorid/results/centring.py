@@ -7,7 +7,6 @@ fed forward in place of what the controller would answer with.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -24,6 +23,7 @@ from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import finite_speed
 from rotorid.results.planes import directions_of
 from rotorid.results.unbalance import amplitude_std
+from rotorid.toml import table_within
 
 
 @dataclass(frozen=True)
@@ -119,12 +119,9 @@ def centring(
 def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
     """Return ki and ks of each input whose law stands in the experiment file of an estimate."""
     text = "" if estimate.provenance is None else estimate.provenance.experiment
-    try:
-        channels = tomllib.loads(text).get("channels", {})
-    except tomllib.TOMLDecodeError:
-        return {}
+    channels = table_within(text).get("channels")
     found = {}
-    for name, entry in channels.items():
+    for name, entry in channels.items() if isinstance(channels, dict) else ():
         if not isinstance(entry, dict) or entry.get("law") not in ("linear", "differential"):
             continue
         try:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.errors import InputError, ModelError
-from rotorid.estimate import Estimate
+from rotorid.estimate import Estimate, check_units
 from rotorid.estimators.derived import physical_fit
 from rotorid.estimators.likelihood.candidates import equation_order
 from rotorid.estimators.likelihood.modal import Pencil
@@ -258,6 +258,7 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     if source.status == "not_identifiable":
         remarks.append("warning: the result is not_identifiable; others fit as well")
     model = own_model(source)
+    check_units(source, {p.name: p.unit for p in model.parameters})
     values = {v.name: v.value for v in source.parameters}
     fixed = {v.name: v.value for v in source.parameters if v.fixed}
     values, renamed = _of_record(model, values, record)

@@ -264,4 +264,13 @@ def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
             "give the massless coordinates a little inertia",
             file=machine.model.name,
         )
-    return np.asarray(column[:, None] * np.linalg.solve(scaled, right * row[:, None]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = column[:, None] * np.linalg.solve(scaled, right * row[:, None])
+    if not np.isfinite(found).all():
+        raise InputError(
+            "a machine beyond all bounds",
+            "a machine with finite values",
+            "check the values and their units",
+            file=machine.model.name,
+        )
+    return np.asarray(found)
