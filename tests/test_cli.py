@@ -3,9 +3,11 @@
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -15,7 +17,9 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
+from rotorid.commands.identify import source_of
 from rotorid.estimate import SourceFile, Value
+from rotorid.limits import HASHED_BYTES
 
 
 @pytest.fixture
@@ -367,6 +371,42 @@ def test_a_result_says_where_it_comes_from(folder: Path) -> None:
         name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
         for name in ("run.toml", "run.csv")
     }
+
+
+def test_what_a_record_is_read_with_is_an_input(folder: Path) -> None:
+    """The record that tells the noise, and tables of amplifiers: written over by nobody."""
+    (folder / "quiet.csv").write_text((folder / "run.csv").read_text())
+    table = "frequency,magnitude,phase\n" + "".join(f"{f},1,{-f / 10}\n" for f in range(0, 999, 9))
+    for name in ("force.csv", "sensor.csv"):
+        (folder / name).write_text(table)
+    text = EXPERIMENT.replace('unit = "N" }', 'unit = "N", dynamics = { table = "force.csv" } }', 1)
+    text = text.replace('unit = "m" }', 'unit = "m", dynamics = { table = "sensor.csv" } }', 1)
+    text = re.sub(r"fundamental = .*\n(harmonics = .*\n)?", 'band = ["5 Hz", "90 Hz"]\n', text)
+    text = text.replace('file = "run.csv"', 'file = "run.csv"\nquiet = "quiet.csv"')
+    (folder / "all.toml").write_text(text)
+    plan = rid.load_experiment("all.toml")
+    named = {path.name for path in plan.files}
+    assert {"run.csv", "quiet.csv", "force.csv", "sensor.csv"} <= named
+    assert [path.name for path in plan.record_files] == ["run.csv"]
+    kept = (folder / "quiet.csv").read_bytes()
+    assert cli.run(["identify", "all.toml", "--json", "quiet.csv", "--force"]) == 2
+    assert (folder / "quiet.csv").read_bytes() == kept
+
+
+def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"small")
+    assert source_of(path).sha256 == hashlib.sha256(b"small").hexdigest()
+    with path.open("r+b") as stream:
+        stream.truncate(10**12)
+    started = time.process_time()
+    assert source_of(path).sha256 == ""
+    assert time.process_time() - started < 1
+    path.write_bytes(bytes(range(256)) * 100_000)
+    assert source_of(path).sha256 != ""
+    monkeypatch.setattr("rotorid.commands.identify.HASHED_BYTES", path.stat().st_size - 1)
+    assert source_of(path).sha256 == ""
+    assert HASHED_BYTES == 16_000_000_000
 
 
 def test_the_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

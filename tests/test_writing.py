@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from rotorid.commands import console
 from rotorid.errors import InputError
-from rotorid.writing import Kind, check_apart, check_target, write_files, write_whole
+from rotorid.writing import Kind, check_apart, check_target, seen, write_files, write_whole
 
 KIND = Kind("rotorid test", rb'\{\s*"kind": "test"')
 
@@ -136,3 +137,52 @@ def test_one_file_for_two(tmp_path: Path) -> None:
         check_apart([one], [link])
     with pytest.raises(InputError, match="another output of this run"):
         check_apart([one, link], [])
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_what_came_meanwhile_is_kept(
+    linked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also between the last look and the move, and on a disk without links."""
+    new, old = tmp_path / "new.json", tmp_path / "old.json"
+    old.write_text("old")
+    if not linked:
+        monkeypatch.setattr("rotorid.writing.os.link", lambda *_: os.open(tmp_path / "none", 0))
+    found = {new: seen(new), old: seen(old)}
+    assert found[new] is None
+    write_files({new: lambda: b"mine", old: lambda: b"mine"}, found)
+    assert new.read_text() == old.read_text() == "mine"
+    for late in (new, old):
+        found = {path: seen(path) for path in (new, old)}
+
+        def another(late: Path = late) -> bytes:
+            late.write_text("somebody else's")
+            return b"mine again"
+
+        with pytest.raises(InputError, match=f"{late.name}: found a file that another program"):
+            write_files({new: another, old: lambda: b"mine again"}, found)
+        assert late.read_text() == "somebody else's"
+    new.unlink()
+    monkeypatch.setattr("rotorid.writing.seen", lambda _: None)
+    new.write_text("in the last moment")
+    with pytest.raises(InputError, match=r"new\.json: found a file that another program wrote"):
+        write_files({new: lambda: b"mine"}, {new: None})
+    assert new.read_text() == "in the last moment"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new.json", "old.json"]
+
+
+def test_a_command_keeps_what_came_while_it_worked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "new.json"
+    for force in (False, True):
+        target.unlink(missing_ok=True)
+        console.check_outputs((target, KIND), force=force)
+        target.write_text("precious notes")
+        if force:
+            console.write((target, lambda: b"mine"))
+            assert target.read_text() == "mine"
+        else:
+            with pytest.raises(InputError, match=r"another program wrote there meanwhile.*--force"):
+                console.write((target, lambda: b"mine"))
+            assert target.read_text() == "precious notes"

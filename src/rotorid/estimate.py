@@ -221,7 +221,10 @@ class Unbalance:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that went into an estimate, and the sha256 of its content in hexadecimal."""
+    """A file that went into an estimate, and the sha256 of its content in hexadecimal.
+
+    Empty where the file is beyond 16 GB, or made of holes for the most part.
+    """
 
     file: str
     sha256: str
@@ -930,9 +933,9 @@ def load_estimate(path: str | Path) -> Estimate:
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None
     if (found := _contradiction(estimate)) is not None:
-        place, fault = found
+        place, said = found
         expected = "deviations of zero or more that are those of the covariance"
-        raise ReadError(fault, expected, f"{cure}: this one was edited", file=file, place=place)
+        raise ReadError(said, expected, f"{cure}: this one was edited", file=file, place=place)
     return estimate
 
 

@@ -69,6 +69,11 @@ PARTS = 5_000
 REFERENCES = 4
 """Files that refer to files: a virtual data set of virtual data sets is two."""
 
+HASHED_BYTES = 16_000_000_000
+"""Of a file whose sha256 is kept with a result: ten to twenty seconds. Of a larger one, or one of
+holes for the most part, a fraction was read, and to hash the rest would take longer than to answer.
+"""
+
 MAGNITUDE = 1e60
 """Of samples in SI, and one over it: no machine comes near, and the fourth powers of a million
 samples, which variances of variances are made of, stay within what doubles hold (1e308)."""

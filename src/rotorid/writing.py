@@ -2,7 +2,8 @@
 
 Every file that rotorid writes is written here. Its content is made in memory first; it is then
 written beside its target and moved there, so that at any moment the old file or the new one is
-there, whole.
+there, whole. A file that came there while a command worked, or changed, is kept: it is somebody
+else's.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from pathlib import Path
 from rotorid.errors import InputError
 
 Content = Callable[[], bytes]
+Seen = tuple[int, int, int, int] | None
+"""What tells a file from another, or from itself before it was edited; None where there is none."""
 _HEAD = 4096  # bytes at the beginning of a file that say who wrote it
 
 
@@ -84,6 +87,15 @@ def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -
             _require_own(path, kind)
 
 
+def seen(path: Path) -> Seen:
+    """Return what is at a path now, for `write_files` to find it as it was."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
 def _refusal(path: Path, found: str) -> InputError:
     return InputError(found, "a file to write", "write elsewhere", file=str(path))
 
@@ -136,15 +148,24 @@ def write_whole(path: str | Path, content: bytes) -> None:
     write_files({Path(path): lambda: content})
 
 
-def write_files(contents: Mapping[Path, Content]) -> None:
+def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | None = None) -> None:
     """Make all contents, write them beside their targets, and move them there.
+
+    Parameters
+    ----------
+    contents : mapping of Path to callable
+    found : mapping of Path to what `seen` returned, optional
+        What must still be there; other files are replaced as they are.
 
     Raises
     ------
     OSError
         Where one cannot be written, with its name; no file is changed then.
+    InputError
+        Where another program wrote one meanwhile.
     """
     made = {path: content() for path, content in contents.items()}
+    before = dict(found or {})
     parts: dict[str, tuple[Path, str]] = {}
     try:
         for path, data in made.items():
@@ -156,13 +177,45 @@ def write_files(contents: Mapping[Path, Content]) -> None:
                 part = _free_name(target)
                 parts[part] = path, target
                 _write_part(part, target, data)
+        for path, _ in parts.values():
+            if path in before and seen(path) != before[path]:
+                raise _came_meanwhile(path)
         for part, (path, target) in parts.items():
             with _named(path):
-                os.replace(part, target)
+                if path in before and before[path] is None:
+                    _move_new(part, target, path)
+                else:
+                    os.replace(part, target)
     finally:
         for part in parts:
             with contextlib.suppress(OSError):
                 os.unlink(part)
+
+
+def _came_meanwhile(path: Path) -> InputError:
+    return InputError(
+        "a file that another program wrote there meanwhile",
+        "what was there when the command began",
+        "choose another name, or replace the file with --force",
+        file=str(path),
+    )
+
+
+def _move_new(part: str, target: str, path: Path) -> None:
+    """Move a file to a name that nothing has; what has it since is kept.
+
+    Where the disk knows no links, as on memory cards, the name is taken by an empty file first.
+    """
+    try:
+        try:
+            os.link(part, target)
+        except FileExistsError:
+            raise
+        except OSError:
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            os.replace(part, target)
+    except FileExistsError:
+        raise _came_meanwhile(path) from None
 
 
 @contextlib.contextmanager

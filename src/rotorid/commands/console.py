@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -21,7 +21,7 @@ from rotorid.commands import BROKEN_PIPE
 from rotorid.errors import InputError, UnfinishedError
 from rotorid.screen import one_line
 from rotorid.tables import Page, page_text
-from rotorid.writing import Content, Kind, check_target, write_files
+from rotorid.writing import Content, Kind, Seen, check_target, seen, write_files
 
 Output = tuple[Path | None, Content]
 RESULT = Kind("rotorid identify --json", rb'\{\s*"schema": "rotorid-estimate/')
@@ -54,6 +54,8 @@ _COLOURED = re.compile(
 
 STDOUT = Path("-")
 """In place of a file: what is written goes to the standard output, and nothing else does."""
+_FOUND: ContextVar[Mapping[Path, Seen]] = ContextVar("found")
+"""What was at the targets when they were checked: `write` replaces nothing else."""
 _SILENT: ContextVar[bool] = ContextVar("silent", default=False)
 
 
@@ -139,6 +141,7 @@ def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> li
             _require_page(path)
     for path, kind in given:
         check_target(path, kind, force=force)
+    _FOUND.set({} if force else {path: seen(path) for path, _ in given})
     return [path for path, _ in given]
 
 
@@ -156,8 +159,9 @@ def _require_page(path: Path) -> None:
 def write(*outputs: Output) -> None:
     """Write the outputs that are asked for, all or none; then those to the standard output."""
     given = [(path, content) for path, content in outputs if path is not None]
+    files = {path: content for path, content in given if path != STDOUT}
     try:
-        write_files({path: content for path, content in given if path != STDOUT})
+        write_files(files, _FOUND.get({}))
     except OSError as error:
         raise InputError(
             str(error.strerror),

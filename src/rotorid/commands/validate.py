@@ -55,7 +55,7 @@ def run(
         raise error.at(file=str(result)) from None
     verdict, said = verdict_of(found)
     page: Page = [f"{verdict}: {said}", validation_table(found), *information_lines(told)]
-    page = [*page, *_its_own(estimate, plan.files[2:])]
+    page = [*page, *_its_own(estimate, plan.record_files)]
     if verdict == "fails":
         page = [*page, *CURES]
 
@@ -86,7 +86,7 @@ def _check_model(estimate: Estimate, name: str, result: Path) -> None:
 def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
     """Say which records the result was made of: those it predicts better than any other."""
     made_of = () if estimate.provenance is None else estimate.provenance.files
-    sums = {source.sha256 for source in made_of}
+    sums = {source.sha256 for source in made_of} - {""}
     return [
         f"note: {path} is a record that the result was made of, which proves little: take another"
         for path in dict.fromkeys(files)

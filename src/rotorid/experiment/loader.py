@@ -28,7 +28,7 @@ from rotorid.experiment.recording import (
     measured,
     quiet_record,
 )
-from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry
+from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry, response_tables
 from rotorid.experiment.twice import (
     alike,
     check_contents,
@@ -76,9 +76,19 @@ class Experiment:
 
     @property
     def files(self) -> list[Path]:
-        """The files that are read: the experiment, its model, its records."""
-        records = [self.folder / name for entry in self.entry.records for name in entry.paths]
-        return [Path(self.file), Path(self.file).parent / self.entry.model, *records]
+        """The files that are read: the experiment, its model, its records, what goes with them."""
+        return [
+            Path(self.file),
+            Path(self.file).parent / self.entry.model,
+            *self.record_files,
+            *(self.folder / r.quiet for r in self.entry.records if r.quiet is not None),
+            *(self.folder / name for name in response_tables(self.entry)),
+        ]
+
+    @property
+    def record_files(self) -> list[Path]:
+        """The files of the records themselves."""
+        return [self.folder / name for entry in self.entry.records for name in entry.paths]
 
     def measured(self, method: Method | None = None) -> list[Record]:
         """Read the samples of every record.
