@@ -17,7 +17,7 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
-from rotorid.commands.identify import source_of
+from rotorid.commands.sources import source_of
 from rotorid.estimate import SourceFile, Value
 from rotorid.limits import HASHED_BYTES
 
@@ -404,7 +404,7 @@ def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.Monke
     assert time.process_time() - started < 1
     path.write_bytes(bytes(range(256)) * 100_000)
     assert source_of(path).sha256 != ""
-    monkeypatch.setattr("rotorid.commands.identify.HASHED_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("rotorid.commands.sources.HASHED_BYTES", path.stat().st_size - 1)
     assert source_of(path).sha256 == ""
     assert HASHED_BYTES == 16_000_000_000
 

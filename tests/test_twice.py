@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -123,6 +124,17 @@ def test_a_copy(load, tmp_path: Path) -> None:
         load(("run.h5", LINES), ("copy.h5", LINES)).records()
     parts = (LINES + '\nuntil = "0.5 s"', LINES + '\nskip = "0.5 s"')
     assert len(load(("run.h5", parts[0]), ("copy.h5", parts[1])).records()) == 2
+
+
+def test_files_of_holes_are_not_compared(load, tmp_path: Path) -> None:
+    """Of 300 GB each they would take minutes, and hold nothing."""
+    for name in ("run.h5", "copy.h5"):
+        with (tmp_path / name).open("wb") as stream:
+            stream.truncate(3 * 10**11)
+    started = time.process_time()
+    with pytest.raises(InputError, match=r"run\.h5: found binary data"):
+        load(("run.h5", LINES), ("copy.h5", LINES)).records()
+    assert time.process_time() - started < 2
 
 
 def test_an_export_of_the_same(load, tmp_path: Path) -> None:

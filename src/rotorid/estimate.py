@@ -932,8 +932,8 @@ def load_estimate(path: str | Path) -> Estimate:
             raise ReadError(f"{count} faults", "a result file", cure, file=file) from None
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None
-    if (found := _contradiction(estimate)) is not None:
-        place, said = found
+    if (wrong := _contradiction(estimate)) is not None:
+        place, said = wrong
         expected = "deviations of zero or more that are those of the covariance"
         raise ReadError(said, expected, f"{cure}: this one was edited", file=file, place=place)
     return estimate
@@ -980,7 +980,7 @@ def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
             raise InputError(
                 f"{value.name} in {value.unit[:60]!r}",
                 f"{unit}, as its model has it",
-                "identify again, or correct the file: values are in SI",
+                "identify again: the values of a result are in SI",
                 place="parameters",
             )
 

@@ -104,3 +104,41 @@ def test_damage_inside(path: Path) -> None:
             opened.read([opened.find(name) for name in opened.names])
         except ReadError as error:
             assert error.file == str(path)  # noqa: PT017
+
+
+@pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 2)])
+def test_packed_numbers(shape: tuple[int, ...], tmp_path: Path) -> None:
+    """As netCDF packs them; read as they are stored they would be other numbers, and ok."""
+    path = tmp_path / "run.h5"
+    stored = np.resize(np.array([0, 100, -100, -32768, 7], dtype=np.int16), shape)
+    with h5py.File(path, "w") as data:
+        packed = data.create_dataset("x", data=stored)
+        packed.attrs["scale_factor"], packed.attrs["add_offset"] = np.float32([0.5]), 2.0
+        packed.attrs["_FillValue"] = np.int16(-32768)
+        data["plain"] = stored
+        counts = data.create_dataset("counts", data=stored)
+        counts.attrs["_Unsigned"] = "true"
+        scale = data.create_dataset("scale", data=np.int16(3))
+        scale.attrs["scale_factor"] = 0.1
+    name = "x[0]" if shape == (5, 2) else "x"
+    opened = open_hdf5(path)
+    raw = (stored[:, 0] if shape == (5, 2) else stored.ravel()).astype(float)
+    expected = np.where(raw == -32768, np.nan, 0.5 * raw + 2.0)
+    np.testing.assert_array_equal(opened.read([name])[name].values, expected)
+    blocks = np.concatenate([block[name].values for block in opened.blocks([name], 2)])
+    np.testing.assert_array_equal(blocks, expected)
+    plain, counts = name.replace("x", "plain"), name.replace("x", "counts")
+    found = opened.read([plain, counts])
+    np.testing.assert_array_equal(found[plain].values, raw)
+    np.testing.assert_array_equal(found[counts].values, np.where(raw < 0, raw + 65536, raw))
+    assert opened.scalar("scale") == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, "much", [1.0, 2.0]])
+def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as data:
+        data["x"] = np.arange(5)
+        data["x"].attrs["scale_factor"] = value
+    with pytest.raises(ReadError, match="an attribute scale_factor of '/x' that is no number"):
+        open_hdf5(path).read(["x"])

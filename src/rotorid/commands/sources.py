@@ -7,6 +7,8 @@ from hashlib import file_digest
 from pathlib import Path
 
 from rotorid.estimate import SourceFile
+from rotorid.files import check_regular, is_hollow
+from rotorid.limits import HASHED_BYTES
 
 
 def done(given: str, files: Sequence[Path]) -> list[str]:
@@ -15,10 +17,17 @@ def done(given: str, files: Sequence[Path]) -> list[str]:
 
     there = [path for path in dict.fromkeys(files) if path.is_file()]
     sums = (source_of(path) for path in there)
-    return [given, f"rotorid {__version__}", *(f"{s.file}: sha256 {s.sha256}" for s in sums)]
+    return [
+        given,
+        f"rotorid {__version__}",
+        *(f"{s.file}: sha256 {s.sha256 or 'not taken'}" for s in sums),
+    ]
 
 
 def source_of(path: Path) -> SourceFile:
-    """Return a file with its sha256."""
+    """Return a file with its sha256; without it, where it is beyond measure or made of holes."""
+    found = check_regular(path)
+    if is_hollow(found) or found.st_size > HASHED_BYTES:
+        return SourceFile(str(path), "")
     with path.open("rb") as stream:
         return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

@@ -685,5 +685,6 @@ def response_tables(file: ExperimentFile) -> list[str]:
     """Return the files of measured responses of amplifiers and sensors that an experiment names."""
     every = [file.channels, *(record.channels for record in file.records)]
     entries = [entry for channels in every for entry in channels.values()]
-    given = [each.dynamics for entry in entries for each in (entry, *entry.columns)]
+    given = [entry.dynamics for entry in entries]
+    given += [column.dynamics for entry in entries for column in entry.columns]
     return [d.table for d in given if d is not None and d.table is not None]

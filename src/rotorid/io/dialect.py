@@ -265,7 +265,7 @@ def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> li
         raise ReadError(
             f"{len(names)} names for {fields} columns",
             "a name for each column",
-            "correct the row of names, or header_row = 0 and name the columns 0, 1, 2",
+            "name each column once there, or set header_row = 0 and call the columns 0, 1, 2",
             place=f"line {line}",
         )
     return whole

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
+from rotorid.io.hdf5_packing import attribute, packing_of
 from rotorid.io.hdf5_storage import check_stored
 from rotorid.io.table import (
     Column,
@@ -24,7 +25,6 @@ from rotorid.io.table import (
     is_numeric,
     not_what_it_says,
 )
-from rotorid.limits import COLUMNS
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
@@ -52,7 +52,8 @@ class Hdf5Table(NamedArrays):
                 values = (
                     as_column(whole[path], place) if path in whole else _part(_numbers(node), place)
                 )
-                columns[name] = Column(values, *_stated(node, place))
+                packing = packing_of(node.dataset, self.file)
+                columns[name] = Column(packing.unpacked(values), *_stated(node, place))
         return columns
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
@@ -63,6 +64,7 @@ class Hdf5Table(NamedArrays):
             found = {p: nodes[p.path][0] for p in places.values()}
             datasets = {p: _numbers(node) for p, node in found.items()}
             stated = {name: _stated(found[p], p) for name, p in places.items()}
+            packed = {p: packing_of(node.dataset, self.file) for p, node in found.items()}
             count = max(max(self.shapes[p.path]) for p in places.values())
             step = _whole_chunks(found.values(), rows)
             for begin in range(0, count, step):
@@ -71,7 +73,9 @@ class Hdf5Table(NamedArrays):
                     if (place.path, place.axis) not in parts:
                         parts[place.path, place.axis] = _rows(dataset, place, begin, step)
                 yield {
-                    name: Column(_picked(parts[p.path, p.axis], p), *stated[name])
+                    name: Column(
+                        packed[p].unpacked(_picked(parts[p.path, p.axis], p)), *stated[name]
+                    )
                     for name, p in places.items()
                 }
 
@@ -79,7 +83,9 @@ class Hdf5Table(NamedArrays):
         """Return a dataset of one number."""
         path = self.find_scalar(name)
         with opened(self.file) as data:
-            return float(np.ravel(_numbers(self._checked(data, [path])[path][0])[()])[0])
+            node = self._checked(data, [path])[path][0]
+            packing = packing_of(node.dataset, self.file)
+            return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
 
     def _checked(self, data: h5py.File, paths: Sequence[str]) -> Mapping[str, tuple[Node, int]]:
         """Return data sets that are there whole, and the bytes of the files that hold them."""
@@ -140,17 +146,10 @@ def _stated(node: Node, place: Place) -> tuple[str | None, Rate | None]:
     return _unit(found[0], place.index), next(rates, None)
 
 
-def _attribute(attributes: Any, key: str) -> Any:
-    """Return an attribute as a row of values; None where there is none, or none that we ask for."""
-    if key not in attributes or (shape := attributes.get_id(key).shape) is None:
-        return None
-    return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
-
-
 def _unit(attributes: Any, index: int | None) -> str | None:
     """Return the attribute ``units`` (or ``unit``): one text, or one per column."""
     for key in ("units", "unit"):
-        texts = _attribute(attributes, key)
+        texts = attribute(attributes, key)
         if texts is not None:
             text = texts[0 if len(texts) == 1 or index is None else min(index, len(texts) - 1)]
             text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
@@ -161,7 +160,7 @@ def _unit(attributes: Any, index: int | None) -> str | None:
 def _rate(attributes: Any) -> Rate | None:
     """Return the sample rate in Hz of an attribute of that name, or of the interval in s."""
     for key in (*_RATE, *_INTERVAL):
-        found = _attribute(attributes, key)
+        found = attribute(attributes, key)
         if found is not None and len(found) == 1:
             number = found[0]
             if is_numeric(np.asarray(number).dtype) and np.isfinite(number) and number > 0:
