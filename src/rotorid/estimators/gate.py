@@ -175,14 +175,15 @@ def _parts(reduced: Model, linear: LinearForm) -> tuple[Floats, Floats]:
     kept |= {int(k): count for k in np.flatnonzero(~reduced.monomials.any(axis=1))}
     shape = (count + 1, linear.rows, linear.coordinates)
     mass, gyroscopic = np.zeros(shape), np.zeros(shape)
-    for term in linear.stiffness:
-        if term.monomial not in kept:
-            continue
-        where = (kept[term.monomial], term.row, term.column)
-        if term.order == 2 and not term.factor.free_symbols:
-            mass[where] += term.coefficient * speed_factor(term.factor, 0.0)
-        elif term.order == 1 and term.factor == symbol("Omega"):
-            gyroscopic[where] += term.coefficient
+    table = linear.stiffness
+    part = np.array([kept.get(m, -1) for m in range(linear.monomials)])[table.monomial]
+    for number, (order, factor, _) in enumerate(table.kinds):
+        chosen = (table.kind == number) & (part >= 0)
+        where = part[chosen], table.row[chosen], table.column[chosen]
+        if order == 2 and not factor.free_symbols:
+            np.add.at(mass, where, table.coefficient[chosen] * speed_factor(factor, 0.0))
+        elif order == 1 and factor == symbol("Omega"):
+            np.add.at(gyroscopic, where, table.coefficient[chosen])
     return mass, gyroscopic
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import count
 from typing import Literal
 
 from rotorid.errors import InputError, NotConvergedError
@@ -12,13 +13,15 @@ from rotorid.estimators import gate
 from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.knowledge import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
 from rotorid.estimators.likelihood.exact import exactness
-from rotorid.estimators.likelihood.fit import Fit, fit
+from rotorid.estimators.likelihood.fit import Fit, Rough, approached, located, questioned_fit
 from rotorid.estimators.likelihood.left_out import parts_left_out
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
 from rotorid.estimators.likelihood.reduction import (
+    FINER,
     NEGLIGIBLE,
-    Reduced,
+    ROUGH,
+    SHARE,
     reduced,
     shift_by_reduction,
 )
@@ -152,13 +155,8 @@ class MaximumLikelihood:
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()
         refuse_filtered(bound, "ml")
-        smaller = None
-        if bound and not self.base:
-            known = {name: pair[0] for name, pair in knowledge.known.items()}
-            values = {**known, **knowledge.start, **knowledge.fixed}
-            smaller = reduced(bound, values, knowledge.modes)
         try:
-            model, found = self._fitted(model, bound, smaller, knowledge)
+            model, found = self._fitted(model, bound, knowledge)
         except NotConvergedError as error:
             return nothing_found(model, bound, knowledge.fixed, str(error))
         estimate = summarize(model, found)
@@ -170,34 +168,49 @@ class MaximumLikelihood:
         return judged if scatter is None else judged.with_(warnings=(*judged.warnings, scatter))
 
     def _fitted(
-        self,
-        model: Model,
-        bound: Sequence[Observation],
-        records: Reduced | None,
-        knowledge: Knowledge,
+        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
     ) -> tuple[Model, Fit]:
-        """Fit; where the model was reduced, until the whole one would not move the estimate."""
-        while True:
-            here = model if records is None else records.model
-            found = fit(
-                here,
-                bound if records is None else records.records,
+        """Fit; where the model is reduced, until the whole one would not move the estimate."""
+
+        def found(records: Sequence[Observation], rough: Rough | None = None) -> Fit:
+            return located(
+                records[0].model if records else model,
+                records,
                 knowledge,
                 self.nuisances,
                 base=self.base,
                 covariance=self.covariance,
                 neighbours=self.neighbours,
+                rough=rough,
             )
-            if records is None or here.coordinates == model.coordinates:
-                return here, found
-            point, spread = found.solution.point, found.inference.covariance
-            if shift_by_reduction(point, spread, found.records) <= NEGLIGIBLE:
-                return here, found
-            named = zip(point.problem.layout.unknowns, point.unknowns, strict=True)
-            values = {u.name: float(v) for u, v in named}
-            records = records.finer(values)
-            start = {u.name: values[u.name] for u in point.problem.layout.unknowns if not u.fixed}
-            knowledge = replace(knowledge, start={**knowledge.start, **start})
+
+        records: Sequence[Observation] = bound
+        if bound and not self.base:
+            known = {name: pair[0] for name, pair in knowledge.known.items()}
+            values = {**known, **knowledge.start, **knowledge.fixed}
+            records = reduced(bound, values, knowledge.modes, ROUGH)
+        if not records or records[0].model is model:
+            return model, questioned_fit(found(bound))
+        rough = approached(records[0].model, records, knowledge, self.nuisances)
+        share = SHARE
+        for attempt in count():
+            records = reduced(bound, values if rough is None else rough.values, share=share)
+            at = found(records, rough)
+            small = records[0].model
+            if small is model or _stands(at):
+                answer = questioned_fit(at)
+                if small is model or answer.solution is at.solution or _stands(answer):
+                    return small, answer
+                at = answer
+            rough = Rough.of(at, rough)
+            share *= FINER if attempt else 1.0
+        raise AssertionError
+
+
+def _stands(found: Fit) -> bool:
+    """Tell whether the whole rotor would not move what was found with a reduced one."""
+    covariance = found.inference.covariance
+    return shift_by_reduction(found.solution.point, covariance, found.records) <= NEGLIGIBLE
 
 
 def _check_each(model: Model, each: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from rotorid.estimate import Estimate, Unbalance
 from rotorid.models import Model
 from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import symbol
+from rotorid.models.expression import Expression, symbol
 from rotorid.record import Complexes, Floats
 
 ANGLES = 2 * np.pi * np.arange(16) / 16  # rotor angles: tell the rotation from seven multiples
@@ -52,10 +52,10 @@ def _base_of(model: Model, estimate: Estimate) -> tuple[Floats, Floats] | None:
 
 def _columns(model: Model) -> Complexes:
     """Return U / base parameter of each row, shape (row, base), at a speed of 1 rad/s."""
-    coefficients, _ = model.coefficients
-    columns = np.zeros(coefficients.shape[1:], dtype=complex)
-    for index, signal in enumerate(model.signals):
-        if model.moves(index) or TURNING not in signal.free_symbols:
+    bases = {monomial: base for base, monomial in enumerate(model.base.kept)}
+    columns = np.zeros((len(model.texts), len(bases)), dtype=complex)
+    for signal, terms in _loads(model).items():
+        if TURNING not in signal.free_symbols:
             continue
         still: dict[str, Floats] = {
             "t": np.zeros(len(ANGLES)),
@@ -64,8 +64,27 @@ def _columns(model: Model) -> Complexes:
         }
         wave = np.asarray(evaluate(signal, still)) * np.ones(len(ANGLES))
         if np.isfinite(wave).all():
-            columns -= coefficients[index] * (2 * wave * np.exp(-1j * ANGLES)).mean()
+            line = (2 * wave * np.exp(-1j * ANGLES)).mean()
+            for row, monomial, coefficient in terms:
+                if monomial in bases:
+                    columns[row, bases[monomial]] += coefficient * line
     return columns
+
+
+def _loads(model: Model) -> dict[Expression, list[tuple[int, int, float]]]:
+    """Return row, monomial and coefficient on the right side of what does not move, by signal."""
+    found: dict[Expression, list[tuple[int, int, float]]] = {}
+    if model.linear is not None:
+        for load in model.linear.load_terms:
+            entry = (load.row, load.monomial, load.coefficient)
+            found.setdefault(load.signal, []).append(entry)
+        return found
+    moves = {signal: model.moves(index) for index, signal in enumerate(model.signals)}
+    for term in model.terms:
+        if not moves[term.signal]:
+            entry = (term.row, term.monomial, -term.coefficient)
+            found.setdefault(term.signal, []).append(entry)
+    return found
 
 
 def _planes(amounts: Complexes) -> list[tuple[int, ...]]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,6 +70,64 @@ class StiffnessTerm:
     structural: bool = False
 
 
+class Kind(NamedTuple):
+    """What terms of Z have in common: order of the derivative, factor of the speed, lag."""
+
+    order: int
+    factor: Expression
+    structural: bool
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessTable:
+    """The terms of Z in columns: those of a drawing are tens of thousands.
+
+    Parameters
+    ----------
+    kinds : sequence of Kind
+    kind, row, column, monomial : int array, shape (term,)
+    coefficient : array, shape (term,)
+    """
+
+    kinds: tuple[Kind, ...]
+    kind: Integers
+    row: Integers
+    column: Integers
+    monomial: Integers
+    coefficient: Floats
+
+    @classmethod
+    def of(cls, terms: Sequence[StiffnessTerm]) -> StiffnessTable:
+        """Build from terms one by one."""
+        kinds: dict[Kind, int] = {}
+        places = [
+            (
+                kinds.setdefault(Kind(t.order, t.factor, t.structural), len(kinds)),
+                *(t.row, t.column, t.monomial),
+            )
+            for t in terms
+        ]
+        kind, row, column, monomial = np.array(places, dtype=np.int64).reshape(-1, 4).T
+        coefficient = np.array([t.coefficient for t in terms], dtype=float)
+        return cls(tuple(kinds), kind, row, column, monomial, coefficient)
+
+    def __len__(self) -> int:
+        return len(self.coefficient)
+
+    def __iter__(self) -> Iterator[StiffnessTerm]:
+        columns = (self.kind, self.row, self.column, self.monomial, self.coefficient)
+        for kind, row, column, monomial, coefficient in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
+            order, factor, structural = self.kinds[kind]
+            yield StiffnessTerm(row, column, order, monomial, coefficient, factor, structural)
+
+    @cached_property
+    def monomials(self) -> tuple[int, ...]:
+        """The monomials that some term holds."""
+        return tuple(np.unique(self.monomial).tolist())
+
+
 @dataclass(frozen=True)
 class LinearForm:
     """Equations that are linear in the coordinates, with constant coefficients.
@@ -82,7 +140,7 @@ class LinearForm:
     ----------
     rows, coordinates, inputs : int
         Sizes.
-    stiffness : sequence of StiffnessTerm
+    stiffness : StiffnessTable
     input_terms : sequence of InputTerm
     load_terms : sequence of Term
         g, on the right side; their signals hold t, phi and Omega only.
@@ -95,7 +153,7 @@ class LinearForm:
     rows: int
     coordinates: int
     inputs: int
-    stiffness: tuple[StiffnessTerm, ...]
+    stiffness: StiffnessTable
     input_terms: tuple[InputTerm, ...]
     load_terms: tuple[Term, ...]
     monomial_values: Callable[[Floats], Floats]
@@ -115,20 +173,13 @@ class LinearForm:
     @cached_property
     def _stacked(self) -> dict[tuple[str, Expression], tuple[Integers, Integers, Floats]]:
         """Place, monomial and coefficient of the terms, by matrix and factor."""
-        gathered: dict[tuple[str, Expression], list[tuple[int, int, float]]] = defaultdict(list)
-        names: dict[tuple[int, Expression, bool], tuple[str, Expression]] = {}
-        for t in self.stiffness:
-            kind = (t.order, t.factor, t.structural)
-            if kind not in names:
-                gyroscopic = t.order == 1 and t.factor == symbol("Omega")
-                name = "H" if t.structural else "G" if gyroscopic else "KDM"[t.order]
-                names[kind] = (name, t.factor)
-            where = t.row * self.coordinates + t.column
-            gathered[names[kind]].append((where, t.monomial, t.coefficient))
-        found = {}
-        for key, terms in gathered.items():
-            places, monomials, coefficients = zip(*terms, strict=True)
-            found[key] = (np.array(places), np.array(monomials), np.array(coefficients))
+        table, found = self.stiffness, {}
+        where = table.row * self.coordinates + table.column
+        for number, (order, factor, structural) in enumerate(table.kinds):
+            gyroscopic = order == 1 and factor == symbol("Omega")
+            name = "H" if structural else "G" if gyroscopic else "KDM"[order]
+            chosen = table.kind == number
+            found[name, factor] = (where[chosen], table.monomial[chosen], table.coefficient[chosen])
         return found
 
     def input_matrix(self, mu: Floats) -> Floats:

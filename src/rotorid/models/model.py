@@ -16,7 +16,14 @@ from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.dimensions import unit_faults
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import RESERVED, Expression, Monomial, symbol
-from rotorid.models.linear import InputTerm, LinearForm, Term, classify, motion_factor
+from rotorid.models.linear import (
+    InputTerm,
+    LinearForm,
+    StiffnessTable,
+    Term,
+    classify,
+    motion_factor,
+)
 from rotorid.models.terms import (
     DERIVATIVES,
     Equations,
@@ -331,7 +338,7 @@ class Model:
             rows=len(self.texts),
             coordinates=len(self.coordinates),
             inputs=len(self.inputs),
-            stiffness=stiffness,
+            stiffness=StiffnessTable.of(stiffness),
             input_terms=self.input_terms,
             load_terms=loads,
             monomial_values=self.monomial_values,

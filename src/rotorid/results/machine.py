@@ -92,13 +92,17 @@ class Machine:
     @cached_property
     def _terms(self) -> tuple[list[Expression], Integers, Floats, Integers]:
         """Factors of the speed, which each term has, its weight; row, column, order, monomial."""
-        terms = [t for t in self.linear.stiffness if self.used[t.monomial]]
-        factors = list(dict.fromkeys(t.factor for t in terms))
-        number = {factor: k for k, factor in enumerate(factors)}
-        which = np.array([number[t.factor] for t in terms], dtype=np.int64)
-        table = np.array([(t.row, t.column, t.order, t.monomial) for t in terms], dtype=np.int64)
-        weights = np.array([t.coefficient * (1j if t.structural else 1.0) for t in terms])
-        return factors, which, weights, table.reshape(-1, 4).T
+        table = self.linear.stiffness
+        kept = np.asarray(self.used, dtype=bool)[table.monomial]
+        factors = list(dict.fromkeys(kind.factor for kind in table.kinds))
+        number = np.array([factors.index(kind.factor) for kind in table.kinds], dtype=np.int64)
+        order = np.array([kind.order for kind in table.kinds], dtype=np.int64)
+        lag = np.array([1j if kind.structural else 1.0 for kind in table.kinds])
+        if not any(kind.structural for kind in table.kinds):
+            lag = lag.real
+        kind = table.kind[kept]
+        columns = (table.row[kept], table.column[kept], order[kind], table.monomial[kept])
+        return factors, number[kind], table.coefficient[kept] * lag[kind], np.stack(columns)
 
     def matrices(self, speed: float) -> Floats | Complexes:
         """Return K, D + Omega G and M, shape (3, row, coordinate)."""
@@ -201,7 +205,7 @@ class Machine:
     @property
     def needed(self) -> list[int]:
         """The unknowns that the matrices hold."""
-        held = {t.monomial for t in self.linear.stiffness if self.used[t.monomial]}
+        held = {m for m in self.linear.stiffness.monomials if self.used[m]}
         count = len(self.names)
         return sorted({u for m in held for u in self.monomials.factors[m].tolist() if u < count})
 
@@ -401,7 +405,7 @@ def _fitted(
     """
     weights = np.diag((1e-3 * base) ** 2) if covariance is None else covariance
     values, spread, determined = physical_fit(model, base, weights)
-    held = sorted({t.monomial for t in linear.stiffness})
+    held = list(linear.stiffness.monomials)
     if not determined[(model.monomials[held] > 0).any(axis=0)].all():
         return None
     values = np.where(determined, values, np.nan)

@@ -28,7 +28,7 @@ from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol
 from rotorid.models.linear import InputTerm, speed_factor
 from rotorid.observation import Observation
-from rotorid.record import Channel, Complexes, Floats
+from rotorid.record import Channel, Complexes, Floats, Integers
 from rotorid.signals.covariance import LineCovariance
 
 Factors = tuple[int, ...]
@@ -52,24 +52,51 @@ class Term:
     along: Complexes | None = None
 
 
-def equation_terms(layout: Layout, observation: Observation) -> list[Term]:
-    """Return the entries of ``[P, B]``, P = -Z; columns of B after those of P.
+@dataclass(frozen=True)
+class Stiffness:
+    """The terms of P = -Z of a model, in columns; `place` is that of the kind in `profiles`.
+
+    Parameters
+    ----------
+    row, column, place, monomial : int array, shape (term,)
+    coefficient : array, shape (term,)
+    profiles : sequence of (int, complex array or None)
+        Order, and the factor of each line where it is not the same on all.
+    """
+
+    row: Integers
+    column: Integers
+    place: Integers
+    monomial: Integers
+    coefficient: Floats
+    profiles: tuple[tuple[int, Complexes | None], ...]
+
+    @classmethod
+    def of(cls, layout: Layout, lines: Lines) -> Stiffness:
+        """Take those that are there at the speeds of the lines."""
+        table = linear_form(layout.model).stiffness
+        sizes: list[float] = []
+        profiles: list[tuple[int, Complexes | None]] = []
+        for order, factor, structural in table.kinds:
+            size, along = _profile(factor, structural, lines.omega, lines.speed)
+            sizes.append(size)
+            profiles.append((order, along))
+        every: Floats = np.array(sizes, dtype=float)[table.kind]
+        stands = np.array([f is not None for f in layout.monomial_factors], dtype=bool)
+        kept = (every != 0) & stands[table.monomial]
+        coefficient = -table.coefficient[kept] * every[kept]
+        row, column, kind = table.row[kept], table.column[kept], table.kind[kept]
+        return cls(row, column, kind, table.monomial[kept], coefficient, tuple(profiles))
+
+
+def other_terms(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the entries of ``[P, B]`` besides the model's own stiffness; columns of B come last.
 
     An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
     ks x, with the true displacement, is a stiffness of the machine.
     """
-    model, speed = layout.model, observation.lines.speed
-    linear = linear_form(model)
+    linear = linear_form(layout.model)
     terms, scale = [], _scale(layout)
-    profiles = {
-        key: _profile(*key, observation.lines.omega, speed)
-        for key in {(t.factor, t.structural) for t in linear.stiffness}
-    }
-    for t in linear.stiffness:
-        factors = layout.monomial_factors[t.monomial]
-        size, along = profiles[t.factor, t.structural]
-        if factors is not None and size:
-            terms.append(Term(t.row, t.column, t.order, factors, -t.coefficient * size, along))
     for b in linear.input_terms:
         factors = layout.monomial_factors[b.monomial]
         assert factors is not None
@@ -179,17 +206,22 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
 
 
 def monomial_table(
-    layout: Layout, terms: Sequence[Term]
+    layout: Layout, stiffness: Stiffness, terms: Sequence[Term]
 ) -> tuple[Monomials, Mapping[Factors, int]]:
     """Return the monomials in use, and where each product of unknowns stands among them."""
     loads = {f for f in layout.monomial_factors if f is not None}
     loads |= {load.factors for load in _loads(layout)}
+    loads |= {_sorted(layout, m) for m in np.unique(stiffness.monomial).tolist()}
     distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
     exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
     for row, factors in enumerate(distinct):
         for unknown in factors:
             exponents[row, unknown] += 1
     return Monomials.from_exponents(exponents), {f: i for i, f in enumerate(distinct)}
+
+
+def _sorted(layout: Layout, monomial: int) -> Factors:
+    return tuple(sorted(layout.monomial_factors[monomial] or ()))
 
 
 @dataclass(frozen=True)
@@ -309,11 +341,11 @@ def assemble(
     order = list(observation.order)
     data = lines.mean[:, order]
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
-    terms = equation_terms(layout, observation)
-    monomials, where = monomial_table(layout, terms)
+    stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
+    monomials, where = monomial_table(layout, stiffness, terms)
     phase = _turn(layout, number)
     load, orders = load_lines(layout, lines, where, phase is not None)
-    entries = _entries(terms, where, lines.omega)
+    entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
     loads = np.zeros((*load.shape[:2], rows, load.shape[3]), dtype=np.complex128)
@@ -356,21 +388,31 @@ def _transient(observation: Observation) -> Transient | None:
     return Transient.of(orders, observation.lines.omega)
 
 
-def _entries(terms: Sequence[Term], where: Mapping[Factors, int], omega: Floats) -> Entries:
+def _entries(
+    layout: Layout,
+    stiffness: Stiffness,
+    terms: Sequence[Term],
+    where: Mapping[Factors, int],
+    omega: Floats,
+) -> Entries:
+    profiles = [*stiffness.profiles, *((t.order, t.along) for t in terms)]
     kinds: dict[tuple[int, int], int] = {}
     weights = []
-    for term in terms:
-        key = (term.order, id(term.along))
-        if key not in kinds:
-            kinds[key] = len(kinds)
-            power = (1j * omega) ** term.order
-            weights.append(power if term.along is None else power * term.along)
-    columns = [
-        (t.row, t.column, where[tuple(sorted(t.factors))], kinds[t.order, id(t.along)])
-        for t in terms
-    ]
-    row, column, monomial, kind = np.array(columns, dtype=np.int64).reshape(-1, 4).T
-    coefficient = np.array([term.coefficient for term in terms])
+    for order, along in profiles:
+        if (order, id(along)) not in kinds:
+            kinds[order, id(along)] = len(kinds)
+            power = (1j * omega) ** order
+            weights.append(power if along is None else power * along)
+    kind = np.array([kinds[order, id(along)] for order, along in profiles], dtype=np.int64)
+    places = {m: where[_sorted(layout, m)] for m in np.unique(stiffness.monomial).tolist()}
+    place = np.array([places.get(m, -1) for m in range(len(layout.monomial_factors))])
+    own = (stiffness.row, stiffness.column, place[stiffness.monomial], kind[stiffness.place])
+    further = np.array(
+        [(t.row, t.column, where[tuple(sorted(t.factors))]) for t in terms], dtype=np.int64
+    ).reshape(-1, 3)
+    others = (*further.T, kind[len(stiffness.profiles) :])
+    row, column, monomial, kind = (np.concatenate(pair) for pair in zip(own, others, strict=True))
+    coefficient = np.append(stiffness.coefficient, [term.coefficient for term in terms])
     return Entries(row, column, monomial, kind, coefficient, np.stack(weights, axis=1))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -70,6 +70,68 @@ class Fit:
         return covariance
 
 
+@dataclass(frozen=True)
+class Rough:
+    """The minimum of a simpler problem in the same unknowns, from which that of the whole is near.
+
+    Parameters
+    ----------
+    problem : Problem
+        The simpler one: ways from other starts are led by it too.
+    trail : sequence of array
+        Of the way to its minimum.
+    floor : float
+        Its cost there.
+    unknowns : array, shape (unknown,)
+        The minimum, or a better one that was found since.
+    """
+
+    problem: Problem
+    trail: tuple[Floats, ...]
+    floor: float
+    unknowns: Floats
+
+    @classmethod
+    def of(cls, found: Fit, before: Rough | None) -> Rough:
+        """Take the minimum of a fit; the simpler problem stays what it was before."""
+        mine, solution = found.problem, found.solution
+        if before is None:
+            problem = mine.sketch or mine
+            return cls(problem, solution.trail, solution.point.cost, solution.point.unknowns)
+        index, unknowns = found.prepared.layout.index, before.unknowns.copy()
+        for k, unknown in enumerate(before.problem.layout.unknowns):
+            unknowns[k] = solution.point.unknowns[index[unknown.name]]
+        return replace(before, unknowns=unknowns)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The unknowns by name."""
+        names = (u.name for u in self.problem.layout.unknowns)
+        return dict(zip(names, self.unknowns.tolist(), strict=True))
+
+    def leads(self, layout: Layout) -> bool:
+        """Tell whether the unknowns are the same still."""
+        mine = self.problem.layout.unknowns
+        return [u.name for u in mine] == [u.name for u in layout.unknowns]
+
+
+def approached(
+    model: Model, records: Sequence[Observation], knowledge: Knowledge, nuisances: Nuisances
+) -> Rough | None:
+    """Follow the homotopy once, on few lines; None where it leads nowhere."""
+    _refuse_silence(records)
+    guess = starting_values(model, records, knowledge, base=False)
+    prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), False, guess)
+    problem = _problem(prepared, thinned(records) or records)
+    try:
+        found = solve(problem, prepared.layout.start)
+    except np.linalg.LinAlgError:
+        return None
+    if not found.converged:
+        return None
+    return Rough(problem, found.trail, found.point.cost, found.point.unknowns)
+
+
 def fit(
     model: Model,
     records: Sequence[Observation],
@@ -81,30 +143,59 @@ def fit(
     neighbours: int | None = None,
 ) -> Fit:
     """Minimize the likelihood of one record or several."""
+    options: _Options = {"base": base, "covariance": covariance, "neighbours": neighbours}
+    return questioned_fit(located(model, records, knowledge, nuisances, **options))
+
+
+class _Options(TypedDict):
+    """How a fit is made."""
+
+    base: bool
+    covariance: CovarianceChoice
+    neighbours: int | None
+
+
+def located(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    base: bool = False,
+    covariance: CovarianceChoice = "auto",
+    neighbours: int | None = None,
+    rough: Rough | None = None,
+) -> Fit:
+    """Find the minimum, from that of a simpler problem where there is one."""
     _refuse_silence(records)
     guess = starting_values(model, records, knowledge, base)
     prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
     if covariance == "correlated":
         records = [_correlated(record, neighbours) for record in records]
-    solution, inference = _globally(prepared, records)
+    solution, inference = _globally(prepared, records, rough)
     if covariance == "auto":
         chosen = _chosen(solution, records, neighbours)
         if any(new is not old for new, old in zip(chosen, records, strict=True)):
             records = chosen
-            solution, inference = _solve(prepared, records, solution.point.unknowns, (0.0,))
+            solution, inference = _solve(prepared, records, solution, solution.point.unknowns)
     crept = creeps(solution.point, records)
     if any(c is not None and c.creeps for c in crept):
         records = [_less_sure(record, c) for record, c in zip(records, crept, strict=True)]
         prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
-        solution, inference = _solve(prepared, records, _carried(prepared, solution), (0.0,))
-    doubt = Doubt()
+        solution, inference = _solve(prepared, records, solution, _carried(prepared, solution))
+    return Fit(prepared, solution, inference, tuple(records), creeps=crept)
+
+
+def questioned_fit(found: Fit) -> Fit:
+    """Ask whether the minimum is the answer, and what its deviations are."""
+    solution, inference, doubt = found.solution, found.inference, Doubt()
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if solution.converged and explained(solution, inference):
-        start, problem = prepared.layout.start, solution.point.problem
+        start, problem = found.prepared.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference)
-    inference = by_equation_errors(inference, solution.point, records)
+    inference = by_equation_errors(inference, solution.point, found.records)
     inference = _by_misfit(solution, inference)
-    return Fit(prepared, solution, inference, tuple(records), doubt, crept)
+    return replace(found, solution=solution, inference=inference, doubt=doubt)
 
 
 def _by_misfit(solution: Solution, inference: Inference) -> Inference:
@@ -149,13 +240,32 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
             )
 
 
-def _globally(prepared: Prepared, records: Sequence[Observation]) -> tuple[Solution, Inference]:
+def _globally(
+    prepared: Prepared, records: Sequence[Observation], rough: Rough | None
+) -> tuple[Solution, Inference]:
     """Look for the minimum from the start, and from others where there is reason."""
     problem = _problem(prepared, records)
+    near = None
+    if rough is not None and rough.leads(prepared.layout):
+        problem = replace(problem, sketch=rough.problem, floor=rough.floor)
+        near = _near(problem, rough)
+        if near is not None and explained(*near):
+            return near
     found = by_shown_speed(prepared, records, problem) or search(problem, prepared.layout.start)
-    if found is None:
+    ends = [end for end in (near, found) if end is not None]
+    if not ends:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
-    return found
+    return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost))
+
+
+def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:
+    """Return the minimum near that of a simpler problem."""
+    try:
+        found = solve(problem, rough.unknowns, (0.0,))
+        found = replace(found, trail=rough.trail)
+        return found, infer(found.point, problem.exact)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
@@ -173,14 +283,16 @@ def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
 
 
 def _solve(
-    prepared: Prepared,
-    records: Sequence[Observation],
-    start: Floats,
-    stages: Sequence[float],
+    prepared: Prepared, records: Sequence[Observation], before: Solution, start: Floats
 ) -> tuple[Solution, Inference]:
-    """Minimize from one start."""
-    problem = _problem(prepared, records)
-    solution = solve(problem, start, stages)
+    """Minimize again from near the minimum, with other noise or further unknowns."""
+    problem, old = _problem(prepared, records), before.point.problem
+    same = len(old.layout.unknowns) == len(prepared.layout.unknowns)
+    if old.floor and same:
+        problem = replace(problem, sketch=old.sketch, floor=old.floor)
+    solution = solve(problem, start, (0.0,))
+    if same:
+        solution = replace(solution, trail=before.trail)
     return solution, infer(solution.point, problem.exact)
 
 

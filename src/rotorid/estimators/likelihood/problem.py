@@ -31,7 +31,9 @@ class Problem:
     bounds : Relations
         h >= 0.
     sketch : Problem, optional
-        The same with few of the lines, for the way to the minimum.
+        The same with few of the lines, or of the shapes, for the way to the minimum.
+    floor : float
+        What the least cost of the sketch is of itself, by the shapes that it lacks.
     """
 
     layout: Layout
@@ -40,6 +42,7 @@ class Problem:
     known: Known
     bounds: Relations
     sketch: Problem | None = None
+    floor: float = 0.0
 
     def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
         """Evaluate at all unknowns, shape (unknown,)."""

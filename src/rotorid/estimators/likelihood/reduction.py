@@ -8,46 +8,32 @@ estimate like any other: to first order by ``-C J^T dr``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.modes import Mode
 from rotorid.models import Model
-from rotorid.models.linear import LinearForm
+from rotorid.models.rotor.model import RotorModel
+from rotorid.models.rotor.reduction import Banded
 from rotorid.observation import Observation, bind
 from rotorid.record import Complexes, Floats, Integers
 
+ROUGH = 1e-4
+"""Shapes that come to less of the largest are left out on the way to the minimum."""
 SHARE = 1e-6
-"""Shapes that come to less of the largest are left out at first: records tell no more digits."""
+"""The same at the minimum, at first: records tell no more digits."""
 FINER = 1e-2
-"""By how much smaller shapes are taken too, where the reduced rotor is not near enough."""
+"""By how much smaller shapes are taken too, where those at the minimum are not near enough."""
 SMALLEST = 1e-13
 """Shapes below are rounding: where these do not do, the whole rotor is solved."""
-NEGLIGIBLE = 0.1
-"""Deviations that the reduction may move any parameter by: it then adds 1 % to none of them."""
+NEGLIGIBLE = 0.01
+"""Deviations that the reduction may move any parameter by: nothing that is printed shows it."""
 LINES = 200
 """Lines on which the whole rotor is solved: they stand for the others."""
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """Records bound to a reduced model, and the share of the shapes that were left out."""
-
-    records: tuple[Observation, ...]
-    share: float
-
-    @property
-    def model(self) -> Model:
-        """The reduced model."""
-        return self.records[0].model
-
-    def finer(self, values: Mapping[str, float]) -> Reduced:
-        """Return the records bound to a model with more shapes, taken at these values."""
-        return reduced(self.records, values, share=FINER * self.share)
 
 
 def reduced(
@@ -55,11 +41,11 @@ def reduced(
     values: Mapping[str, float],
     modes: Sequence[Mode] = (),
     share: float = SHARE,
-) -> Reduced:
+) -> tuple[Observation, ...]:
     """Bind records to a model with fewer coordinates, where that pays; `modes` were measured."""
     model = records[0].model
     if modes:  # of other configurations, and beyond the band
-        return Reduced(tuple(records), share)
+        return tuple(records)
     reads = {model.coordinates[t.coordinate] for r in records for s in r.sensors for t in s.terms}
     for record in records:
         for channel in record.inputs:
@@ -68,9 +54,7 @@ def reduced(
         np.concatenate([getattr(r.lines, name) for r in records]) for name in ("omega", "speed")
     )
     smaller = model.reduced(reads, omega, speed, values, share if share > SMALLEST else 0.0)
-    if smaller is model:
-        return Reduced(tuple(records), share)
-    return Reduced(tuple(moved(r, smaller) for r in records), share)
+    return tuple(records) if smaller is model else tuple(moved(r, smaller) for r in records)
 
 
 def moved(record: Observation, model: Model) -> Observation:
@@ -95,63 +79,36 @@ def shift_by_reduction(point: Point, covariance: Floats, records: Sequence[Obser
 def _change(at: Evaluation, record: Observation, point: Point, number: int) -> Floats:
     """Return what the whitened residual of a record changes by, as if all lines were solved."""
     rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
-    whole, basis = getattr(record.model, "whole", None), getattr(record.model, "reduction", None)
-    if whole is not None and basis is not None:
-        values = point.unknowns[point.problem.layout.of_record(number).held]
-        count = at.problem.lines
+    model = record.model
+    if isinstance(model, RotorModel) and model.whole is not None and model.reduction is not None:
+        held = point.problem.layout.of_record(number).held
+        count, kept = at.problem.lines, model.reduction.kept
         chosen = np.unique(np.linspace(0, count - 1, min(count, LINES)).round().astype(np.int64))
         motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
-        lines = record.lines
-        missing = _missing_force(
-            whole.require_linear(),
-            record.model.require_linear(),
-            basis.kept,
-            np.setdiff1d(np.arange(len(basis.transform)), basis.kept),
-            values,
-            lines.omega[chosen],
-            lines.speed[chosen],
-            motion,
+        values, lines = point.unknowns[held], record.lines
+        named = dict(zip(model.parameter_names, values.tolist(), strict=True))
+        whole, missing = (
+            Banded.of(model.whole.pieces, named),
+            _force(record, values, chosen, motion),
         )
-        kept = len(basis.kept)
-        scaled = missing / at.problem.scales.rows[:kept]
-        rows[chosen, :kept, 0] = -scaled * (count / len(chosen))
+        for k, line in enumerate(chosen.tolist()):
+            omega, speed = float(lines.omega[line]), float(lines.speed[line])
+            missing[k] = whole.force(kept, motion[k, : len(kept)], omega, speed) - missing[k]
+        scaled = missing / at.problem.scales.rows[: len(kept)]
+        rows[chosen, : len(kept), 0] = -scaled * (count / len(chosen))
     return at.whiten(rows)[:, 0]
 
 
-def _missing_force(
-    whole: LinearForm,
-    small: LinearForm,
-    kept: Integers,
-    inner: Integers,
-    values: Floats,
-    omega: Floats,
-    speed: Floats,
-    motion: Complexes,
-) -> Complexes:
-    """Return what the whole rotor asks for at the kept coordinates more than the reduced one."""
-    found = np.zeros((len(omega), len(kept)), dtype=np.complex128)
-    for value in np.unique(speed):
-        for k in np.flatnonzero(speed == value):
-            stiffness = whole.dynamic_stiffness(omega[k : k + 1], values, float(value))[0]
-            less = small.dynamic_stiffness(omega[k : k + 1], values, float(value))[0]
-            here = motion[k]
-            follow = -stiffness[np.ix_(inner, kept)] @ here[: len(kept)]
-            there = _banded(stiffness[np.ix_(inner, inner)], follow)
-            force = stiffness[np.ix_(kept, kept)] @ here[: len(kept)]
-            force += stiffness[np.ix_(kept, inner)] @ there
-            found[k] = force - (less @ here)[: len(kept)]
+def _force(record: Observation, values: Floats, chosen: Integers, motion: Complexes) -> Complexes:
+    """Return the forces on the kept coordinates by which a reduced rotor moves so, (line, kept)."""
+    model, lines = record.model, record.lines
+    assert isinstance(model, RotorModel)
+    assert model.reduction is not None
+    count = len(model.reduction.kept)
+    found = np.zeros((len(chosen), count), dtype=np.complex128)
+    for speed in np.unique(lines.speed[chosen]):
+        here = lines.speed[chosen] == speed
+        omega = lines.omega[chosen[here]]
+        stiffness = linear_form(model).dynamic_stiffness(omega, values, float(speed))
+        found[here] = (stiffness[:, :count] @ motion[here][:, :, None])[:, :, 0]
     return found
-
-
-def _banded(matrix: Complexes, right: Complexes) -> Complexes:
-    """Solve with a matrix whose entries stand near its diagonal, as those of a shaft do."""
-    if not len(matrix):
-        return right
-    size = 1 / np.sqrt(np.abs(np.diag(matrix)))
-    scaled = size[:, None] * matrix * size
-    row, column = np.nonzero(scaled)
-    width = int(np.abs(row - column).max())
-    bands = np.zeros((2 * width + 1, len(matrix)), dtype=np.complex128)
-    bands[width + row - column, column] = scaled[row, column]
-    solved = scipy.linalg.solve_banded((width, width), bands, size * right)
-    return np.asarray(size * solved)

@@ -327,6 +327,8 @@ def _ended(
     problem: Problem, walk: _Walk, relaxation: float, brief: bool
 ) -> tuple[Point, bool] | None:
     """Go through the last stage; return its end and whether it converged there."""
+    if brief:
+        walk.effort = walk.iterations + BRIEF
     converged = _astray(problem, walk, relaxation)
     walk.problem = problem
     if brief:
@@ -359,12 +361,13 @@ def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
     walk.problem = problem.sketch
     try:
         point, converged = walk.descend(relaxation, tolerance=1e-2, limit=30)
-        if point.cost <= HOPELESS * len(point.residual):
+        hopeless = HOPELESS * (len(point.residual) + problem.floor)
+        if point.cost <= hopeless:
             return None
         point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
     except np.linalg.LinAlgError:
         return None
-    return converged if point.cost > HOPELESS * len(point.residual) else None
+    return converged if point.cost > hopeless else None
 
 
 def _same(problem: Problem, one: Floats, other: Floats) -> bool:

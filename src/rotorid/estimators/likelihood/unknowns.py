@@ -107,9 +107,7 @@ class Layout:
         """Return the parameters that only loads hold, each load at most one: the unbalance."""
         model = self.model
         linear = linear_form(model)
-        elsewhere = {t.monomial for t in linear.stiffness} | {
-            b.monomial for b in linear.input_terms
-        }
+        elsewhere = {*linear.stiffness.monomials, *(b.monomial for b in linear.input_terms)}
         others = {i for m in elsewhere for i in self.monomial_factors[m] or ()}
         found: set[int] = set()
         entangled: set[int] = set()

@@ -13,7 +13,14 @@ import numpy as np
 from rotorid.errors import InputError, ModelError
 from rotorid.models.base import BaseParameters, monomial_name
 from rotorid.models.expression import Expression, Monomial, product, symbol
-from rotorid.models.linear import InputTerm, LinearForm, StiffnessTerm, Term
+from rotorid.models.linear import (
+    InputTerm,
+    Kind,
+    LinearForm,
+    StiffnessTable,
+    StiffnessTerm,
+    Term,
+)
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.assembly import (
     Load,
@@ -27,7 +34,7 @@ from rotorid.models.rotor.drawing import AXES, Rotor
 from rotorid.models.rotor.quantity import Factors
 from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
 from rotorid.models.terms import DERIVATIVES, Equations, Names, sort_monomials
-from rotorid.record import Floats
+from rotorid.record import Floats, Integers
 from rotorid.units import multiply_units
 
 DEPENDENT = 1e-9
@@ -123,21 +130,21 @@ class RotorModel(Model):
         return tuple(InputTerm(r, c, one, float(self.push[r, c])) for r, c in entries)
 
     @cached_property
-    def _stiffness(self) -> tuple[StiffnessTerm, ...]:
-        found = []
+    def _stiffness(self) -> StiffnessTable:
+        kinds: dict[Kind, int] = {}
+        numbers: list[Integers] = []
+        places: list[tuple[Integers, Integers, Floats]] = []
         for piece in self.pieces:
-            speed = symbol("Omega")
-            factor = product([(speed, Fraction(piece.power))] if piece.power else [])
-            number = self._numbers[piece.factors]
+            speed = [(symbol("Omega"), Fraction(piece.power))] if piece.power else []
+            kind = Kind(piece.order, product(speed), piece.structural)
+            pair = kinds.setdefault(kind, len(kinds)), self._numbers[piece.factors]
             entries = piece.matrix.tocoo()
-            places = zip(
-                entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), strict=True
-            )
-            found += [
-                StiffnessTerm(r, c, piece.order, number, value, factor, piece.structural)
-                for r, c, value in places
-            ]
-        return tuple(found)
+            numbers.append(np.repeat([pair], entries.nnz, axis=0))
+            row, column = (part.astype(np.int64) for part in (entries.row, entries.col))
+            places.append((row, column, entries.data))
+        kind, monomial = np.concatenate(numbers).T
+        row, column, value = (np.concatenate(part) for part in zip(*places, strict=True))
+        return StiffnessTable(tuple(kinds), kind, row, column, monomial, value)
 
     @cached_property
     def _load_terms(self) -> tuple[Term, ...]:
@@ -204,9 +211,11 @@ class RotorModel(Model):
     @cached_property
     def base(self) -> BaseParameters:
         """The base parameters: monomials whose matrices are no combination of the others'."""
+        if self.whole is not None:  # fewer shapes could make matrices alike
+            return self.whole.base
         columns = self._columns()
         size = np.linalg.norm(columns, axis=0)
-        scaled = columns / np.where(size > 0, size, 1.0)
+        scaled = np.asarray(np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r"))
         kept: list[int] = []
         gather: list[Floats] = []
         merged: dict[int, tuple[list[int], Floats]] = {}
@@ -237,16 +246,16 @@ class RotorModel(Model):
 
     def _columns(self) -> Floats:
         """Return the entries of all matrices and loads, a column for each monomial."""
-        places: dict[tuple[object, ...], int] = {}
-        entries = [
-            ((t.order, t.factor, t.structural, t.row, t.column), t.monomial, t.coefficient)
-            for t in self._stiffness
-        ] + [((t.signal, t.row), t.monomial, t.coefficient) for t in self._load_terms]
-        rows = [places.setdefault(place, len(places)) for place, _, _ in entries]
-        columns = np.zeros((len(places), len(self._monomials)))
-        for row, (_, monomial, coefficient) in zip(rows, entries, strict=True):
-            columns[row, monomial] += coefficient
-        return columns
+        table, count = self._stiffness, len(self._monomials)
+        width = len(self.coordinates)
+        places = (table.kind * width + table.row) * width + table.column
+        distinct, row = np.unique(places, return_inverse=True)
+        columns = np.zeros((len(distinct), count))
+        np.add.at(columns, (row, table.monomial), table.coefficient)
+        loads = np.zeros((2, width, count))
+        for load in self.loads:
+            loads[:, :, self._numbers[load.factors]] += (load.cosine, load.sine)
+        return np.concatenate([columns, loads.reshape(-1, count)])
 
     @property
     def measurable(self) -> tuple[str, ...]:
@@ -273,10 +282,10 @@ class RotorModel(Model):
         ):
             return full
         loads = [part[:, None] for x in full.loads for part in (x.cosine, x.sine)]
-        pushed = np.unique(np.concatenate([full.push, *loads], axis=1) != 0, axis=1).astype(float)
-        shown = {full.coordinates.index(name) for name in reads} | set(np.nonzero(pushed)[0])
+        pushed = np.concatenate([full.push, *loads], axis=1).any(axis=1)
+        shown = {full.coordinates.index(name) for name in reads} | set(np.flatnonzero(pushed))
         kept = np.array(sorted(shown), dtype=np.int64)
-        basis = reduction(full.pieces, pushed, kept, Band(omega, speed, known), share)
+        basis = reduction(full.pieces, kept, Band(omega, speed, known), share)
         count = basis.transform.shape[1]
         if count >= len(full.coordinates):
             return full
@@ -335,6 +344,7 @@ class RotorModel(Model):
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
             pieces=tuple(pieces),
             loads=tuple(loads),
+            whole=None if self.whole is None else self.whole.substitute(fixed),
         )
 
     def to_ross(self, values: Mapping[str, float], *, speed: float = 0.0) -> Any:

@@ -1,17 +1,18 @@
 """Fewer coordinates for a rotor: the shapes that it takes on the lines that were measured.
 
-On some lines the whole rotor is solved, at the values at hand, for its inputs and its unbalance,
-and for what each unknown changes in the answer. The shapes found, of both planes together, span the
-space in which the rotor moves; their singular values say how many of them count. A rotor projected
-on that space is the whole one at these values and near them (a reduced basis: Quarteroni, Manzoni
-and Negri 2016); whether it is near enough is told at the estimate, where shapes are taken again.
+On some lines the whole rotor is solved, at the values at hand, for a force on each coordinate that
+is kept: those that are driven, read, or hold an unbalance. The shapes found, of both planes
+together, span the space in which the rotor moves; their singular values say how many of them count.
+A rotor projected on that space from both sides answers as the whole one at these values, and near
+them but for the square of the difference, as the shapes are those of its readings too (a reduced
+basis: Quarteroni, Manzoni and Negri 2016). Whether it is near enough is told at the estimate, where
+shapes are taken again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -23,8 +24,8 @@ from rotorid.record import Complexes, Floats, Integers
 
 WORTH = 4e7
 """Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
-SHAPES = 12
-"""Lines of each speed on which the whole rotor is solved: four for each mode of a usual band."""
+SHAPES = 24
+"""Lines of each speed on which the whole rotor is solved: eight for each mode of a usual band."""
 SPEEDS = 3
 """Speeds at which it is, of all that there are."""
 BELOW = 0.3
@@ -71,35 +72,101 @@ class Band:
         return found
 
 
-def reduction(
-    pieces: Sequence[Piece],
-    pushed: Floats,
-    kept: Integers,
-    band: Band,
-    share: float,
-) -> Reduction:
+@dataclass(frozen=True, eq=False)
+class Banded:
+    """Z of a whole rotor, whose entries stand near its diagonal, line by line.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+    width : int
+        Entries on either side of the diagonal.
+    bands : array, shape (piece, 2 width + 1, coordinate)
+        Entry (row, column) of each stands at (width + row - column, column).
+    size : array, shape (coordinate,)
+        One over the root of the diagonal of K: metres and radians alike.
+    values : mapping of str to float
+    """
+
+    pieces: tuple[Piece, ...]
+    width: int
+    bands: Floats
+    size: Floats
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, pieces: Sequence[Piece], values: Mapping[str, float]) -> Banded:
+        """Take the matrices of a rotor at some values of its parameters."""
+        entries = [piece.matrix.tocoo() for piece in pieces]
+        width = max(int(np.abs(e.row - e.col).max(initial=0)) for e in entries)
+        bands = np.zeros((len(pieces), 2 * width + 1, pieces[0].matrix.shape[0]))
+        for band, e in zip(bands, entries, strict=True):
+            np.add.at(band, (width + e.row - e.col, e.col), e.data)
+        bands *= np.array([_value(p.factors, values) for p in pieces])[:, None, None]
+        still = [p.order == 0 and not p.power and not p.structural for p in pieces]
+        diagonal = np.abs(bands[still, width].sum(axis=0))
+        size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        return cls(tuple(pieces), width, bands, size, values)
+
+    def at(self, omega: float, speed: float) -> Complexes:
+        """Return the bands of Z on one line, rows and columns in units of `size`."""
+        weights = np.array([_weight(piece, omega, speed) for piece in self.pieces])
+        bands = np.tensordot(weights, self.bands, 1) * self.size
+        for k, band in enumerate(bands, start=-self.width):  # row - column
+            band[max(-k, 0) : len(band) - max(k, 0)] *= self.size[max(k, 0) : len(band) + min(k, 0)]
+        return np.asarray(bands, dtype=np.complex128)
+
+    def motion(self, places: Integers, omega: float, speed: float) -> Complexes:
+        """Return the motion by a force on each place, (coordinate, place), in units of `size`."""
+        forces = np.zeros((len(self.size), len(places)), dtype=np.complex128)
+        forces[places, np.arange(len(places))] = 1.0
+        return self.solved(self.at(omega, speed), forces)
+
+    def solved(self, bands: Complexes, right: Complexes) -> Complexes:
+        """Solve with the bands of a line."""
+        ends = (self.width, self.width)
+        return np.asarray(scipy.linalg.solve_banded(ends, bands, right, check_finite=False))
+
+    def force(self, kept: Integers, motion: Complexes, omega: float, speed: float) -> Complexes:
+        """Return the forces on what is kept where nothing acts on the rest, which follows.
+
+        motion, shape (kept,), is theirs in SI, and so are the forces.
+        """
+        bands, width = self.at(omega, speed), self.width
+        held, right = bands.copy(), np.zeros(len(self.size), dtype=np.complex128)
+        columns = np.arange(-width, width + 1)[:, None] + kept  # of the rows that are kept
+        inside = (columns >= 0) & (columns < len(self.size))
+        rows = np.broadcast_to(kept, columns.shape)
+        entries = (width + rows - columns)[inside], columns[inside]
+        held[entries] = 0.0
+        held[width, kept] = 1.0
+        right[kept] = motion / self.size[kept]
+        follow = self.solved(held, right)
+        shares = np.zeros(columns.shape, dtype=np.complex128)
+        shares[inside] = bands[entries] * follow[columns[inside]]
+        return np.asarray(shares.sum(axis=0) / self.size[kept])
+
+
+def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float) -> Reduction:
     """Return the basis of the shapes that come to more than a share of the largest.
 
     Parameters
     ----------
     pieces : sequence of Piece
         Of the whole rotor.
-    pushed : array, shape (coordinate, force)
-        Where the inputs and the unbalance act.
     kept : int array
-        What stays a coordinate, with its partner in the other plane.
+        What stays a coordinate, with its partner in the other plane: where anything acts or reads.
     """
-    points = band.points()
-    shapes = np.concatenate([_shapes(pieces, pushed, band.values, *p) for p in points], axis=1)
+    whole = Banded.of(pieces, band.values)
+    shapes = np.concatenate([whole.motion(kept, *p) for p in band.points()], axis=1)
     along, across = _in_planes(shapes)
     both = np.concatenate([part for s in (along, across) for part in (s.real, s.imag)], axis=1)
-    size = _sizes(pieces, band.values).reshape(-1, PLANES)[:, [0, 3]].ravel()
-    both *= size[:, None]
     length = np.linalg.norm(both, axis=0)
-    left, values, _ = np.linalg.svd(both[:, length > 0] / length[length > 0], full_matrices=False)
+    triangle = np.asarray(np.linalg.qr((both[:, length > 0] / length[length > 0]).T, mode="r"))
+    left, values, _ = np.linalg.svd(triangle.T, full_matrices=False)
     places = np.unique(2 * (kept // PLANES) + (kept % PLANES >= 2))
     count = max(int((values > share * values[0]).sum()), len(places))
-    basis = left[:, :count] / size[:, None]
+    basis = left[:, :count] * whole.size.reshape(-1, PLANES)[:, [0, 3]].ravel()[:, None]
     basis = basis @ _showing(basis[places])
     transform = _both(basis)
     where = []
@@ -135,42 +202,6 @@ def _showing(rows: Floats) -> Floats:
     return np.concatenate([first, right[len(rows) :].T], axis=1)
 
 
-def _sizes(pieces: Sequence[Piece], values: Mapping[str, float]) -> Floats:
-    """Return the roots of the diagonal of K: metres and radians alike."""
-    diagonal = np.zeros(pieces[0].matrix.shape[0])
-    for p in pieces:
-        if p.order == 0 and not p.power and not p.structural:
-            diagonal += _value(p.factors, values) * p.matrix.diagonal()
-    return np.sqrt(np.abs(diagonal))
-
-
-def _shapes(
-    pieces: Sequence[Piece],
-    pushed: Floats,
-    values: Mapping[str, float],
-    omega: float,
-    speed: float,
-) -> Complexes:
-    """Return the motion by each force on one line, and what each unknown changes in it."""
-    stiffness: Any = 0.0
-    for p in pieces:
-        stiffness = stiffness + _weight(p, omega, speed) * _value(p.factors, values) * p.matrix
-    factors = scipy.linalg.lu_factor(stiffness.toarray())
-    motion: Any = scipy.linalg.lu_solve(factors, pushed.astype(np.complex128))
-    forces = []
-    for name in dict.fromkeys(name for p in pieces for name, _ in p.factors):
-        slope: Any = np.zeros_like(motion)
-        for p in pieces:
-            if any(name == held for held, _ in p.factors):
-                by = _weight(p, omega, speed) * _slope(p.factors, values, name)
-                slope = slope + by * (p.matrix @ motion)
-        forces.append(slope)
-    if not forces:
-        return np.asarray(motion)
-    changes = scipy.linalg.lu_solve(factors, np.concatenate(forces, axis=1))
-    return np.concatenate([motion, changes], axis=1)
-
-
 def _weight(piece: Piece, omega: float, speed: float) -> complex:
     lag = 1j if piece.structural else 1.0
     return complex((1j * omega) ** piece.order * speed**piece.power * lag)
@@ -178,10 +209,3 @@ def _weight(piece: Piece, omega: float, speed: float) -> complex:
 
 def _value(factors: Factors, values: Mapping[str, float]) -> float:
     return float(np.prod([values[name] ** power for name, power in factors]))
-
-
-def _slope(factors: Factors, values: Mapping[str, float], name: str) -> float:
-    """Return the derivative of a product by one of its names."""
-    power = dict(factors)[name]
-    rest = tuple((held, n) for held, n in factors if held != name)
-    return power * values[name] ** (power - 1) * _value(rest, values)
