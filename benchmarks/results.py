@@ -37,7 +37,8 @@ def modes(count: int) -> None:
         print(f"  close: {_percent(close)}, of which covered {among}")
         ratios = np.array([each.damping for each in good])
         away = (ratios[..., 0] - ratios[..., 2]) / ratios[..., 1]
-        print(f"  damping: cover {_percent(np.abs(away) < 1.96)}")
+        rms = ", ".join(f"{v:.2f}" for v in np.sqrt((away**2).mean(axis=0)))
+        print(f"  damping: cover {_percent(np.abs(away) < 1.96)}, rms {rms}")
         criticals = np.array([each.critical for each in good])
         print(
             f"  critical: cover {_percent(np.array([covered(c) for c in criticals]))}, "

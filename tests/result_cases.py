@@ -6,6 +6,7 @@ solver than the package's own.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -15,6 +16,12 @@ from linear_machines import SUPPORTED
 from rotor_bank import RATE, noisy_record
 
 import rotorid as rid
+from rotorid.estimators.likelihood.assembly import assemble
+from rotorid.estimators.likelihood.inference import Inference, infer
+from rotorid.estimators.likelihood.preparation import prepare
+from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.solver import Solution, solve
+from rotorid.observation import bind_all
 from rotorid.record import Complexes, Drive, Floats
 from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
@@ -170,30 +177,74 @@ def true_criticals(p: Mapping[str, float]) -> Floats:
     return np.sort(found)
 
 
-def identified(seed: int, speed: float = 800.0) -> Found:
-    """Identify a random machine with two close modes, and hold its modes against the truth."""
-    rng = np.random.default_rng([seed, 13])
-    model = rid.parse_model(CLOSE, name="close")
+@dataclass(frozen=True)
+class Case:
+    """A machine with two close modes, its record, and what is known of it and where to start."""
+
+    model: rid.Model
+    truth: Mapping[str, float]
+    record: rid.PeriodicRecord
+    known: Mapping[str, float]
+    start: Mapping[str, float]
+
+
+@functools.cache
+def _close_model() -> rid.Model:
+    return rid.parse_model(CLOSE, name="close")
+
+
+def close_case(seed: int, speed: float = 800.0, periods: int = PERIODS, stream: int = 13) -> Case:
+    """Return a random machine with two close modes; its noise of the mean is that of PERIODS."""
+    rng = np.random.default_rng([seed, stream])
+    model = _close_model()
     truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, v in model.nominal.items()}
     truth["k_y"] = truth["k_x"] + SPLIT * rng.standard_normal()
     truth["e"] = 0.5 * SPLIT * rng.standard_normal()
-    omega = 2 * np.pi * 10.0 * np.arange(1, 16)
-    records = []
+    harmonics = np.arange(1, 16)
     channels = [rid.Channel(n, model.units[n]) for n in (*model.inputs, *model.coordinates)]
     force = np.array([8.0, 8.0, 1.0, 1.0]) * np.exp(2j * np.pi * rng.random((15, 4)))
     mass, damping, stiffness = close_matrices(truth, speed)
-    w = omega[:, None, None]
-    motion = np.linalg.solve(-(w**2) * mass + 1j * w * damping + stiffness, force[..., None])[
-        ..., 0
-    ]
-    noise = np.array([1.0, 1.0, 0.1, 0.1, 4e-6, 4e-6, 2e-5, 2e-5])
+    w = 2 * np.pi * 10.0 * harmonics[:, None, None]
+    dynamic = -(w**2) * mass + 1j * w * damping + stiffness
+    motion = np.linalg.solve(dynamic, force[..., None])[..., 0]
+    noise = np.array([1.0, 1.0, 0.1, 0.1, 4e-6, 4e-6, 2e-5, 2e-5]) * np.sqrt(periods / PERIODS)
     mean = np.concatenate([force, motion], axis=1)
-    records.append(
-        noisy_record(channels, mean, noise, np.arange(1, 16), rng, speed, PERIODS, int(RATE / 10))
-    )
+    samples = int(RATE / 10)
+    record = noisy_record(channels, mean, noise, harmonics, rng, speed, periods, samples)
     known = {n: truth[n] for n in ("L",)} | {"xi": 0.0, "zeta": 0.0}
     start = {n: truth[n] * rng.uniform(0.9, 1.1) for n in model.parameter_names if n not in known}
-    estimate = rid.identify(model, records, rid.MaximumLikelihood(fixed=known, start=start))
+    return Case(model, truth, record, known, start)
+
+
+def minimum_from_the_truth(case: Case) -> tuple[Solution, Inference]:
+    """Return the minimum without the search from afar: thousands of records take seconds."""
+    start = {name: case.truth[name] for name in case.start}
+    knowledge = rid.MaximumLikelihood(fixed=case.known, start=start).knowledge(case.model)
+    prepared = prepare(case.model, knowledge, (), base=False, guess=start)
+    (observation,) = bind_all(case.model, [case.record])
+    likelihood = assemble(prepared.layout, observation, 0)
+    held = (prepared.exact, prepared.known, prepared.bounds)
+    problem = Problem(prepared.layout, (likelihood,), *held)
+    solution = solve(problem, prepared.layout.start, (0.0,))
+    assert solution.converged
+    return solution, infer(solution.point, problem.exact)
+
+
+def errors_at_the_minimum(case: Case) -> dict[str, float]:
+    """Return errors over their stated deviations, by name."""
+    solution, inference = minimum_from_the_truth(case)
+    layout, std = solution.point.problem.layout, np.sqrt(np.diag(inference.covariance))
+    names = [layout.unknowns[i].name for i in layout.free]
+    rows = zip(names, solution.point.unknowns[layout.free].tolist(), std.tolist(), strict=True)
+    return {name: (value - case.truth[name]) / deviation for name, value, deviation in rows}
+
+
+def identified(seed: int, speed: float = 800.0) -> Found:
+    """Identify a random machine with two close modes, and hold its modes against the truth."""
+    case = close_case(seed, speed)
+    truth = case.truth
+    estimator = rid.MaximumLikelihood(fixed=case.known, start=case.start)
+    estimate = rid.identify(case.model, [case.record], estimator)
     if estimate.status != "ok":
         return Found(estimate.status)
     found = rid.modes(estimate, speed=speed)

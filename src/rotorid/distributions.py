@@ -33,6 +33,11 @@ def f_limit(chance: float, first: float, second: float) -> float:
     return float(second / first * (1 - share) / share)
 
 
+def t_limit(chance: float, freedom: Floats) -> Floats:
+    """Return what Student's t with these degrees of freedom exceeds with a chance."""
+    return -np.asarray(scipy.special.stdtrit(freedom, chance))
+
+
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
     """Return what the length of a normal vector in the plane stays below with a chance.
 
