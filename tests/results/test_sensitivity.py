@@ -55,14 +55,19 @@ def test_the_rig_s_record_gives_the_peak_of_its_loop():
         rid.sensitivity(periods, pair(1))
 
 
-def synthetic(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) -> rid.PeriodicRecord:
-    """Return a record of two coupled loops whose S is known, both excited at once."""
+def two_loops(rng: np.random.Generator, signs: np.ndarray, periods: int = 20) -> np.ndarray:
+    """Return e and r of two coupled loops whose S is known, both excited at once."""
     time = np.arange(200 * periods) / 2000.0
     waves = sum(np.cos(2 * np.pi * f * time + f) for f in (10, 20, 30, 40, 50))
     r = waves[:, None] * signs
     e = r @ np.array([[2.5, 0.4], [-0.7, 3.5]]) + 0.02 * rng.standard_normal(r.shape)
+    return np.column_stack([e, r])
+
+
+def synthetic(rng: np.random.Generator, signs: np.ndarray) -> rid.PeriodicRecord:
+    """Return the periods of two loops."""
     channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
-    record = rid.Record(channels, np.column_stack([e, r]), sample_rate=2000.0)
+    record = rid.Record(channels, two_loops(rng, signs), sample_rate=2000.0)
     return rid.average(record, 10.0, harmonics=[1, 2, 3, 4, 5])
 
 
@@ -185,4 +190,60 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert "F_x" not in capsys.readouterr().out
     (tmp_path / "bare.toml").write_text(text.replace('references = ["r1", "r2"]\n', ""))
     assert cli.run(["sensitivity", "bare.toml"]) == 2
-    assert "without references and band" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "no columns of what was added to the commands" in said
+    assert "rid.loop_sensitivity takes an identified plant" in said
+    assert cli.run(["sensitivity", "bare.toml", "--pair", "F_y=r2"]) == 0  # a pair is enough
+    capsys.readouterr()
+    assert cli.run(["sensitivity", "bare.toml", "--pair", "F_y"]) == 2
+    assert "write --pair F_x1=r_x1" in capsys.readouterr().err
+
+
+PERIODS = """
+model = "jeffcott"
+[[records]]
+file = "plus.csv"
+sample_rate = "2 kHz"
+fundamental = "10 Hz"
+harmonics = [1, 2, 3, 4, 5]
+[[records]]
+file = "minus.csv"
+sample_rate = "2 kHz"
+fundamental = "10 Hz"
+harmonics = [1, 2, 3, 4, 5]
+[channels]
+F_x = { column = "e1", unit = "mN" }
+F_y = { column = "e2", unit = "mN" }
+x = { column = "x", unit = "um" }
+y = { column = "y", unit = "um" }
+"""
+
+
+def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(6)
+    for name, signs in (("plus", (1.0, 1.0)), ("minus", (1.0, -1.0))):
+        samples = two_loops(rng, np.array(signs))
+        beside = rng.standard_normal((len(samples), 2))
+        table = np.column_stack([samples, beside])
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="e1,e2,r1,r2,x,y", comments="")
+    (tmp_path / "run.toml").write_text(PERIODS)
+    options = ["--pair", "F_x=r1", "--pair", "F_y=r2", "--json", "s.json"]
+    assert cli.run(["sensitivity", "run.toml", *options]) == 0
+    assert "Zone B" in capsys.readouterr().out
+    first, second = json.loads((tmp_path / "s.json").read_text())["axes"]
+    assert first["peak"] == pytest.approx(2.5, abs=0.01)  # mN over mN, though channels are in N
+    assert second["peak"] == pytest.approx(3.5, abs=0.01)
+    # A column beside the channels stands for itself.
+    assert cli.run(["sensitivity", "run.toml", "--pair", "e1=r1", "--pair", "F_y=r2"]) == 0
+    assert "e1" in capsys.readouterr().out
+    assert cli.run(["sensitivity", "run.toml", "--pair", "F_x=r9"]) == 2
+    assert "r9" in capsys.readouterr().err
+    one = PERIODS.replace(PERIODS[PERIODS.index("[[records]]", 30) : PERIODS.index("[chan")], "")
+    (tmp_path / "one.toml").write_text(one)
+    assert cli.run(["sensitivity", "one.toml", "--pair", "F_x=r1", "--pair", "F_y=r2"]) == 2
+    assert "repeat with other signs: + +, + -" in capsys.readouterr().err
+    mixed = PERIODS.replace('fundamental = "10 Hz"\nharmonics = [1, 2, 3, 4, 5]', 'X', 1)
+    (tmp_path / "mixed.toml").write_text(mixed.replace("X", 'band = ["8 Hz", "60 Hz"]'))
+    assert cli.run(["sensitivity", "mixed.toml", "--pair", "F_x=r1"]) == 2
+    assert "an experiment file for each" in capsys.readouterr().err

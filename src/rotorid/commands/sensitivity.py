@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rotorid.actuators.laws import Linear
 from rotorid.commands import OK
 from rotorid.commands.console import (
     REPORT,
@@ -19,7 +20,9 @@ from rotorid.commands.console import (
 from rotorid.commands.sources import done
 from rotorid.errors import InputError
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.experiment.recording import reference_name
+from rotorid.experiment.recording import Recording, measured, periods_of, reference_name
+from rotorid.io.reading import Source
+from rotorid.record import PeriodicRecord, Record
 from rotorid.report.sensitivity_page import sensitivity_page
 from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
 from rotorid.writing import check_apart
@@ -39,11 +42,12 @@ def run(
         plan = load_experiment(experiment)
         plan.require_records()
         check_apart(targets, plan.files)
-        pairs, band, skip = _said(plan, pair)
-        records = plan.measured("ml")
+        pairs = _pairs(plan, pair)
+        records, options = _read(plan, pairs)
     try:
         with progress("computing"):
-            found = sensitivity(records, pairs, band=band, skip=skip)
+            named = {e: reference_name(r) for e, r in pairs.items()}
+            found = sensitivity(records, named, **options)
     except InputError as error:
         raise error.at(file=str(experiment)) from None
 
@@ -57,34 +61,89 @@ def run(
     return OK
 
 
-def _said(
-    plan: Experiment, given: Sequence[str]
-) -> tuple[dict[str, str], tuple[float | str, float | str], float]:
-    """Return the channels of e and r of each axis, the band, and what is skipped."""
-    entry = plan.entry.records[0]
-    references = entry.references or []
-    if not references or entry.band is None:
+def _pairs(plan: Experiment, given: Sequence[str]) -> dict[str, str]:
+    """Return the channel of e of each axis, or its column, and the column of r."""
+    if given:
+        split = [text.partition("=")[::2] for text in given]
+        for (e, r), text in zip(split, given, strict=True):
+            if not e.strip() or not r.strip():
+                raise InputError(
+                    f"{text[:60]!r}",
+                    "a channel and the column of its reference",
+                    "write --pair F_x1=r_x1",
+                    place="pair",
+                )
+        return {e.strip(): r.strip() for e, r in split}
+    references = plan.entry.records[0].references or []
+    if not references:
         raise InputError(
-            "a record without references and band",
-            "references, the columns of what was added to the commands, and a band",
-            'write references = ["r_x", ..] and band = ["2 Hz", "500 Hz"] into its table',
+            "no columns of what was added to the commands",
+            "them beside the commands behind the sum: S is the ratio of the two",
+            'name them, --pair F_x1=r_x1, or of a whole record references = ["r_x1", ..]; where '
+            "they were not recorded, rid.loop_sensitivity takes an identified plant and the "
+            "controller's response",
             file=plan.file,
             place="records.0.references",
         )
-    if given:
-        split = [text.partition("=")[::2] for text in given]
-        pairs = {e.strip(): reference_name(r.strip()) for e, r in split}
-    else:
-        if len(references) != len(plan.model.inputs):
+    if len(references) != len(plan.model.inputs):
+        raise InputError(
+            f"{len(references)} references for {len(plan.model.inputs)} inputs",
+            "one for each, in the order of the inputs",
+            "say which belong together: --pair F_x1=r_x1",
+            file=plan.file,
+            place="records.0.references",
+        )
+    return dict(zip(plan.model.inputs, references, strict=True))
+
+
+def _read(
+    plan: Experiment, pairs: Mapping[str, str]
+) -> tuple[Sequence[PeriodicRecord] | Sequence[Record], dict[str, Any]]:
+    """Read all records with their references, and what `sensitivity` is to know of them."""
+    entries = plan.entry.records
+    if len({entry.periodic for entry in entries}) > 1:
+        raise InputError(
+            "records of periods beside whole ones",
+            "one or the other",
+            "an experiment file for each",
+            file=plan.file,
+            place="records",
+        )
+    records = []
+    for number, (entry, channels) in enumerate(zip(entries, plan.channels, strict=True)):
+        if entry.channel_kind != "samples" or entry.is_cut or entry.cutoff is not None:
             raise InputError(
-                f"{len(references)} references for {len(plan.model.inputs)} inputs",
-                "one for each, in the order of the inputs",
-                "say which belong together: --pair F_x1=r_x1",
+                "a record that is no samples of an excitation",
+                "periods, or a whole record with its band",
+                "leave it out",
                 file=plan.file,
-                place="records.0.references",
+                place=f"records.{number}",
             )
-        pairs = {e: reference_name(r) for e, r in zip(plan.model.inputs, references, strict=True)}
-    return pairs, entry.band, float(entry.skip or 0.0)
+        beside = _beside(channels, pairs)
+        records.append(measured(plan.folder, entry, channels, currents=True, beside=beside))
+    if entries[0].periodic:
+        cut = [periods_of(record, entry) for record, entry in zip(records, entries, strict=True)]
+        return cut, {}
+    return records, {"band": entries[0].band, "skip": float(entries[0].skip or 0.0)}
+
+
+def _beside(channels: Recording, pairs: Mapping[str, str]) -> dict[str, Source]:
+    """Return where the references come from, in the unit and with the scale of their commands."""
+    found = {}
+    for e, r in pairs.items():
+        command = channels.sources.get(e)
+        if e in channels.laws and not isinstance(channels.laws[e].law, Linear):
+            raise InputError(
+                f"{e}, a force that is made of currents or fluxes",
+                "the command behind the sum",
+                "name its column: --pair COMMAND=REFERENCE",
+                place="pair",
+            )
+        if command is None:
+            found[e] = command = Source(e)
+        said = (command.unit, command.scale, command.expected)
+        found[reference_name(r)] = Source(r, *said, overrule=command.overrule)
+    return found
 
 
 def _axis(each: AxisSensitivity) -> dict[str, Any]:

@@ -165,8 +165,15 @@ def _position(
     return {name: value for name, value in total.items() if value}
 
 
-def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool) -> Record:
-    """Read a record, its files relative to a folder."""
+def measured(
+    folder: Path,
+    entry: RecordEntry,
+    plan: Recording,
+    *,
+    currents: bool,
+    beside: Mapping[str, Source] | None = None,
+) -> Record:
+    """Read a record, its files relative to a folder, with other channels beside those it names."""
     columns = dict(plan.sources)
     if entry.angle is not None:
         columns[_MARK] = Source(
@@ -175,6 +182,7 @@ def measured(folder: Path, entry: RecordEntry, plan: Recording, *, currents: boo
     elif entry.keyphasor is not None:
         columns[_MARK] = Source(entry.keyphasor)
     columns |= {reference_name(name): Source(name) for name in entry.references or ()}
+    columns |= beside or {}
     record = read_record(
         [folder / name for name in entry.paths],
         columns=columns,
