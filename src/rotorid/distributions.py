@@ -35,7 +35,7 @@ def f_limit(chance: float, first: float, second: float) -> float:
 
 def t_limit(chance: float, freedom: Floats) -> Floats:
     """Return what Student's t with these degrees of freedom exceeds with a chance."""
-    return -np.asarray(scipy.special.stdtrit(freedom, chance))
+    return np.asarray(-scipy.special.stdtrit(freedom, chance), dtype=float)
 
 
 def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:

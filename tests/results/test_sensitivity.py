@@ -243,7 +243,7 @@ def test_the_command_of_periods_with_their_references(tmp_path, monkeypatch, cap
     (tmp_path / "one.toml").write_text(one)
     assert cli.run(["sensitivity", "one.toml", "--pair", "F_x=r1", "--pair", "F_y=r2"]) == 2
     assert "repeat with other signs: + +, + -" in capsys.readouterr().err
-    mixed = PERIODS.replace('fundamental = "10 Hz"\nharmonics = [1, 2, 3, 4, 5]', 'X', 1)
+    mixed = PERIODS.replace('fundamental = "10 Hz"\nharmonics = [1, 2, 3, 4, 5]', "X", 1)
     (tmp_path / "mixed.toml").write_text(mixed.replace("X", 'band = ["8 Hz", "60 Hz"]'))
     assert cli.run(["sensitivity", "mixed.toml", "--pair", "F_x=r1"]) == 2
     assert "an experiment file for each" in capsys.readouterr().err
