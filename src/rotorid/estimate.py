@@ -985,7 +985,7 @@ def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
             )
 
 
-class _Head(BaseModel):
+class _Head(BaseModel, defer_build=True):
     """What says which kind of file it is."""
 
     schema_: str = Field(alias="schema")

@@ -6,6 +6,7 @@ import pytest
 
 from rotorid.errors import ReadError
 from rotorid.io.hdf5 import open_hdf5
+from rotorid.io.hdf5_nodes import opened
 
 
 @pytest.fixture
@@ -42,6 +43,21 @@ def test_columns(path: Path) -> None:
     assert columns["adc[2]"].values.tolist() == [2, 5, 8, 11, 14]
     only = opened.read(["adc[1]"])["adc[1]"]
     assert (only.values.tolist(), only.unit) == ([1, 4, 7, 10, 13], "mm")
+
+
+def test_a_file_is_opened_once_for_each_column(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To open a file takes longer than to find a name in it: nothing else may ask for one."""
+    table = open_hdf5(path)
+    count: list[str] = []
+
+    def counted(file: str) -> object:
+        count.append(file)
+        return opened(file)
+
+    monkeypatch.setattr("rotorid.io.hdf5_nodes.opened", counted)
+    for _ in range(3):
+        assert [table.find(n) for n in ("force/x", "packed")] == ["force/x", "packed"]
+    assert len(count) == 2
 
 
 def test_names(path: Path) -> None:

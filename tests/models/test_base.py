@@ -291,6 +291,15 @@ def test_substitution_of_nothing_and_of_everything():
     assert everything.base.gather.shape == (0, len(everything.monomials))
 
 
+def test_what_was_substituted_last_is_kept():
+    model = load_model("three-mass")
+    first = model.substitute({"L1": 0.3})
+    assert model.substitute({"L1": 0.3}) is first
+    other = model.substitute({"L1": 0.4})
+    assert (first.held, other.held) == ((("L1", 0.3),), (("L1", 0.4),))
+    assert model.substitute({"L1": 0.3}) == first
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-3, 3), min_size=6, max_size=6), st.data())
 def test_identities_are_found_whatever_the_order(weights, data):

@@ -39,10 +39,10 @@ def run(
             estimate = identify(plan.model, records, estimator)
         except InputError as error:
             raise error.at(file=str(experiment)) from None
-    if targets or json is not None:
+    if targets or json is not None:  # what is written says more than a screen
         with progress("predicting"):
             estimate = _with_evidence(estimate, plan, records, estimator)
-        estimate = estimate.with_(provenance=provenance(plan, given))
+            estimate = estimate.with_(provenance=provenance(plan, given))
 
     def html() -> str:
         from rotorid.report.estimate import estimate_report  # pictures take their time to load

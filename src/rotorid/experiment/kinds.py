@@ -1,18 +1,17 @@
 """What kinds of records there are besides samples: tables, each with a reader of its own.
 
-A kind is an entry of `READERS`, a name in `schema.Kind`, and the keys by which its channels are
+A kind is an entry of `TABLES`, a name in `schema.Kind`, and the keys by which its channels are
 told (`ChannelEntry.kind`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from rotorid.errors import InputError
-from rotorid.experiment.phasor_table import phasor_channels, read_phasors
 from rotorid.experiment.recording import Recording, recording
-from rotorid.experiment.response_table import read_response_table, response_channels
 from rotorid.experiment.schema import ChannelEntry, Kind, RecordEntry
 from rotorid.experiment.twice import check_columns
 from rotorid.lines import Lines
@@ -23,11 +22,14 @@ Entries = Mapping[str, ChannelEntry]
 Reader = Callable[[Path, RecordEntry, Entries, Model], Sequence[Lines]]
 Check = Callable[[Entries, Model, Path], Mapping[str, Channel]]
 
-READERS: Mapping[str, tuple[Check, Reader]] = {
-    "phasors": (phasor_channels, read_phasors),
-    "responses": (response_channels, read_response_table),
-}
-"""Of each kind: what checks its channels against the model, and what reads its files."""
+TABLES: Mapping[str, str] = {"phasors": "phasor_table", "responses": "response_table"}
+"""Of each kind: the module that checks its channels against the model, and reads its files."""
+
+
+def _table(kind: str) -> tuple[Check, Reader]:
+    """Return what checks the channels of a kind, and what reads its files; loaded when used."""
+    module = import_module(f"rotorid.experiment.{TABLES[kind]}")
+    return module.check_channels, module.read_records
 
 
 def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) -> None:
@@ -43,7 +45,7 @@ def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) 
     if record.channel_kind == "samples":
         recording(record.channels, model, _of_kind(common, record.channel_kind), folder)
     else:
-        READERS[record.channel_kind][0](record.channels, model, folder)
+        _table(record.channel_kind)[0](record.channels, model, folder)
 
 
 def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
@@ -72,7 +74,7 @@ def plan_record(record: RecordEntry, common: Entries, model: Model, folder: Path
         raise InputError(
             f"no channel of {record.channel_kind}", "one or more", "add them", place="channels"
         )
-    READERS[record.channel_kind][0](entries, model, folder)
+    _table(record.channel_kind)[0](entries, model, folder)
     return Recording({}, {}, entries)
 
 
@@ -87,4 +89,4 @@ def _of_kind(entries: Entries, kind: Kind) -> dict[str, ChannelEntry]:
 
 def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Sequence[Lines]:
     """Read a record that is a table; responses to several inputs are several."""
-    return READERS[entry.kind][1](folder, entry, plan.table, model)
+    return _table(entry.kind)[1](folder, entry, plan.table, model)

@@ -10,10 +10,15 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.experiment.names import source, unknown
-from rotorid.experiment.phasor_table import Columns, check_lengths, complex_column, std_column
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
+from rotorid.experiment.table_columns import (
+    Columns,
+    check_lengths,
+    complex_column,
+    std_column,
+)
 from rotorid.io import open_tables
-from rotorid.io.reading import check_magnitude, largest_of
+from rotorid.io.reading import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
 from rotorid.io.universal_responses import StoredResponse, read_responses
 from rotorid.lines import Lines
@@ -37,7 +42,7 @@ class _Response:
     coherence: Floats | None = None
 
 
-def response_channels(
+def check_channels(
     entries: Mapping[str, ChannelEntry], model: Model, folder: Path
 ) -> dict[str, Channel]:
     """Return the sensors of responses, names, inputs and units checked against the model."""
@@ -106,7 +111,7 @@ def _converts(stated: str, expected: str) -> bool:
     return True
 
 
-def read_response_table(
+def read_records(
     folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
 ) -> list[Lines]:
     """Read frequency responses: those to one input, on one grid of frequencies, share their lines.
@@ -117,7 +122,7 @@ def read_response_table(
         For files, columns, units and numbers that cannot be used.
     """
     paths = [folder / name for name in entry.paths]
-    channels = response_channels(entries, model, folder)
+    channels = check_channels(entries, model, folder)
     stored = [name for name, one in entries.items() if one.column is not None]
     if stored and len(stored) < len(entries):
         raise InputError(
@@ -206,7 +211,7 @@ def _of_universal(
         _check_derivative(data.derivative, name, one)
         unit = one.unit or data.unit
         if one.unit and data.unit and not entry.overrule:
-            Columns.check_stated(one.unit, data.unit, place)
+            check_stated(one.unit, data.unit, f"{place}.unit")
         if unit is None:
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place

@@ -289,6 +289,25 @@ def largest_of(values: Floats) -> float:
     return max(-low, high)
 
 
+def check_stated(declared: str, stated: str, place: str) -> None:
+    """Refuse a unit other than the one that the file states."""
+    try:
+        si_factor(stated)
+    except InputError:
+        return  # a text that says nothing to us contradicts nothing
+    try:
+        same = abs(si_factor(stated, declared) - 1.0) < 1e-9
+    except InputError:
+        same = False
+    if not same:
+        raise InputError(
+            f"unit {declared!r}, where the file says {stated!r}",
+            "one unit",
+            "leave unit out, or give overrule = true if the file is wrong",
+            place=place,
+        )
+
+
 def check_magnitude(largest: float, factor: float, place: str) -> None:
     """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
 
@@ -310,12 +329,13 @@ def check_magnitude(largest: float, factor: float, place: str) -> None:
         )
 
 
-def _si(column: Column, source: Source, table: Table, name: str) -> tuple[Floats, str]:
-    """Return the samples of a channel in SI, and their unit."""
+def _si(column: Column, source: Source, table: Table, name: str, samples: Floats) -> str:
+    """Put the samples of a channel in SI where they belong, and return their unit."""
     factor, unit = _factor(column, source, table, name)
     check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
     with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
-        return column.values * factor, unit
+        np.multiply(column.values, factor, out=samples)
+    return unit
 
 
 def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[float, str]:
@@ -336,7 +356,7 @@ def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[fl
             place=_place(name, "scale"),
         )
     if source.unit and column.unit and source.scale is None and not source.overrule:
-        _check_stated(source.unit, column.unit, place)
+        check_stated(source.unit, column.unit, place)
     if unit is None and source.expected:
         raise InputError(
             "no unit",
@@ -353,28 +373,11 @@ def _place(name: str, key: str) -> str:
     return name if name in (_TIME, _MASK) else f"channels.{name}.{key}"
 
 
-def _check_stated(declared: str, stated: str, place: str) -> None:
-    """Refuse a declared unit that is not the one that the file states."""
-    try:
-        si_factor(stated)
-    except InputError:
-        return  # a text that says nothing to us contradicts nothing
-    try:
-        same = abs(si_factor(stated, declared) - 1.0) < 1e-9
-    except InputError:
-        same = False
-    if not same:
-        raise InputError(
-            f"unit {declared!r}, where the file says {stated!r}",
-            "one unit",
-            "leave unit out, or give overrule = true if the file is wrong",
-            place=place,
-        )
-
-
 def _stamps(column: Column, source: Source, table: Table) -> Floats:
     seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
-    return _si(column, seconds, table, _TIME)[0]
+    stamps = np.empty(len(column.values))
+    _si(column, seconds, table, _TIME, stamps)
+    return stamps
 
 
 def _valid(column: Column | None, count: int) -> Booleans | None:
@@ -409,6 +412,6 @@ def _channels(
     samples = np.empty((longest, len(sources)))
     channels = []
     for i, (name, source) in enumerate(sources.items()):
-        samples[:, i], unit = _si(read[name], source, table, name)
+        unit = _si(read[name], source, table, name, samples[:, i])
         channels.append(source.channel(name, unit))
     return tuple(channels), samples

@@ -254,8 +254,10 @@ class NamedArrays:
         ``name[3,:]`` says along which.
         """
         indexed = _INDEXED.fullmatch(name)
-        whole = "" if indexed is None else indexed["name"].strip("/")
-        base = whole if whole in self.shapes and name not in self.shapes else None
+        base = None
+        if indexed is not None and name not in self.shapes:
+            whole = indexed["name"].strip("/")
+            base = whole if whole in self.shapes else None
         path = None if base is not None else _path(name, self.shapes, self.file)
         if path is not None:
             if _is_column(self.shapes[path]):

@@ -125,10 +125,8 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     """
     raw = data.encode() if isinstance(data, str) else data
     if holds_key(raw, "sections"):
-        model = _build_rotor(raw, name, file)
-    else:
-        model = _build(parse_toml(raw, _ModelFile, file=file), name, file)
-    return replace(model, file_text=raw.decode())
+        return replace(_build_rotor(raw, name, file), file_text=raw.decode())
+    return _build(raw, name, file)
 
 
 def _build_rotor(data: bytes, name: str, file: str) -> Model:
@@ -163,7 +161,9 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
     return model
 
 
-def _build(entry: _ModelFile, name: str, file: str) -> Model:
+def _build(data: bytes, name: str, file: str) -> Model:
+    """Return the model of a file of equations."""
+    entry = parse_toml(data, _ModelFile, file=file)
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     try:
         check_names(
@@ -179,9 +179,8 @@ def _build(entry: _ModelFile, name: str, file: str) -> Model:
             for key, unit in rows.items()
         }
         parameters = [row.parameter(key) for key, row in entry.parameters.items()]
-        model = build_model(
-            name, entry.title, entry.source, entry.equations, names, units, parameters
-        )
+        head = (name, entry.title, entry.source)
+        model = build_model(*head, entry.equations, names, units, parameters, data.decode())
         _check_use(model)
     except InputError as error:
         raise error.at(file=file) from None

@@ -232,6 +232,8 @@ class Model:
                 )
         if not fixed:
             return self
+        if (known := self._last.get(tuple(fixed.items()))) is not None:
+            return known
         kept = tuple(p for p in self.parameters if p.name not in fixed)
         left, right = (
             _substituted(side, self.parameter_names, fixed)
@@ -239,13 +241,21 @@ class Model:
         )
         if any(out_of_range(product.coefficient) for product in (*left, *right)):
             raise InputError("fixed values too large or too small", "SI values", "check units")
-        return replace(
+        reduced = replace(
             self,
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
             equations=Equations(left, right),
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
         )
+        self._last.clear()
+        self._last[tuple(fixed.items())] = reduced
+        return reduced
+
+    @cached_property
+    def _last(self) -> dict[tuple[tuple[str, float], ...], Model]:
+        """What was substituted last, and the model: estimator, gate and prediction ask alike."""
+        return {}
 
     @cached_property
     def input_matrix(self) -> Floats:
@@ -403,10 +413,12 @@ def build_model(
     names: Names,
     units: Mapping[str, str],
     parameters: Sequence[Parameter],
+    file_text: str = "",
 ) -> Model:
     """Expand the equations and return the model."""
     equations = split_equations(texts, names)
-    return Model(name, title, source, tuple(texts), names, units, tuple(parameters), equations)
+    head = (name, title, source, tuple(texts), names, units)
+    return Model(*head, tuple(parameters), equations, file_text)
 
 
 def _substituted(

@@ -281,7 +281,7 @@ def check_wander(periods: PeriodicRecord) -> list[Check]:
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []
     variance = periods.spectra.var(axis=0, ddof=1)
-    usual = np.median(variance[others], axis=0)
+    usual = median(variance[others], axis=0)
     ratio = variance[on[0]] / np.where(usual > 0, usual, np.inf)
     worst = int(np.argmax(ratio))
     if ratio[worst] < WANDER:

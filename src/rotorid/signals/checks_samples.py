@@ -186,7 +186,7 @@ def _flat(samples: Floats, value: float) -> int:
         return 0
     before, behind = samples[np.maximum(first - 1, 0)], samples[np.minimum(after, len(samples) - 1)]
     steps = np.maximum(np.abs(before - value), np.abs(behind - value))[long]
-    if np.median(steps) <= STEEP * quantum(samples):
+    if median(steps) <= STEEP * quantum(samples):
         return 0
     return int((after - first)[long].sum())
 

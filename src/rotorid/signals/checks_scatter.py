@@ -124,7 +124,7 @@ def check_repeats(periods: PeriodicRecord) -> list[Check]:
     z = periods.spectra[:, :, chosen]
     scatter = np.sqrt(z.var(axis=0, ddof=1).mean(axis=0))
     level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
-    part = float(np.median(scatter / np.where(level > 0, level, np.inf)))
+    part = float(median(scatter / np.where(level > 0, level, np.inf)))
     if part <= UNLIKE:
         return []
     text = (
@@ -230,7 +230,7 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Check]:
     if count < LEAST_TO_JUDGE:
         return []
     size = _without_trend(spectra)
-    typical = np.median(size, axis=0)
+    typical = median(size, axis=0)
     out = size > KNOCK**2 * np.maximum(typical, 1e-300)
     if out.any():
         # Slow random motion puts one number, its change over the period, on all lines.

@@ -89,7 +89,7 @@ def shifts_of(
     steps = np.diff(z, axis=0)
     level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
     # The median, so that a single jump does not count as noise; 2 ln 2 makes it a variance.
-    noise = np.maximum(np.median(np.abs(steps) ** 2, axis=0) / (2 * np.log(2)), _floor(level))
+    noise = np.maximum(median(np.abs(steps) ** 2, axis=0) / (2 * np.log(2)), _floor(level))
     size = np.sqrt((np.abs(z) ** 2).mean(axis=0))
     clear = size**2 > 25.0 * noise
     if not clear.any():
@@ -118,7 +118,7 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     power = z.real**2 + z.imag**2
     steps = np.diff(z, axis=0)
     floor = np.stack([_floor(np.sqrt(power.mean(axis=(0, 1))))] * len(omega))
-    scatter = median(np.moveaxis(steps.real**2 + steps.imag**2, 0, -1))
+    scatter = median(steps.real**2 + steps.imag**2, axis=0)
     noise = np.maximum(scatter / (2 * np.log(2)), floor)
     clear = power.mean(axis=0) > 25.0 * noise
     mean = z.mean(axis=0)
@@ -329,7 +329,7 @@ def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
     lines = _steady_lines(periods)
     z, omega = periods.spectra[:, lines][:, :, list(channels)], periods.omega[lines]
     mean, place = z.mean(axis=0), np.arange(len(z)) - (len(z) - 1) / 2
-    noise = np.median(np.abs(np.diff(z, axis=0)) ** 2, axis=0) / (2 * np.log(2))
+    noise = median(np.abs(np.diff(z, axis=0)) ** 2, axis=0) / (2 * np.log(2))
     noise = np.maximum(noise, _floor(np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))))
     weight = np.where(np.abs(mean) ** 2 > 25.0 * noise, np.abs(mean) ** 2 / noise, 0.0)
     size = float(place @ place)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.record import Complexes, Floats, PeriodicRecord
+from rotorid.signals.sums import median, quartiles
 
 LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
@@ -62,7 +63,7 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
     deviation, size = _deviation(periods.spectra)
     d = (deviation**2).mean(axis=1)
     # Against differences of neighbours the second half has d = 1; a drift in it makes it large.
-    drifts = np.median(d[count // 2 :]) > _DRIFT
+    drifts = median(d[count // 2 :]) > _DRIFT
     last = 0 if drifts else _last_unsettled(d, deviation.shape[1])
     if last == 0:
         return NONE
@@ -111,13 +112,13 @@ def _last_unsettled(d: Floats, terms: int) -> int:
     that begins below three times the scatter biases no mean by more than its deviation.
     """
     half = len(d) // 2
-    low, median, high = np.percentile(d[half:], [25, 50, 75])
-    if d[0] <= _LARGE**2 * median:
+    low, middle, high = quartiles(d[half:])
+    if d[0] <= _LARGE**2 * middle:
         return 0
-    late = d > median + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
+    late = d > middle + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
     ends = np.flatnonzero(~late[:half] & ~late[1 : half + 1])
     if ends.size:
         return int(ends[0])
     # Longer than half the record: what dies away, not what was another level and stepped.
-    begin, end = np.median(d[: half // 4]), np.median(d[half - half // 4 : half])
+    begin, end = median(d[: half // 4]), median(d[half - half // 4 : half])
     return half if begin > _DECAYS * end else 0
