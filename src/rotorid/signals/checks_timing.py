@@ -152,7 +152,7 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
 def _turns(harmonics: Integers, angle: Floats) -> Complexes:
     """Return exp(i k angle) of each harmonic k, (period, line, channel), as products of powers."""
     once = np.exp(1j * angle)
-    powers = {int(d): once ** int(d) for d in np.unique(np.diff(harmonics, prepend=0))}
+    powers = {step: once**step for step in set(np.diff(harmonics, prepend=0).tolist())}
     turns = np.empty((len(angle), len(harmonics), angle.shape[1]), dtype=np.complex128)
     here = np.ones_like(once)
     for at, step in enumerate(np.diff(harmonics, prepend=0)):
