@@ -32,6 +32,31 @@ def test_zones_and_what_is_undecided():
     assert worst_of([of(2.9, 2.7, 3.1), of(2.5, 2.4, 2.6)]) == "undecided between A and B"
 
 
+def test_a_peak_that_the_band_leaves_out_is_in_no_zone():
+    def curve(values: list[complex], low: float, high: float) -> AxisSensitivity:
+        found = np.array(values) + 0j
+        lines = np.arange(1.0, len(values) + 1)
+        peak = float(np.abs(found).max())
+        std = np.full(len(values), 0.1)
+        return AxisSensitivity("x", lines, found, std, peak, 2.0, (low, high))
+
+    inside = curve([0.5, 2.0, 1.5], 1.9, 2.1)
+    assert (inside.zone, inside.doubt) == ("A", "")
+    for values in ([0.5, 1.0, 2.0], [2.0, 1.5, 1.3]):
+        rising = curve(values, 1.9, 2.1)
+        assert rising.zone == "A or worse"
+        assert "widen the band" in rising.verdict
+        assert worst_of([inside, rising]).startswith("zone A or worse (x: it is largest at an end")
+    assert curve([1.81, 2.0, 1.5], 1.9, 2.1).zone == "A or worse"  # the end may be the highest
+    assert curve([1.79, 2.0, 1.5], 1.9, 2.1).zone == "A"
+    assert curve([0.7, 1.2, 1.19], 1.1, 1.3).zone == "A"  # S has come to 1
+    assert curve([1.0, 2.0, 6.0], 5.5, 6.5).verdict == "zone D"
+    small = curve([0.001, 0.004, 0.001], 0.003, 0.005)
+    assert small.zone == "A or worse"
+    assert "not in one unit" in small.verdict
+    assert curve([0.5, 0.99, 0.7], 0.97, 1.001).zone == "A"
+
+
 def test_a_peak_between_the_lines():
     for spacing, error in ((5.0, 0.001), (8.0, 0.01)):
         lines = spacing * np.arange(1, 40)
@@ -78,7 +103,7 @@ def test_axes_that_are_excited_together_take_as_many_records():
     first, second = rid.sensitivity(both, pairs)
     assert first.peak == pytest.approx(2.5, abs=0.01)
     assert second.peak == pytest.approx(3.5, abs=0.01)
-    assert (first.zone, second.zone) == ("A", "B")
+    assert (zone_of(first.peak), zone_of(second.peak)) == ("A", "B")
     with pytest.raises(rid.InputError, match="as many records as axes"):
         rid.sensitivity(both[0], pairs)
 

@@ -30,6 +30,8 @@ CONFIDENCE = 0.95
 """Chance that the interval of a peak holds it."""
 DRAWS = 2000
 """Draws of the noise for the interval of a peak."""
+AT_END = 2.0
+"""Deviations within which the first or the last line is as high as the highest."""
 FINE = 20
 """Points between two lines at which a peak is looked for: a parabola is met to a thousandth."""
 ABOUT = 6
@@ -79,14 +81,35 @@ class AxisSensitivity:
         return float(20 * np.log10(self.peak))
 
     @property
+    def doubt(self) -> str:
+        """Why the peak may be higher than what was measured; empty where it is not."""
+        if self.interval[1] < 1:
+            return (
+                "it stays below 1, as no loop does (Bode): e and r are not in one unit, or the "
+                "band leaves the peak out"
+            )
+        size = np.abs(self.sensitivity)
+        if len(size) > 1:
+            unsure = AT_END * self.std[[0, -1]]
+            as_high = size[[0, -1]] + unsure >= size.max()
+            settled = np.abs(size[[0, -1]] - 1) <= unsure  # S is 1 where the loop has no gain
+            if size.argmax() in (0, len(size) - 1) or (as_high & ~settled).any():
+                return "it is largest at an end of the band and may rise beyond: widen the band"
+        return ""
+
+    @property
     def zone(self) -> str:
-        """A, B, C or D; two where the interval lies across a limit: "A or B"."""
+        """A, B, C or D; "A or B" where the interval lies across a limit, "A or worse" in doubt."""
         low, high = (zone_of(end) for end in self.interval)
+        if self.doubt and low != "D":
+            return f"{low} or worse"
         return low if low == high else f"{low} or {high}"
 
     @property
     def verdict(self) -> str:
         """The zone in words."""
+        if self.zone.endswith("worse"):
+            return f"zone {self.zone}: {self.doubt}"
         parts = self.zone.split(" or ")
         told = " and ".join(parts)
         return f"zone {told}" if len(parts) == 1 else f"undecided between {told}"
@@ -104,6 +127,9 @@ def zone_of(peak: float) -> str:
 def worst_of(found: Sequence[AxisSensitivity]) -> str:
     """Return the zone of a machine, that of its worst axis, in words."""
     low, high = (zone_of(max(each.interval[k] for each in found)) for k in (0, 1))
+    open_ = [each for each in found if each.zone.endswith("worse")]
+    if open_ and low != "D":
+        return f"zone {low} or worse ({open_[0].axis}: {open_[0].doubt})"
     return f"zone {low}" if low == high else f"undecided between {low} and {high}"
 
 
@@ -151,9 +177,10 @@ def sensitivity(
     --------
     >>> import numpy as np, rotorid as rid
     >>> time = np.arange(2000) / 1000.0
-    >>> r = sum(np.cos(2 * np.pi * f * time) for f in (10, 20, 30, 40))
+    >>> waves = {f: np.cos(2 * np.pi * f * time) for f in (10, 20, 30, 40)}
+    >>> r = sum(waves.values())
     >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(2000)
-    >>> samples = np.column_stack([2 * r + noise, r])
+    >>> samples = np.column_stack([r + waves[20] + noise, r])
     >>> record = rid.Record([rid.Channel("e"), rid.Channel("r")], samples, sample_rate=1000.0)
     >>> periods = rid.average(record, 10.0, harmonics=[1, 2, 3, 4])
     >>> (axis,) = rid.sensitivity(periods, {"e": "r"})
