@@ -191,7 +191,7 @@ def moves_unseen(fit: Fit, effects: Sequence[tuple[T, Floats]]) -> Iterator[tupl
     along, scale, basis = along_relations(point, fit.problem.exact)
     orthogonal, triangle = np.linalg.qr(along)
     std = np.sqrt(np.diag(fit.inference.covariance).clip(0))
-    named = np.array([i < layout.named and i not in layout.idle for i in layout.free])
+    named = np.array([i < layout.named and i not in layout.idle for i in layout.free], dtype=bool)
     unit = np.where(named & (std > 0), std, np.inf)
     unseen = unseen_excess(fit.inference.expectation)
     for kind, effect in effects:

@@ -249,6 +249,7 @@ def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
         return []
     cures = [
         _fixing(combinations),
+        *_further_modes(trial, combinations),
         *_total_mass(trial, combinations),
         *_trial_mass(trial, combinations),
     ]
@@ -281,6 +282,32 @@ def _fixing(combinations: Sequence[Combination]) -> str:
         return f"fix {texts[0]}"
     firsts = ", ".join(combination.names[0] for combination in combinations)
     return f"fix {len(texts)} of them, such as {firsts}"
+
+
+def _further_modes(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Say which natural frequencies are missing, where they are all that was measured."""
+    modes = trial.point.problem.known.modes
+    if trial.records or not len(modes):
+        return []
+    unknowns = trial.layout.unknowns
+    held = [
+        {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
+    ]
+    members = {name for combination in combinations for name in combination.names}
+    found = []
+    for name in sorted(name for name in members if all(name in each for each in held)):
+        said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
+        found.append(
+            f"natural frequencies with {name} as it is in service: all that were measured are "
+            f"with {name} = {said} {unknowns[trial.layout.index[name]].unit}"
+        )
+    missing = len(trial.layout.free) - len(trial.point.problem.known)
+    if missing > 0:
+        found.append(
+            f"at least {missing} more measured in [[modes]], frequencies or damping ratios: "
+            f"{len(trial.point.problem.known)} for {len(trial.layout.free)} unknowns are too few"
+        )
+    return found
 
 
 def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:

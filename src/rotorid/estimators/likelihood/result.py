@@ -266,6 +266,12 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
             "the search did not arrive at a minimum from this start and others about it, so "
             "nothing is known of what the records determine; give a nearer start"
         )
+    inference = fit.inference
+    if not fit.records and not inference.expectation.dof and not inference.null.shape[1]:
+        found.append(
+            "as many unknowns as were measured in [[modes]]: nothing is left over that could "
+            "contradict the model; measure a further natural frequency"
+        )
     found += close_modes(fit.problem.known.modes, point.unknowns)
     found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
     if p_value < REJECTED:

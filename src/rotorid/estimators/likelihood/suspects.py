@@ -8,6 +8,7 @@ best are then freed in earnest, and so are the mistakes that are no small change
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -59,6 +60,7 @@ from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.unknowns import physical_factors
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
+from rotorid.models.rotor.elements import PLANES
 from rotorid.observation import Observation
 from rotorid.record import Floats
 
@@ -212,7 +214,8 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
         search = _Search(model, case, values, structure, expected)
         findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
-    return Suspicion(suspects, sentence(findings, case.point.cost, expected))
+    which = _which_end(model, findings, expected) if not case.records else ""
+    return Suspicion(suspects, sentence(findings, case.point.cost, expected, which))
 
 
 def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
@@ -758,6 +761,21 @@ def alike(findings: Sequence[Finding], expected: float) -> list[Finding]:
     return [f for f in tried if f.left - least < margin]
 
 
+def _which_end(model: Model, findings: Sequence[Finding], expected: float) -> str:
+    """Say that either end of the shaft may carry what the first finding is, where that is so."""
+    if not isinstance(model, RotorModel) or not findings:
+        return ""
+    left, right = model.coordinates[:PLANES], model.coordinates[-PLANES:]
+    first, *others = (finding.suspect.term for finding in alike(findings, expected))
+    for here, there in ((left, right), (right, left)):
+        swapped = first
+        for one, other in zip(here, there, strict=True):
+            swapped = re.sub(rf"\b{one}\b", other, swapped)
+        if swapped != first and swapped in others:
+            return "; which end carries it is not determined by these frequencies"
+    return ""
+
+
 def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     """Say what something set free would be, and what to do about it."""
     size = (
@@ -783,8 +801,8 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
     return f"{option.term}{size}", option.cure or "add the term to the model"
 
 
-def sentence(findings: Sequence[Finding], cost: float, expected: float) -> str:
-    """Say which lead is best, and what to do about it."""
+def sentence(findings: Sequence[Finding], cost: float, expected: float, which: str = "") -> str:
+    """Say which lead is best, and what to do about it; `which` of a group it may be not told."""
     first = findings[0] if findings else None
     share = None if first is None else first.suspect.share
     if first is None or share is None or share < EXPLAINS:
@@ -796,7 +814,7 @@ def sentence(findings: Sequence[Finding], cost: float, expected: float) -> str:
             f"more than a fifth of it{best}: look at the misfit by line, or for two mistakes"
         )
     others = [f.suspect.term for f in alike(findings, expected)[1:]]
-    group = f" (the data cannot tell it from {', '.join(others[:4])})" if others else ""
+    group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
     return (
         f"the data reject the model; first suspect: {first.said}, with which the misfit falls from "
         f"{cost:.4g} to {first.left:.4g} where {expected:.4g} is expected{group}: {first.cure}"
