@@ -32,7 +32,7 @@ def further(trial: adverse.Trial, machine: adverse.Machine | None = None) -> Per
 def test_another_record_is_predicted(kind: str) -> None:
     trial, estimate = identified(kind, 1)
     found = channel_errors(trial.machine.model, estimate, further(trial))
-    assert verdict_of([found])[0] == "predicts"
+    assert verdict_of([found]).verdict == "predicts"
     for channel in found:
         assert channel.p_value is not None
         assert channel.p_value > 1e-4
@@ -46,8 +46,9 @@ def test_another_rotor_is_not(kind: str) -> None:
     trial, estimate = identified(kind, 2)
     heavier = replace(trial.machine, inertia=1.02 * trial.machine.inertia)
     found = channel_errors(trial.machine.model, estimate, further(trial, heavier))
-    verdict, said = verdict_of([found])
-    assert verdict == "fails"
+    told = verdict_of([found])
+    said = told.sentence
+    assert told.verdict == "fails"
     assert "the result does not predict the record: " in said
     assert "where noise makes" in said
 
@@ -75,9 +76,21 @@ def test_deviations_count() -> None:
             replace(v, std=None if v.std is None else 100 * v.std) for v in estimate.parameters
         ),
     )
-    assert verdict_of([channel_errors(trial.machine.model, unsure, record)])[0] == "predicts"
+    assert verdict_of([channel_errors(trial.machine.model, unsure, record)]).verdict == "predicts"
     sure = estimate.with_(covariance=np.zeros((0, 0)))
-    assert verdict_of([channel_errors(trial.machine.model, sure, record)])[0] == "fails"
+    assert verdict_of([channel_errors(trial.machine.model, sure, record)]).verdict == "fails"
+
+
+def test_a_record_that_hides_any_error_proves_nothing() -> None:
+    hidden = ChannelError("F", 0.4, 0.4, 0.5, 0.31)  # together .506
+    told = verdict_of([[hidden, ChannelError("x", 0.6, 0.6, 0.5, 0.0)]])
+    assert told.verdict == "fails"
+    assert told.sentence.startswith("nothing was proved: F is off by 40 %")
+    assert told.cures == (validation.LOUDER,)
+    shown = ChannelError("G", 0.4, 0.4, 0.5, 0.29)  # .494
+    assert verdict_of([[hidden], [shown]]).verdict == "predicts"
+    zero = verdict_of([[ChannelError("F", None, None, None)]])
+    assert zero.sentence == "nothing was proved: every channel of the record is zero"
 
 
 def test_where_nothing_says_what_noise_does() -> None:
@@ -89,7 +102,7 @@ def test_where_nothing_says_what_noise_does() -> None:
     assert ChannelError("F", 0.01, 0.001, 0.9e-6).fails
     assert not ChannelError("F", 0.01, 0.001, 1.1e-6).fails
     rows = [[ChannelError("F", 0.6, None, None)], [ChannelError("x", 0.2, 0.1, 1e-9)]]
-    assert verdict_of(rows)[1].endswith("F of record 1 is off by 60 %")
+    assert verdict_of(rows).sentence.endswith("F of record 1 is off by 60 %")
     model = rid.load_model("jeffcott")
     forces = 100 * np.cos(TURN * np.arange(100) / 100)[:, None] * [1.0, 0.5]
     values = model.values(model.nominal)

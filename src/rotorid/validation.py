@@ -20,7 +20,8 @@ from rotorid.signals.covariance import correlated_covariance, is_correlated
 FAILS = 1e-6
 """Chance of an error this large below which a prediction fails: that of `rejected`."""
 UNEXPLAINED = 0.5
-"""Relative error from which on a prediction fails where nothing says what noise does."""
+"""Relative error from which on a prediction fails where nothing says what noise does. Where noise
+and deviations alone make as much, a record proves nothing: any machine would pass."""
 STEP = 0.05
 """Step of each value, in its deviations, for the derivative of the prediction."""
 CHIRP = (5**0.5 - 1) / 2
@@ -50,6 +51,13 @@ class ChannelError:
     noise: float | None
     p_value: float | None
     deviations: float | None = None
+
+    @property
+    def tells(self) -> bool:
+        """Whether a wrong prediction would show: by more than noise and deviations hide."""
+        if self.relative_error is None:
+            return False
+        return float(np.hypot(self.noise or 0.0, self.deviations or 0.0)) < UNEXPLAINED
 
     @property
     def fails(self) -> bool:
@@ -223,22 +231,52 @@ def _chance(
     return Expectation(float(mean.sum()), float(spread.sum()), dof).p_value(cost)
 
 
-def verdict_of(records: Sequence[Sequence[ChannelError]]) -> tuple[str, str]:
-    """Return "predicts" or "fails", and a sentence about the worst channel."""
+@dataclass(frozen=True)
+class Validated:
+    """Whether a result predicts some records.
+
+    Parameters
+    ----------
+    verdict : str
+        "predicts" or "fails".
+    sentence : str
+        What it rests on: the worst channel.
+    cures : sequence of str
+        What to do where it fails.
+    """
+
+    verdict: str
+    sentence: str
+    cures: tuple[str, ...] = ()
+
+
+def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
+    """Return whether records are predicted, and what to do where they are not."""
     every = [(k, channel) for k, record in enumerate(records) for channel in record]
     failing = [pair for pair in every if pair[1].fails]
     several = len(records) > 1
     if failing:
         worst = min(failing, key=lambda pair: (pair[1].p_value or 0.0, -(pair[1].noise or 0)))
-        return "fails", f"the result does not predict the record: {_told(*worst, several)}"
+        told = f"the result does not predict the record: {_told(*worst, several)}"
+        return Validated("fails", told, CURES)
+    telling = [pair for pair in every if pair[1].tells]
+    if not telling:
+        return Validated("fails", f"nothing was proved: {_hidden(every, several)}", (LOUDER,))
+    worst = max(telling, key=lambda pair: pair[1].relative_error or 0.0)
+    how = "within its deviations and the noise"
+    if all(channel.p_value is None for _, channel in telling):
+        how = f"to better than {100 * UNEXPLAINED:g} %; nothing tells what noise makes"
+    told = f"the result predicts the record {how}: at worst {_told(*worst, several)}"
+    return Validated("predicts", told)
+
+
+def _hidden(every: Sequence[tuple[int, ChannelError]], several: bool) -> str:
+    """Say what hides an error of the prediction."""
     known = [pair for pair in every if pair[1].relative_error is not None]
     if not known:
-        return "predicts", "nothing to predict: every channel is zero"
-    worst = max(known, key=lambda pair: pair[1].relative_error or 0.0)
-    how = "within its deviations and the noise"
-    if all(channel.p_value is None for _, channel in known):
-        how = f"to better than {100 * UNEXPLAINED:g} %; nothing tells what noise makes"
-    return "predicts", f"the result predicts the record {how}: at worst {_told(*worst, several)}"
+        return "every channel of the record is zero"
+    best = min(known, key=lambda pair: np.hypot(pair[1].noise or 0.0, pair[1].deviations or 0.0))
+    return f"{_told(*best, several)}, and of no channel less: any machine would pass"
 
 
 def _told(number: int, channel: ChannelError, several: bool) -> str:
@@ -263,3 +301,8 @@ CURES = (
     "determine what the second one needs.",
 )
 """What to do where a prediction fails."""
+LOUDER = (
+    "Take a record with more excitation, of more periods, or of lines where the machine answers; "
+    "where the deviations of the values hide the error, identify with more data first."
+)
+"""What to do where a record proves nothing."""

@@ -24,7 +24,7 @@ from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
 from rotorid.report.text import information_lines, validation_table
 from rotorid.tables import Page
-from rotorid.validation import CURES, ChannelError, channel_errors, verdict_of
+from rotorid.validation import ChannelError, channel_errors, verdict_of
 from rotorid.writing import check_apart
 
 
@@ -53,11 +53,10 @@ def run(
         told = [information_of(plan.model, estimate, record) for record in records]
     except InputError as error:
         raise error.at(file=str(result)) from None
-    verdict, said = verdict_of(found)
-    page: Page = [f"{verdict}: {said}", validation_table(found), *information_lines(told)]
-    page = [*page, *_its_own(estimate, plan.record_files)]
-    if verdict == "fails":
-        page = [*page, *CURES]
+    reached = verdict_of(found)
+    lead = f"{reached.verdict}: {reached.sentence}"
+    page: Page = [lead, validation_table(found), *information_lines(told)]
+    page = [*page, *_its_own(estimate, plan.record_files), *reached.cures]
 
     def html() -> str:
         from rotorid.report.validation import validation_report  # pictures take their time to load
@@ -67,9 +66,9 @@ def run(
         work = [*done(given, [result, *plan.files]), *information_lines(told)]
         return validation_report(estimate, plan.model, found, shown, work)
 
-    content = {"verdict": verdict, "channels": channels(found)}
+    content = {"verdict": reached.verdict, "channels": channels(found)}
     answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
-    return OK if verdict == "predicts" else NO_ANSWER
+    return OK if reached.verdict == "predicts" else NO_ANSWER
 
 
 def _check_model(estimate: Estimate, name: str, result: Path) -> None:

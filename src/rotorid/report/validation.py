@@ -11,7 +11,7 @@ from rotorid.report.estimate import record_pictures, records_table
 from rotorid.report.html import render
 from rotorid.report.text import validation_table
 from rotorid.report.verdict import METHODS
-from rotorid.validation import CURES, ChannelError, verdict_of
+from rotorid.validation import ChannelError, verdict_of
 
 
 def validation_report(
@@ -22,15 +22,15 @@ def validation_report(
     notes: Sequence[str] = (),
 ) -> str:
     """Return what a validation shows as HTML: its verdict, and every record as it is predicted."""
-    verdict, said = verdict_of(found)
+    reached = verdict_of(found)
     return render(
         "validation.html",
         estimate=estimate,
         model=model,
-        verdict=verdict,
+        verdict=reached.verdict,
         method=METHODS.get(estimate.method, estimate.method),
-        said=said[:1].upper() + said[1:],
-        steps=CURES if verdict == "fails" else (),
+        said=reached.sentence[:1].upper() + reached.sentence[1:],
+        steps=reached.cures,
         channels=validation_table(found),
         records=records_table(records),
         pictures=list(record_pictures(records, another=True)),
