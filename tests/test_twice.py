@@ -278,6 +278,39 @@ def test_an_export_with_fewer_digits(how: str, load, tmp_path: Path) -> None:
     assert not any("scatters as" in text for text in first.warnings)
 
 
+@pytest.mark.parametrize(("part", "said"), [(0.2, True), (0.45, False)])
+def test_lost_digits_are_noise_of_their_own(part: float, said: bool, load, tmp_path: Path) -> None:
+    """Correlations of .98 and .91; .95 is asked for."""
+    values, rng = columns(), np.random.default_rng(5)
+    write(tmp_path / "run.h5", values)
+    values["px"] = values["px"] + part * 1e-3 * rng.standard_normal(1000)
+    write(tmp_path / "again.h5", values)
+    more = "harmonics = [1, 2, 3, 4, 5, 6, 7]"
+    _, second = load(("run.h5", more), ("again.h5", more)).records()
+    assert any("scatters as" in text for text in second.warnings) == said
+
+
+def test_a_measurement_from_its_fourth_period_on(load, tmp_path: Path) -> None:
+    write(tmp_path / "run.h5", columns())
+    write(tmp_path / "late.h5", {name: 2 * one[300:] for name, one in columns().items()})
+    _, second = load(("run.h5", LINES), ("late.h5", LINES)).records()
+    assert any("period by period, 3 periods later (corr" in text for text in second.warnings)
+    _, second = load(("late.h5", LINES), ("run.h5", LINES)).records()
+    assert any("period by period, 3 periods earlier" in text for text in second.warnings)
+
+
+def test_hum_of_two_records_is_no_copy(load, tmp_path: Path) -> None:
+    """It meets itself at some lag; with a twentieth of noise to .997, short of .999."""
+    rng = np.random.default_rng(3)
+    for name, start in (("run.h5", 0.0), ("again.h5", 0.4321)):
+        values = columns(7)
+        hum = 0.1 * np.sin(2 * np.pi * 52.3 * (TIME + start))
+        values["px"] = values["px"] + hum + 5e-3 * rng.standard_normal(1000)
+        write(tmp_path / name, values)
+    _, second = load(("run.h5", LINES), ("again.h5", LINES)).records()
+    assert not any("scatters as" in text for text in second.warnings)
+
+
 def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
     """Two exact records of one excitation are alike in all but their rounding."""
     exact = {name: np.resize(one[:100], 1000) for name, one in columns().items()}

@@ -20,11 +20,12 @@ from rotorid.files import is_hollow
 from rotorid.filtered import FilteredRecord
 from rotorid.limits import HASHED_BYTES
 from rotorid.observation import Measured
-from rotorid.record import Channel, PeriodicRecord
+from rotorid.record import Channel, Floats, PeriodicRecord
 
 _PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
 _STEP = 1 << 20  # bytes that are compared at a time where these are the same
-_ALIKE = 0.99  # of independent noise, a correlation of eight lines is so by a chance of 1e-13
+_ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a chance of 1e-10
+_LATER = 0.999  # where one begins periods later: some lag or other brings any two hums so near
 _FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
 _ROUNDING = 1e-7  # of single precision: scatter below it is none
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
@@ -183,38 +184,57 @@ def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
 def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     """Say which records scatter from period to period as another does: noise does not repeat.
 
-    One measurement that was exported twice, in other units or with fewer digits, shows by it. It is
-    told, not refused: what decays from one start, or hum that began alike, may repeat.
+    One measurement that was exported twice, in other units or with fewer digits, or begun some
+    periods later, shows by it. It is told, not refused: what decays from one start, or hum that
+    began alike, may repeat.
     """
     told = {}
     periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
     for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
         names = [name for name in one.names if name not in inputs and name in other.names]
-        shares = [_share(one, other, name) for name in names]
-        known = [share for share in shares if share is not None]
-        if known and min(known) > _ALIKE:
+        known = [lags for name in names if (lags := _by_lag(one, other, name)) is not None]
+        if not known:
+            continue
+        least = np.min(known, axis=0)
+        lags = np.arange(len(least)) - (len(other.spectra) - 2)
+        count = np.minimum(len(one.spectra), len(other.spectra) + lags) - np.maximum(lags, 0)
+        told_from = np.where(lags == 0, _ALIKE, _LATER)
+        told_from[(count - 1) * len(one.harmonics) < _FREEDOM] = np.inf
+        at = int((least - told_from).argmax())
+        if least[at] > told_from[at]:
+            lag = int(lags[at])
+            later = f", {abs(lag)} periods {'later' if lag > 0 else 'earlier'}" if lag else ""
             told[second] = (
-                f"{other.source} scatters as {one.source} does, period by period (correlation "
-                f"{min(known):.4f}): if they are one measurement, exported twice, remove one, or "
-                "the deviations are too small"
+                f"{other.source} scatters as {one.source} does, period by period{later} "
+                f"(correlation {least[at]:.4f}): if they are one measurement, exported twice, "
+                "remove one, or the deviations are too small"
             )
     return told
 
 
-def _share(one: PeriodicRecord, other: PeriodicRecord, name: str) -> float | None:
-    """Return the correlation of a sensor's scatter in two records; None where none can be told."""
+def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | None:
+    """Return how a sensor's scatter in two records correlates, the second begun ever later.
+
+    Scatter is what changes from one period to the next, so that slow drifts are no likeness. From
+    the lag at which the second's last change meets the first's first one; None without scatter.
+    """
     if not np.array_equal(one.harmonics, other.harmonics):
         return None
-    count = min(len(one.spectra), len(other.spectra))
     parts = []
     for record in (one, other):
-        lines = record.spectra[:count, :, record.names.index(name)]
-        rest = lines - lines.mean(axis=0)
+        lines = record.spectra[:, :, record.names.index(name)]
+        rest = np.diff(lines, axis=0)
         if np.linalg.norm(rest) <= _ROUNDING * np.linalg.norm(lines):
             return None
-        parts.append(rest / np.linalg.norm(rest))
-    free = (count - 1) * len(one.harmonics)
-    return None if free < _FREEDOM else float(np.vdot(parts[0], parts[1]).real)
+        parts.append(rest)
+    first, second = parts
+    size = len(first) + len(second) - 1
+    turned = np.fft.fft(first, size, axis=0) * np.fft.fft(second[::-1].conj(), size, axis=0)
+    product = np.fft.ifft(turned, axis=0).sum(axis=1).real
+    powers = [(np.abs(part) ** 2).sum(axis=1) for part in parts]
+    ones = [np.ones(len(part)) for part in parts]
+    shared = np.convolve(powers[0], ones[1]) * np.convolve(ones[0], powers[1])
+    return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
 
 
 def _again(first: int, second: int, name: str) -> InputError:
