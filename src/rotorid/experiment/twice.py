@@ -192,7 +192,8 @@ def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
     for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
         names = [name for name in one.names if name not in inputs and name in other.names]
-        known = [lags for name in names if (lags := _by_lag(one, other, name)) is not None]
+        shares = [_by_lag(one, other, name) for name in names]
+        known = [share for share in shares if share is not None]
         if not known:
             continue
         least = np.min(known, axis=0)
