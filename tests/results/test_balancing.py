@@ -354,11 +354,35 @@ def test_what_was_fixed_is_told_and_never_exact():
         ("theta_x,theta_y", "a couple, where a mass makes a force"),
         ("x,theta_x", "a couple, where a mass makes a force"),
         ("y,x", "a pair in which y comes before x"),
+        ("x,x", "two directions that are not x and y of one place"),
+        ("x + 0.1*theta_y,y - 0.3*theta_x - 0.5*y", "not x and y of one place"),
+        ("2*x,2*y", "2 times the motion of a place"),
+        ("0.5*x,0.5*y", "0.5 times the motion of a place"),
     ],
 )
 def test_a_pair_that_is_no_plane_is_refused(plane: str, told: str) -> None:
     with pytest.raises(rid.InputError, match=told):
         rid.balance(known_rigid(), [plane], "6000 rpm")
+
+
+def test_a_current_is_no_plane() -> None:
+    """The mass would be too small by k_i, and with a negative one on the other side."""
+    text = """
+    title = "a mass in two magnets"
+    equations = ["m*x'' + k*x = ki*i_x + m*xi*Omega^2*cos(phi)",
+                 "m*y'' + k*y = ki*i_y + m*xi*Omega^2*sin(phi)"]
+    coordinates = { x = "m", y = "m" }
+    inputs = { i_x = "A", i_y = "A" }
+    [parameters]
+    m = { unit = "kg", nominal = 2.0 }
+    k = { unit = "N/m", nominal = 2e5 }
+    ki = { unit = "N/A", nominal = 50.0 }
+    xi = { unit = "m", nominal = 2e-5 }
+    """
+    estimate = estimate_of(model_of(text))
+    assert rid.balance(estimate, ["x,y"], 900.0).corrections
+    with pytest.raises(rid.InputError, match=r"the input i_x in A for a plane; .*such as x,y;"):
+        rid.balance(estimate, ["i_x,i_y"], 900.0)
 
 
 def test_planes_that_cannot_do_away_with_the_unbalance_have_no_grade() -> None:

@@ -1,6 +1,7 @@
 """Rig files, the shipped ones and others; and the files that a rig leaves."""
 
 import re
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,6 +114,34 @@ def test_multisines_of_a_file() -> None:
     assert len(rig.excitation.harmonics) == 15
     full = parse_rig(changed(old, "full = 12\napart = true\n\n")).rig.excitation
     assert (np.count_nonzero(full.amplitudes, axis=1) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("harmonics = [1, 3, 5, 7, 9, 11]", "odd = 1000000001", "excitation: found lines up to"),
+        ("harmonics = [1, 3, 5, 7, 9, 11]", "full = 251", "up to 5020 Hz; expected at most half"),
+        (
+            'fundamental = "20 Hz"',
+            'fundamental = "1 uHz"',
+            r"fundamental: found a period of 1e\+10",
+        ),
+        ('delay = "50 us"', 'delay = "500 s"', "delay: found 500 s; expected at most 100 steps"),
+    ],
+)
+def test_what_would_fill_the_memory_is_refused(old: str, new: str, message: str) -> None:
+    started = time.process_time()
+    with pytest.raises(InputError, match=message):
+        _ = parse_rig(changed(old, new)).rig.schedule
+    assert time.process_time() - started < 1
+    assert (
+        len(
+            parse_rig(
+                changed("harmonics = [1, 3, 5, 7, 9, 11]", "full = 250")
+            ).rig.excitation.harmonics
+        )
+        == 250
+    )
 
 
 def test_currents_as_excitation() -> None:

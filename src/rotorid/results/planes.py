@@ -19,6 +19,9 @@ from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.machine import Machine
 from rotorid.results.whirl import partners
 
+ALIKE = 1e-3
+"""Share by which x and y of one place may differ, and their size from one: digits of a drawing."""
+
 
 @dataclass(frozen=True)
 class Directions:
@@ -55,7 +58,8 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     for pair in _readings(machine, plane):
         columns = [_force_column(machine, name) for name in pair]
         if columns[0] is not None and columns[1] is not None:
-            _check_pair(machine, plane, columns[0], columns[1])
+            combined = not {*pair} & {*machine.model.inputs}
+            _check_pair(machine, plane, columns[0], columns[1], combined=combined)
             return np.asarray(columns[0] - 1j * columns[1])
     raise InputError(
         f"the plane {plane[:60]!r}",
@@ -65,8 +69,8 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     )
 
 
-def _check_pair(machine: Machine, plane: str, *columns: Floats) -> None:
-    """Refuse pairs of couples, on which no mass acts, and pairs in which y comes before x."""
+def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) -> None:
+    """Refuse what is not x and y of one place: couples, y before x, parts or multiples of it."""
     directions, names = directions_of(machine), list(machine.model.coordinates)
     lengths = np.array([machine.model.units[name] == "m" for name in names])
     first, second = (
@@ -76,10 +80,16 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats) -> None:
     for a, b in partners(names):
         turned[b] += first[a]
         turned[a] -= first[b]
+    x, y = np.array(partners(names), dtype=np.int64).reshape(-1, 2).T
+    size = np.hypot(first[x].sum(), first[y].sum())
     if not (first.any() and second.any()):
         found = "a couple, where a mass makes a force"
     elif turned.any() and np.allclose(second, -turned):
         found = "a pair in which y comes before x"
+    elif turned.any() and not np.allclose(second, turned, atol=ALIKE * size):
+        found = "two directions that are not x and y of one place"
+    elif combined and turned.any() and abs(size - 1) > ALIKE:
+        found = f"{size:.4g} times the motion of a place"
     else:
         return
     raise InputError(
@@ -106,7 +116,8 @@ def _offered(machine: Machine) -> str:
     named = list(machine.model.coordinates)
     pairs = [f"{named[a]},{named[b]}" for a, b in partners(named) if model.units[named[a]] == "m"]
     pairs = [pair for pair in pairs if "node" not in pair] or pairs
-    inputs = [f"{model.inputs[a]},{model.inputs[b]}" for a, b in partners(model.inputs)]
+    forces = [name for name in model.inputs if model.units[name] == "N"]
+    inputs = [f"{forces[a]},{forces[b]}" for a, b in partners(forces)]
     return (
         ("such as " + " or ".join([*pairs[:3], *inputs[:2]])) if pairs or inputs else "of x and y"
     )
@@ -115,6 +126,13 @@ def _offered(machine: Machine) -> str:
 def _force_column(machine: Machine, text: str) -> Floats | None:
     """Return what a force of 1 N does there to the equations, shape (row,); None for no place."""
     if text in machine.model.inputs:
+        if machine.model.units[text] != "N":
+            raise InputError(
+                f"the input {text} in {machine.model.units[text]} for a plane",
+                f"the two directions in which a force acts, {_offered(machine)}",
+                "name them, x before y",
+                place="plane",
+            )
         return np.asarray(machine.input_matrix()[:, machine.model.inputs.index(text)])
     shares = shares_of(machine, text)
     return None if shares is None else directions_of(machine).column(shares)

@@ -16,6 +16,7 @@ from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import as_channels
 from rotorid.errors import InputError, ReadError
+from rotorid.limits import RIG_SAMPLES
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.combination import linear_combination
 from rotorid.record import Channel
@@ -278,7 +279,9 @@ def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
         name: to_si(signal.amplitude, unit, place=f"excitation.signals.{name}.amplitude")
         for name, signal in entry.signals.items()
     }
+    highest = max(entry.odd or 0, entry.full or 0)
     try:
+        _check_lines(highest, entry.fundamental, file.controller.rate)
         signals = multisine(
             entry.fundamental,
             _lines(entry, rng),
@@ -292,6 +295,24 @@ def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
         raise error.at(place="excitation") from None
     turned = signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
     return minimize_crest(turned) if entry.minimize_crest else turned
+
+
+def _check_lines(highest: int, fundamental: float, rate: float) -> None:
+    """Refuse lines that a controller cannot play, before they are laid out one by one."""
+    period = rate / fundamental if fundamental > 0 else 1.0  # else it is refused by itself
+    if not period <= RIG_SAMPLES:
+        raise InputError(
+            f"a period of {period:.3g} steps of the controller",
+            f"at most {RIG_SAMPLES}",
+            "choose a higher fundamental",
+            place="fundamental",
+        )
+    if 2 * highest > period:
+        raise InputError(
+            f"lines up to {highest * fundamental:.6g} Hz",
+            f"at most half the rate of the controller, {rate / 2:.6g} Hz",
+            "end at a lower line",
+        )
 
 
 def _lines(entry: ExcitationEntry, rng: np.random.Generator) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -146,11 +147,10 @@ def _age(theta: float, period: float, delay: float, lag: float) -> float:
     s(m T + theta - d) - s((m - 1) T + theta - d), so the age is
     theta + T sum_m (1 - s(m T + theta - d)).
     """
-    ticks = np.arange(int((delay + 50 * lag) / period) + 3)
-    since = ticks * period + theta - delay
-    begun = since > -1e-9 * period
-    rest = np.exp(-np.where(begun, since, 0.0) / lag) if lag > 0 else np.zeros(len(ticks))
-    return float(theta + period * np.where(begun, rest, 1.0).sum())
+    waiting = max(0, math.ceil((delay - theta) / period - 1e-9))  # commands not begun yet
+    first = max(waiting * period + theta - delay, 0.0)
+    rest = math.exp(-first / lag) / -math.expm1(-period / lag) if lag > 0 else 0.0
+    return theta + period * (waiting + rest)
 
 
 def logged(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:

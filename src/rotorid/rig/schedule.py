@@ -11,6 +11,9 @@ from rotorid.errors import InputError
 from rotorid.record import Floats, Integers
 
 MAX_EVENTS = 20_000
+MAX_DELAY = 100
+"""Steps of the controller: each is a state of the loop, whose stability is looked at; real ones
+take one or two."""
 
 
 class Schedule(NamedTuple):
@@ -65,6 +68,13 @@ def merge_clocks(control_rate: float, sample_rate: float, delay: float) -> Sched
             f"{delay} s",
             "0 s or more",
             "give how long the controller computes, or leave it out",
+            place="delay",
+        )
+    if delay * control_rate > MAX_DELAY:
+        raise InputError(
+            f"{delay:g} s",
+            f"at most {MAX_DELAY} steps of the controller, {MAX_DELAY / control_rate:g} s",
+            "give how long the controller computes: a step or two",
             place="delay",
         )
     ratio = Fraction(sample_rate / control_rate).limit_denominator(MAX_EVENTS)
