@@ -1,13 +1,24 @@
 """Every format, read from a file that its own library wrote."""
 
+import gc
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from io_writers import PACKAGES, RATE, WRITERS, write_hdf5, write_mdf, write_tdms, write_uff
+from io_writers import (
+    PACKAGES,
+    RATE,
+    WRITERS,
+    uff_set,
+    write_hdf5,
+    write_mdf,
+    write_tdms,
+    write_uff,
+)
 
 import rotorid as rid
 from rotorid.errors import InputError, ReadError
@@ -172,3 +183,57 @@ def test_data_sets_that_their_names_do_not_tell_apart(tmp_path: Path) -> None:
     opened = open_table(tmp_path / "run.uff")
     assert opened.names == ["1+Z", "2+Z"]
     np.testing.assert_allclose(opened.read(["2+Z"])["2+Z"].values, 100 * X[::-1], rtol=1e-10)
+
+
+def two_starts(path: Path, apart: float) -> None:
+    """Write two columns of 1 kHz, the second of which begins later."""
+    force, motion = np.arange(50.0), np.arange(50.0) ** 2
+    if path.suffix == ".mf4":
+        from asammdf import MDF, Signal
+
+        with MDF(version="4.10") as data:
+            for name, values, later in (("f", force, 0.0), ("x", motion, apart)):
+                data.append([Signal(values, np.arange(50) / 1000 + later, name=name, unit="m")])
+            data.save(path, overwrite=True)
+    elif path.suffix == ".tdms":
+        from nptdms import ChannelObject, TdmsWriter
+
+        begun = np.datetime64("2026-03-11T12:00:00", "us")
+        with TdmsWriter(path) as writer:
+            for name, values, later in (("f", force, 0.0), ("x", motion, apart / 2)):
+                said = {"wf_increment": 1e-3, "wf_start_offset": later}
+                said["wf_start_time"] = begun + np.timedelta64(round(later * 1e6), "us")
+                writer.write_segment([ChannelObject("run", name, values, properties=said)])
+    else:
+        import pyuff
+
+        sets = [
+            uff_set(name, values, "m", node=node, binary=0)
+            | {"x": np.arange(50) / 1000 + later, "abscissa_min": later}
+            for node, (name, values, later) in enumerate(
+                (("f", force, 0.0), ("x", motion, apart)), start=1
+            )
+        ]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResourceWarning)
+            pyuff.UFF(str(path)).write_sets(sets, "add")
+            gc.collect()
+
+
+@pytest.mark.parametrize("name", ["run.mf4", "run.tdms", "run.uff"])
+def test_columns_that_begin_at_other_times(name: str, tmp_path: Path) -> None:
+    """Side by side their samples would be those of other times: a wrong machine, or a delay."""
+    path = tmp_path / name
+    pytest.importorskip(PACKAGES[path.suffix])
+    two_starts(path, 0.0214)
+    with pytest.raises(ReadError, match=r"columns that begin 0\.0214 s apart.*overrule = true"):
+        rid.read_record(path, columns=["f", "x"])
+    rate = rid.read_record(path, columns=["x"]).sample_rate
+    ruled = rid.read_record(path, columns=["f", "x"], sample_rate=rate, overrule=True)
+    assert not ruled.warnings
+    for apart, told in ((0.0002, 1), (0.000004, 0)):
+        path.unlink()
+        two_starts(path, apart)
+        found = rid.read_record(path, columns=["f", "x"]).warnings
+        assert len(found) == told
+        assert all("0.0002 s apart" in text for text in found)

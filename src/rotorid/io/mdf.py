@@ -70,8 +70,9 @@ class MdfTable(NamedArrays):
         if not is_numeric(values.dtype) or values.ndim != 1:
             raise ValueError(f"{name!r} holds no numbers")
         unit = str(signal.unit or "").strip() or None
-        rate = even_rate(np.asarray(signal.timestamps, dtype=float))
-        return Column(values.astype(np.float64), unit, rate)
+        times = np.asarray(signal.timestamps, dtype=float)
+        start = float(times[0]) if len(times) else None
+        return Column(values.astype(np.float64), unit, even_rate(times), start)
 
 
 def open_mdf(path: Path) -> MdfTable:

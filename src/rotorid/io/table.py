@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -52,11 +52,21 @@ class Rate:
 
 @dataclass(frozen=True)
 class Column:
-    """Samples of one column as they stand in the file, and what the file states of them."""
+    """Samples of one column as they stand in the file, and what the file states of them.
+
+    Parameters
+    ----------
+    values : array
+    unit : str or None
+    rate : Rate or None
+    start : float or None
+        When its first sample was taken, in s by the clock of all columns.
+    """
 
     values: Floats
     unit: str | None = None
     rate: Rate | None = None
+    start: float | None = None
 
     def __post_init__(self) -> None:
         """Take a rate that no logger has for none."""
@@ -308,7 +318,8 @@ class LoadedArrays(NamedArrays):
         for name in names:
             place = self.place(name)
             found = self.arrays[place.path]
-            columns[name] = Column(as_column(found.values, place), found.unit, found.rate)
+            values = as_column(found.values, place)
+            columns[name] = replace(found, values=values)
         return columns
 
     def scalar(self, name: str) -> float:

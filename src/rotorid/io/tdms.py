@@ -104,11 +104,23 @@ def _floats(values: Any) -> Floats:
     return np.asarray(array, dtype=np.float64)
 
 
-def _stated(channel: Any) -> tuple[str | None, Rate | None]:
-    """Return the unit and the sample rate in the properties of a channel."""
+def _stated(channel: Any) -> tuple[str | None, Rate | None, float | None]:
+    """Return unit, sample rate and time of the first sample in the properties of a channel."""
     unit = str(channel.properties.get("unit_string", "")).strip() or None
     step = channel.properties.get("wf_increment")
     usable = isinstance(step, int | float) and np.isfinite(step) and step > 0
     if np.dtype(channel.dtype).kind == "M":
         unit = "s"
-    return unit, Rate(1 / float(step)) if usable and step != 1.0 else None
+    return unit, Rate(1 / float(step)) if usable and step != 1.0 else None, _start(channel)
+
+
+def _start(channel: Any) -> float | None:
+    """Return when the first sample was taken, in s; None where the file does not say."""
+    begun, offset = (channel.properties.get(f"wf_start_{key}") for key in ("time", "offset"))
+    if begun is None and offset is None:
+        return None
+    later = float(offset) if isinstance(offset, int | float) and np.isfinite(offset) else 0.0
+    if not isinstance(begun, np.datetime64) or np.isnat(begun):
+        return later
+    since = begun.astype("datetime64[us]") - np.datetime64("2000-01-01", "us")
+    return float(since.astype(np.int64)) * 1e-6 + later

@@ -20,6 +20,11 @@ from rotorid.io.clock import (
 from rotorid.io.table import Column, Rate
 from rotorid.record import Booleans, Floats
 
+TOGETHER = 0.01
+"""Samples by which columns may begin apart: clocks are written to a microsecond."""
+BESIDE = 0.5
+"""Samples up to which no sample stands beside the wrong one."""
+
 
 @dataclass(frozen=True)
 class RecordClock:
@@ -69,7 +74,23 @@ def weigh_clock(
     limits: tuple[float, float | None],
 ) -> RecordClock:
     """Weigh what is said of the sample rate here, by the stamps, and by the file."""
-    stated = _stated_rate([column.rate for column in columns if column.rate is not None])
+    several = list(columns)
+    stated = _stated_rate([column.rate for column in several if column.rate is not None])
+    clock = _weighed(given, stamps, stated, overrule, fundamental, limits)
+    starts = [column.start for column in several if column.start is not None]
+    told = () if overrule else _check_starts(starts, clock.rate)
+    return replace(clock, warnings=(*clock.warnings, *told))
+
+
+def _weighed(
+    given: float | None,
+    stamps: Floats | None,
+    stated: Rate | None,
+    overrule: bool,
+    fundamental: float | None,
+    limits: tuple[float, float | None],
+) -> RecordClock:
+    """Return the clock by one of the three, held against the others."""
     if stamps is not None:
         begin, end = _stretch(stamps, *limits)
         used = stamps[begin:end]
@@ -130,6 +151,24 @@ def _stated_rate(rates: Sequence[Rate]) -> Rate | None:
                 place="sample_rate",
             )
     return rates[0]
+
+
+def _check_starts(starts: Sequence[float], rate: float) -> tuple[str, ...]:
+    """Refuse columns that begin at other times: their samples would stand side by side wrongly."""
+    apart = max(starts, default=0.0) - min(starts, default=0.0)
+    if abs(apart) * rate <= TOGETHER:
+        return ()
+    if abs(apart) * rate <= BESIDE:
+        return (
+            f"columns that begin {apart:.3g} s apart, as the file has it: taken as one time; the "
+            "later ones have a delay of minus that",
+        )
+    raise ReadError(
+        f"columns that begin {apart:.6g} s apart, as the file has it",
+        "columns of one clock that begin together",
+        "export the stretch that they share, or give overrule = true if the file is wrong",
+        place="time",
+    )
 
 
 def _check_rate(given: float, found: Rate, teller: str, cure: str) -> None:

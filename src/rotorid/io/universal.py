@@ -90,4 +90,5 @@ def _column(found: Mapping[str, Any]) -> Column:
     step = float(found.get("abscissa_inc") or 0.0)
     even = found.get("abscissa_spacing") == _EVEN and np.isfinite(step) and step > 0
     unit = text_of(found.get("ordinate_axis_units_lab")) or None
-    return Column(values, unit, Rate(1 / step, _DIGITS) if even else None)
+    start = float(found.get("abscissa_min") or 0.0)
+    return Column(values, unit, *((Rate(1 / step, _DIGITS), start) if even else ()))
