@@ -37,7 +37,7 @@ from rotorid.experiment.twice import (
     check_records,
     shared_currents,
 )
-from rotorid.experiment.zero_of_angle import Wave, check_rotation, wave_of
+from rotorid.experiment.zero_of_angle import Wave, check_rotation, check_told, wave_of
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
@@ -339,6 +339,8 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         every = [own_entries(record, entry.channels) for record in entry.records]
         check_records(entry.records, every, model.inputs, where)
         check_modes(entry.modes)
+        if entry.estimator.runout:
+            check_told(entry.records)
         return Experiment(
             file=str(path),
             folder=where,

@@ -8,6 +8,7 @@ same but a hundred times as large is one in another unit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,10 +49,38 @@ class Wave:
         return factor if np.abs(ratios - factor).max() <= ALIKE * abs(factor) else None
 
 
+def check_told(records: Sequence[RecordEntry]) -> None:
+    """Refuse runout beside several records of which nothing says where their angle begins.
+
+    A wrong zero of one of them turns its unbalance; the unknown runout takes that up, and nothing
+    shows it: another unbalance fits as well.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    untold = [k for k, record in enumerate(records) if turns_untold(record)]
+    if len(untold) > 1:
+        raise InputError(
+            f"nothing, nor in records.{untold[0]}, which turns too",
+            "the rotor angle at the first sample of each record, where runout is to be told from "
+            "unbalance",
+            'write phase = "0 deg" in all of them if the mark of the rotor started them, or name '
+            "the column of the mark: keyphasor, angle",
+            place=f"records.{untold[1]}.phase",
+        )
+
+
+def turns_untold(record: RecordEntry) -> bool:
+    """Tell whether a record turns and says nothing of where its angle begins."""
+    if record.kind != "samples" or record.angle is not None or record.keyphasor is not None:
+        return False
+    return bool(record.speed.value) and "phase" not in record.model_fields_set
+
+
 def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wave | None:
     """Return the rotation's line of a record; None at standstill, or where it has its own."""
-    told = "phase" in entry.model_fields_set or entry.angle is not None
-    told |= entry.keyphasor is not None
     sensors = [c for c in record.names if c in model.coordinates]
     if record.speed == 0 or entry.parameters or not sensors:
         return None
@@ -61,7 +90,7 @@ def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wa
     centred = samples - (window * samples).sum(axis=0)
     wave = np.exp(-1j * record.rotor_angle())[:, None]
     phasors = (window * wave * centred).sum(axis=0)
-    return Wave(number, record.speed, tuple(sensors), phasors, told)
+    return Wave(number, record.speed, tuple(sensors), phasors, not turns_untold(entry))
 
 
 def check_rotation(waves: list[Wave], file: str) -> None:

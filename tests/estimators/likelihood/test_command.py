@@ -20,6 +20,7 @@ RECORD = """
 file = "{hertz:g}.h5"
 sample_rate = "5 kHz"
 speed = "{hertz:g} Hz"
+phase = "0 deg"
 fundamental = "20 Hz"
 harmonics = [1, 3, 5, 7, 9, 11]
 """
@@ -137,6 +138,22 @@ def test_runout_at_one_speed_and_at_two(folders, levitated):
     assert "runout[x1].cos" in found
 
 
+def test_runout_asks_where_each_angle_begins(folders):
+    """A wrong zero of one record would pass for runout, and the unbalance be another one."""
+    said = HEAD + one() + one(100.0) + FORCES + SENSORS + LENGTH
+    untold = said.replace('phase = "0 deg"\n', "")
+    (folders["runout"] / "run.toml").write_text(untold + "\n[estimator]\nrunout = true\n")
+    with pytest.raises(rid.InputError, match=r"records\.1\.phase: found nothing"):
+        rid.load_experiment(folders["runout"] / "run.toml")
+    for fine in (
+        untold,  # without runout the misfit tells
+        untold.replace('speed = "100 Hz"', 'speed = "0 Hz"') + "\n[estimator]\nrunout = true\n",
+        said.replace('phase = "0 deg"\n', "", 1) + "\n[estimator]\nrunout = true\n",
+    ):
+        (folders["runout"] / "run.toml").write_text(fine)
+        assert len(rid.load_experiment(folders["runout"] / "run.toml").entry.records) == 2
+
+
 def test_headline_from_files(folders, levitated):
     """Coil currents and bearing sensors; one scale, one ruler."""
     options = '\n[estimator]\nmethod = "ml"\nrunout = true\ngains = ["ki", "ks"]\n'
@@ -202,7 +219,7 @@ min = "0 kg m^2"
 
 
 def test_unknown_phase_and_delays(folders):
-    turned = one(100.0).replace("speed", 'phase = "unknown"\nspeed')
+    turned = one(100.0).replace('"0 deg"', '"unknown"')
     late = FORCES.replace('"F_x1", unit = "N"', '"F_x1", unit = "N", delay = { std = "5 us" }')
     options = '\n[estimator]\nrunout = true\ndelays = ["position"]\n'
     text = HEAD + one() + turned + late + SENSORS + LENGTH + options
