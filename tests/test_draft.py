@@ -153,7 +153,7 @@ def test_currents_of_planes_are_those_of_the_model_in_their_order(tmp_path: Path
     assert "taken A for 1, B for 3, by their order: check" in text
     swapped = draft([path], "rigid", tmp_path)  # B of this model holds the lengths
     law = parse(swapped)["channels"]["F_ya"]
-    assert (law["current"]["column"], law["position"]) == ("I AY", "s_ya")
+    assert (law["current"]["column"], law["position"]) == ("I AY", "y + L_a*theta_x")
     read = parse(swapped)["channels"]["s_ya"]
     assert read == {"reads": "y + L_a*theta_x", "column": "Pos AY", "unit": "um"}
     assert "x" not in parse(swapped)["channels"]  # a bearing's sensor is not at the centre of mass

@@ -465,7 +465,7 @@ def test_a_prediction_that_noise_spoils_is_explained_where_the_cost_is_in_order(
         "m", "ml", "ok", (), misfit=Misfit(98.0, 99.0, 90, 0.5),
         prediction={"x1": Prediction(18.1), "y1": None}, lines_hz=(5.0, 600.0), periods=1,
     )  # fmt: skip
-    assert "x1 more than 1000 %, y1 zero, from the measured forces alone: beside" in str(good)
+    assert "; the misfit tells the fit; off by: x1 more than 1000 %, y1 zero" in str(good)
     assert "no periods, 2 lines from 5 to 600 Hz" in str(good)
     for other in (
         replace(good, status="rejected"),

@@ -649,7 +649,7 @@ def _fit_notes(estimate: Estimate) -> list[str]:
     errors = {n: "zero" if p is None else _percent(p) for n, p in estimate.prediction.items()}
     if errors:
         shown = ", ".join(f"{name} {error}" for name, error in errors.items())
-        told.append(f"predicted against measured, off by: {shown}{_by_noise(estimate)}")
+        told.append(f"predicted against measured, {_by_noise(estimate)}off by: {shown}")
     if estimate.lines_hz:
         low, high = min(estimate.lines_hz), max(estimate.lines_hz)
         whole = f"{estimate.periods} periods" if estimate.periods > 1 else "no periods"
@@ -703,8 +703,8 @@ def _by_noise(estimate: Estimate) -> str:
     if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
         return ""
     return (
-        ", from the measured forces alone: beside a resonance with hardly any damping their "
-        "noise moves the model as far as the machine moved; the misfit tells the fit"
+        "which says little here: beside a resonance with hardly any damping the noise of the "
+        "measured forces moves the model as far as the machine moved; the misfit tells the fit; "
     )
 
 

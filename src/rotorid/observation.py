@@ -270,7 +270,14 @@ def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
 
 
 def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:
-    """Return what a sensor reads: names of coordinates, dotted, or products with parameters."""
+    """Return what a sensor reads."""
+    return combined(channel.combination, model, "a channel that reads", channel.name, source)
+
+
+def combined(
+    combination: Mapping[str, float], model: Model, what: str, place: str, source: str = ""
+) -> tuple[SensorTerm, ...]:
+    """Return a combination of coordinates, dotted, or of products of them with parameters."""
     names = {
         name + dots: (k, order)
         for k, name in enumerate(model.coordinates)
@@ -278,7 +285,7 @@ def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...
     }
     still = (0,) * len(model.parameters)
     found: list[SensorTerm] = []
-    for text, coefficient in channel.combination.items():
+    for text, coefficient in combination.items():
         if text in names:
             found.append(SensorTerm(*names[text], still, float(coefficient)))
             continue
@@ -286,12 +293,12 @@ def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...
             terms = sensor_terms(text, model.coordinates, model.parameter_names)
         except InputError:
             raise InputError(
-                f"a channel that reads {text!r}",
+                f"{what} {text!r}",
                 f"inputs ({', '.join(model.inputs)}) or coordinates "
                 f"({', '.join(model.coordinates)})",
                 "give it a name of the model, or leave it out of the record",
                 file=source,
-                place=channel.name,
+                place=place,
             ) from None
         found += [replace(t, coefficient=t.coefficient * coefficient) for t in terms]
     return tuple(found)

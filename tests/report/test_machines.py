@@ -189,14 +189,19 @@ def test_what_is_overdamped_is_no_mode_of_a_page(estimate: rid.Estimate) -> None
     assert len(kept.whirl) == len(diagram.whirl) - 1
     assert np.isnan(kept.frequency_hz[0, 0])
     np.testing.assert_array_equal(kept.frequency_hz[1:, 0], diagram.frequency_hz[1:, 1])
+    jumping = diagram.frequency_hz.copy()
+    jumping[0, :2] *= 1e3, 5  # two curves in one, and one that is steep
+    kept = ringing_curves(replace(diagram, frequency_hz=jumping))
+    assert np.isnan(kept.frequency_hz[0, :2]).tolist() == [True, False]
 
 
 def test_modes_in_a_sentence(estimate: rid.Estimate) -> None:
     found, diagram = modes(estimate, speed=SPEED), campbell(estimate, "20000 rpm")
     said = sentence_of(found, diagram)
     nearest = min((c.speed_rad_s for c in diagram.critical), key=lambda s: abs(s - SPEED))
-    assert said.startswith("At 8400 rpm the machine rings from ")
+    listed = ", ".join(f"{mode.frequency_hz:.4g}" for mode in found.modes[:4])
+    assert said.startswith(f"At 8400 rpm the machine rings at {listed} and ")
     assert f"{30 / np.pi * nearest:.5g} rpm, lies {100 * (nearest / SPEED - 1):.3g} % above" in said
     still = sentence_of(modes(estimate, speed=0.0), None)
-    assert still.startswith("At standstill the machine rings ")
-    assert still.endswith("modes.")
+    assert still.startswith("At standstill the machine rings at ")
+    assert still.endswith(" Hz.")

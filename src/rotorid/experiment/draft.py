@@ -378,7 +378,7 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
         elif model is not None and name in laws:
             column, assumed = laws[name]
             place = "" if model is None else displacement(model, name)
-            table[name] = _law(column, _sensor_name(name) if name in sensors else place or OPEN)
+            table[name] = _law(column, place or (_sensor_name(name) if name in sensors else OPEN))
             told = "F = ki i + ks x; docs/experiments.md has the other laws"
             table[name].comment(_printable(f"{told}; {assumed}" if assumed else told))
         elif model is not None and name in model.inputs:
@@ -389,7 +389,7 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
     for name, (column, assumed) in sensors.items():
         reads = {"reads": "" if model is None else displacement(model, name)}
         table[_sensor_name(name)] = _inline({**reads, **_column(column, "m")})
-        told = "taken to be where the force acts"
+        told = "taken to be where the force acts; else write its own distance for the lever"
         table[_sensor_name(name)].comment(f"{told}; {assumed}" if assumed else told)
     if hidden:
         table.add(

@@ -16,6 +16,7 @@ from rotorid.experiment.schema import RecordEntry
 from rotorid.io import Source, read_record
 from rotorid.line_inspection import LineInspection, inspect_lines
 from rotorid.record import Record
+from rotorid.signals.angle import keyphasor_angle, pulse_edges
 from rotorid.signals.inspection import Inspection, inspect_record
 from rotorid.toml import parse_table, read_bytes
 from rotorid.units import to_si
@@ -139,14 +140,22 @@ def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:
 
 
 def _without_mark(record: Record, entry: Mapping[str, Any]) -> Record:
-    """Leave out the column of the rotor angle, which is no channel."""
+    """Leave out the column of the rotor angle, which is no channel; a keyphasor tells the speed."""
     angle = entry.get("angle")
     mark = angle.get("column") if isinstance(angle, dict) else entry.get("keyphasor")
     kept = [c for c, name in enumerate(record.names) if name != mark]
+    turned: dict[str, Any] = {}
+    if entry.get("keyphasor") in record.names:
+        with suppress(InputError):  # what is wrong with it is told once the file is finished
+            column, rate = record.column(entry["keyphasor"]), record.sample_rate
+            times, half = pulse_edges(column, rate, source=record.source)
+            seen = keyphasor_angle(times, len(column), rate, half=half, source=record.source)
+            turned = {"speed": seen.speed, "angle": seen.angle}
     return replace(
         record,
         channels=tuple(record.channels[c] for c in kept),
         samples=record.samples[:, kept],
+        **turned,
     )
 
 

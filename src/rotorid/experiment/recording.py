@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from rotorid.io import Source, read_record
 from rotorid.io.blocks import RecordBlocks, open_blocks
 from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.models.combination import linear_combination
+from rotorid.models.combination import sensor_terms
 from rotorid.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average
@@ -159,10 +159,28 @@ def _position(
     }
     known = (*model.coordinates, *(name for name in reads if name not in model.coordinates))
     total: dict[str, float] = {}
-    for name, factor in linear_combination(entry.position, known, place="position").items():
+    for levers, name, factor in _levers(entry.position, known, model):
         for coordinate, share in reads.get(name, {name: 1.0}).items():
-            total[coordinate] = total.get(coordinate, 0.0) + factor * share
+            text = "*".join([*levers, coordinate])
+            total[text] = total.get(text, 0.0) + factor * share
     return {name: value for name, value in total.items() if value}
+
+
+def _levers(
+    text: str, known: Sequence[str], model: Model
+) -> Iterator[tuple[list[str], str, float]]:
+    """Yield the terms of a displacement: parameters, name, coefficient."""
+    for t in sensor_terms(text, known, model.parameter_names, place="position"):
+        if t.order:
+            raise InputError(
+                f"{text[:60]!r}, which holds a derivative",
+                "a combination of positions here",
+                "leave the derivative out",
+                place="position",
+            )
+        powers = zip(model.parameter_names, t.powers, strict=True)
+        levers = [name for name, power in powers for _ in range(power)]
+        yield levers, known[t.coordinate], t.coefficient
 
 
 def measured(

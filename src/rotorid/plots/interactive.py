@@ -131,7 +131,7 @@ def _trace(curve: Curve) -> dict[str, Any]:
             "marker": {"color": curve.colour, "size": size, "symbol": symbol},
         }
         if curve.look == "named":  # on paper nobody points at a mark
-            made |= {"textposition": "top center", "cliponaxis": False}
+            made |= {"textposition": "middle right", "cliponaxis": False}
     else:
         line: dict[str, Any] = {"color": curve.colour, "width": _WIDTH.get(curve.look, 1.6)}
         if curve.look == "dashed":

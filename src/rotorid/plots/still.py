@@ -138,7 +138,7 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         axes.plot(curve.x, curve.y, color=colour, **_LOOKS[curve.look])
     if curve.look == "named":
         for x, y, told in zip(curve.x, curve.y, curve.told, strict=True):
-            place: Any = {"xytext": (0, 5), "textcoords": "offset points", "ha": "center"}
+            place: Any = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
             axes.annotate(label(told), (x, y), fontsize=7, **place)
     if curve.error is not None:
         axes.hlines(curve.y, curve.x - curve.error, curve.x + curve.error, color=colour, lw=2)

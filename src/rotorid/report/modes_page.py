@@ -17,6 +17,8 @@ from rotorid.tables import Page, Table, by_hand, table
 
 RPM = 30 / np.pi
 _NODE = re.compile(r"node\d+$")
+NAMED = 5
+"""Frequencies that a sentence names: the lowest."""
 SHOWN = 11
 """Speeds of the table of a diagram."""
 MOST_MODES = 16
@@ -29,6 +31,9 @@ FEWEST, MOST_CURVES = 2, 8
 """Curves of that table at the least, and at the most."""
 NOTHING = 1e-9
 """Damping ratios below this are rounding."""
+JUMP = 10.0
+"""No natural frequency changes by this factor from one speed of a diagram to the next: where a
+curve does, as one that begins at zero, it is two, and a gap is drawn."""
 RESONANT = 0.5**0.5
 """Damping ratio from which on no response has a peak, so that nobody measures such a mode."""
 
@@ -67,6 +72,8 @@ def ringing_curves(found: Campbell) -> Campbell:
     """Return the curves of a diagram where they are not overdamped."""
     with np.errstate(invalid="ignore"):
         heard = np.isfinite(found.frequency_hz) & (found.damping_ratio < RESONANT)
+        steps = found.frequency_hz[1:] / found.frequency_hz[:-1]
+        heard[:-1] &= ~((steps > JUMP) | (steps < 1 / JUMP))
     some = np.flatnonzero(heard.any(axis=0))
 
     def kept(values: Floats) -> Floats:
@@ -89,10 +96,10 @@ def sentence_of(found: Modes, diagram: Campbell | None) -> str:
     heard = ringing(found).modes
     told = f"{where} there is no mode that rings"
     if heard:
-        low, high = heard[0].frequency_hz, heard[min(len(heard), MOST_MODES) - 1].frequency_hz
-        ends = f"from {low:.4g} to {high:.4g} Hz" if len(heard) > 1 else f"at {low:.4g} Hz"
-        count = len(heard[:MOST_MODES])
-        told = f"{where} the machine rings {ends}, in {count} mode{'s' if count > 1 else ''}"
+        first = [f"{mode.frequency_hz:.4g}" for mode in heard[:NAMED]]
+        listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
+        more = f", and at {len(heard) - NAMED} higher frequencies" if len(heard) > NAMED else ""
+        told = f"{where} the machine rings at {listed} Hz{more}"
     if growing:
         told += (
             f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"

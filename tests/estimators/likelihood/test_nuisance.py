@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.estimators import Constraint, MaximumLikelihood
 from rotorid.estimators.likelihood import nuisances
@@ -221,6 +222,49 @@ def test_refuses_a_force_law_at_an_unknown_place(demo, bearings):
         identify(
             demo.model, replace(clean, channels=channels), MaximumLikelihood(fixed={"L1": 0.3})
         )
+
+
+def test_levers_of_a_force_law_are_parameters(tmp_path):
+    """A rigid rotor whose currents act where L_a and L_b say, its sensors 20 mm further out."""
+    model, ki, ks, out = rid.load_model("rigid"), 95.0, 4e5, 0.02
+    values = model.values(model.nominal)
+    turn = 2 * np.pi * np.outer(np.arange(250) / 250, [1, 3, 5, 7, 9])
+    waves = np.column_stack([np.cos(turn + k * turn[:, :1]).sum(axis=1) for k in range(4)])
+    force = 20.0 * (waves - waves.mean(axis=0))
+    run = rid.simulate(model, values, force, sample_rate=5e3, periods=4, speed=2 * np.pi * 100)
+    x, y, tilt_x, tilt_y = (run.column(name) for name in model.coordinates)
+    arms = {"xa": (x, tilt_y, -0.2), "ya": (y, tilt_x, 0.2), "xb": (x, tilt_y, 0.25)}
+    arms["yb"] = (y, tilt_x, -0.25)
+    columns = {}
+    for plane, (shift, tilt, arm) in arms.items():
+        columns[f"i_{plane}"] = (run.column(f"F_{plane}") - ks * (shift + arm * tilt)) / ki
+        columns[f"s_{plane}"] = shift + (arm + np.sign(arm) * out) * tilt
+    header = ",".join(columns)
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header=header, comments="", fmt="%.17g")
+    lines = ['model = "rigid"', "[[records]]", 'file = "run.csv"', 'sample_rate = "5 kHz"']
+    lines += [
+        'speed = "100 Hz"',
+        "period_samples = 250",
+        "harmonics = [1, 3, 5, 7, 9]",
+        "[channels]",
+    ]
+    for plane, (lever, other) in {
+        "xa": ("x - L_a*theta_y", " - 0.02*theta_y"), "ya": ("y + L_a*theta_x", " + 0.02*theta_x"),
+        "xb": ("x + L_b*theta_y", " + 0.02*theta_y"), "yb": ("y - L_b*theta_x", " - 0.02*theta_x"),
+    }.items():  # fmt: skip
+        law = f'law = "linear", position = "{lever}", ki = "95 N/A", ks = "4e5 N/m"'
+        lines.append(f'F_{plane} = {{ {law}, current = {{ column = "i_{plane}", unit = "A" }} }}')
+        reads = f'reads = "{lever}{other}"'
+        lines.append(f's_{plane} = {{ {reads}, column = "s_{plane}", unit = "m" }}')
+    path = tmp_path / "run.toml"
+    path.write_text("\n".join([*lines, "[parameters]", 'L_a = { fixed = "0.2 m" }']))
+    found = rid.load_experiment(path).identify()
+    for name, truth in zip(model.parameter_names, values, strict=True):
+        assert found.value(name) == pytest.approx(float(truth), rel=1e-6), name
+    path.write_text("\n".join(lines).replace('"x - L_a*theta_y"', '"x\' - L_a*theta_y"'))
+    with pytest.raises(InputError, match="holds a derivative"):
+        rid.load_experiment(path)
 
 
 def test_refuses_channels_that_fit_nothing(demo, bearings):

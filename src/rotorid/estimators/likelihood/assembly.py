@@ -24,10 +24,11 @@ from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.lines import Lines, Signal
+from rotorid.models.combination import SensorTerm
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol
 from rotorid.models.linear import InputTerm, speed_factor
-from rotorid.observation import Observation
+from rotorid.observation import Observation, combined
 from rotorid.record import Channel, Complexes, Floats, Integers
 from rotorid.signals.covariance import LineCovariance
 
@@ -110,8 +111,9 @@ def other_terms(layout: Layout, observation: Observation) -> list[Term]:
             if channel.drive is None:
                 continue
             ks, slope = _constant(layout.constant(channel.name, "ks"), channel.drive.ks)
-            for where, share in _displacement(layout, channel):
-                terms.append(Term(row, where, 0, common + slope, size * ks * share))
+            for t in _displacement(layout, channel):
+                there = common + slope + _parameters(layout, t)
+                terms.append(Term(row, t.coordinate, 0, there, size * ks * t.coefficient))
     return [*terms, *_missing_terms(layout, observation), *_sensor_rows(layout, observation)]
 
 
@@ -169,19 +171,30 @@ def _constant(unknown: int | None, known: float) -> tuple[float, Factors]:
     return (known, ()) if unknown is None else (1.0, (unknown,))
 
 
-def _displacement(layout: Layout, channel: Channel) -> list[tuple[int, float]]:
-    """Return the displacement in the bearing of an input as (coordinate, coefficient)."""
-    coordinates = layout.model.coordinates
+def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
+    """Return the displacement in the bearing of an input, levers that are parameters included."""
     assert channel.drive is not None
-    for name in channel.drive.position:
-        if name not in coordinates:
-            raise InputError(
-                f"a force law at {name!r}",
-                f"one of {', '.join(coordinates)}",
-                "name the displacement in that bearing",
-                place=channel.name,
-            )
-    return [(coordinates.index(name), share) for name, share in channel.drive.position.items()]
+    terms = combined(channel.drive.position, layout.model, "a force law", channel.name)
+    if any(t.order for t in terms):
+        raise InputError(
+            "a force law at a velocity or an acceleration",
+            "the displacement in that bearing",
+            "leave the dots out",
+            place=channel.name,
+        )
+    if layout.base and any(any(t.powers) for t in terms):
+        raise InputError(
+            "a force law at a displacement with parameters among its coefficients",
+            "known coefficients, where base parameters are asked for",
+            "put their values in, or estimate the physical parameters",
+            place=channel.name,
+        )
+    return terms
+
+
+def _parameters(layout: Layout, term: SensorTerm) -> Factors:
+    """Return the unknowns that a term of a combination of coordinates holds."""
+    return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
 def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
@@ -199,8 +212,7 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
                     "put their values in, or estimate the physical parameters",
                     place=sensor.channel.name,
                 )
-            held = np.repeat(layout.held, t.powers).tolist() if any(t.powers) else []
-            factors = tuple(held)
+            factors = _parameters(layout, t)
             terms.append(Term(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
     return terms
 

@@ -19,7 +19,7 @@ from rotorid.estimators.modes import Mode
 from rotorid.models import Model
 from rotorid.models.rotor.model import RotorModel
 from rotorid.models.rotor.reduction import Banded
-from rotorid.observation import Observation, bind
+from rotorid.observation import Observation, bind, combined
 from rotorid.record import Complexes, Floats, Integers
 
 ROUGH = 1e-4
@@ -49,7 +49,9 @@ def reduced(
     reads = {model.coordinates[t.coordinate] for r in records for s in r.sensors for t in s.terms}
     for record in records:
         for channel in record.inputs:
-            reads |= set() if channel.drive is None else set(channel.drive.position)
+            position = {} if channel.drive is None else channel.drive.position
+            terms = combined(position, model, "a force law at", channel.name)
+            reads |= {model.coordinates[t.coordinate] for t in terms}
     omega, speed = (
         np.concatenate([getattr(r.lines, name) for r in records]) for name in ("omega", "speed")
     )
