@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rotorid as rid
 from rotorid.estimate import Suspect
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood import suspects
@@ -102,6 +103,29 @@ def test_gain_of_one_sensor(demo, bearings, sensors):
     clean = miscalibrated(demo.record(bearings if sensors else None), "x1", 1.01)
     estimator = MaximumLikelihood(fixed={"L1": 0.3} if sensors else {})
     assert set(first_suspects(demo, clean, 10, estimator)) == {"gain[x1]"}
+
+
+@pytest.mark.parametrize(("degrees", "hertz"), [(70.0, 100.0), (170.0, 140.0), (-20.0, 100.0)])
+def test_a_record_that_begins_at_another_angle(degrees, hertz):
+    """Two Jeffcott rotors' runs, the second begun anywhere, as by hand; nothing says so."""
+    model, rng = load_model("jeffcott"), np.random.default_rng(8)
+    time = np.arange(250)[:, None] / 5000.0
+    forces = sum(np.cos(2 * np.pi * 20 * k * time + k) for k in (1, 3, 5, 7, 9)) * [30.0, 20.0]
+    records = []
+    for turns, begins in ((140.0, 0.0), (hertz, degrees)):
+        heavy = (2e-5 + 1e-5j) * np.exp(1j * np.deg2rad(begins))
+        values = model.values({**model.nominal, "xi": heavy.real, "zeta": heavy.imag})
+        run = rid.simulate(
+            model, values, forces, sample_rate=5000.0, periods=40, speed=2 * np.pi * turns
+        )
+        noisy = run.samples + [0.05, 0.05, 1e-7, 1e-7] * rng.standard_normal(run.samples.shape)
+        lines = [1, 3, 5, 7, 9]
+        records.append(rid.average(replace(run, samples=noisy), 20.0, harmonics=lines))
+    found = identify(model, records, MaximumLikelihood())
+    first = found.suspects[0]
+    assert (found.status, first.term) == ("rejected", "phase[1]")
+    assert first.value == pytest.approx(np.deg2rad(degrees), abs=0.02)
+    assert any('write phase = "unknown" in that record' in text for text in found.warnings)
 
 
 def test_a_true_model_has_no_suspects(demo):

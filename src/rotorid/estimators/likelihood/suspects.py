@@ -47,6 +47,7 @@ from rotorid.estimators.likelihood.nuisances import (
     every_nuisance,
 )
 from rotorid.estimators.likelihood.nuisances.gain import Gain
+from rotorid.estimators.likelihood.nuisances.phase import Phase
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point
@@ -101,6 +102,10 @@ FEWEST = 20
 """Lines that tell one mistake of a drawing from another, at the least."""
 INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
 """What to do about a term that a drawing lacks."""
+BEGINS = 'write phase = "unknown" in that record, or name the column of the mark (keyphasor, angle)'
+"""What to do about a record whose rotor angle begins elsewhere."""
+BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).tolist())
+"""Angles from which that of a further record is looked for: half a right angle leads to it."""
 EXPLAINS = 0.2
 """Least share of the excess misfit with which a suspect is a lead."""
 
@@ -125,6 +130,8 @@ class Option:
             return float(point.unknowns[index[self.prior]])
         assert self.nuisance is not None
         found = np.array([point.unknowns[index[u.name]] for u in self.nuisance.unknowns])
+        if isinstance(self.nuisance, Phase):
+            found = np.angle(np.exp(1j * found))
         return _size(self, found)
 
     def free(self, case: Case) -> Case:
@@ -356,7 +363,7 @@ class _Search:
             Option(f"gain[{label}]", "1", Multiplier.of(label, names))
             for label, names in (factor_groups(records[0]) if records else {}).items()
         ]
-        found = [*(o for o in factors if o.term not in taken), *found]
+        found = [*(o for o in factors if o.term not in taken), *found, *self._angles((0.0,))]
         if self.structure is not None:
             found += self._terms(self.structure)
         return [*found, *self._priors()]
@@ -387,6 +394,15 @@ class _Search:
             cure = f"give {name} in the rotor file the place (at) where it acts"
             found.append(Option(term, "m", lever, cure=cure))
         return found
+
+    def _angles(self, starts: Sequence[float]) -> list[Option]:
+        """Return where the rotor angle of a further record may begin."""
+        taken = self.case.prepared.layout.index
+        return [
+            Option(_term(n), "rad", n, cure=BEGINS)
+            for n in Phase.later(self.case.records, starts)
+            if _term(n) not in taken
+        ]
 
     def _priors(self) -> list[Option]:
         layout = self.case.prepared.layout
@@ -527,8 +543,14 @@ class _Search:
                     follow = partial(self.freed, option, far=True)
                     yield option.free(self.case).prepared, records, follow
 
+        def angles() -> Iterator[_Trial]:
+            for option in self._angles(BEGINNINGS):
+                follow = partial(self.freed, option, far=True)
+                yield option.free(self.case).prepared, records, follow
+
         yield undone(response_leads(records))
         yield drawn()
+        yield angles()
         yield undone(single)
         yield factors()
         yield undone(several)

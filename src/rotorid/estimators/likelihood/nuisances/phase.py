@@ -43,6 +43,16 @@ class Phase(Turn):
         """Return that of every record."""
         return [cls.of(k) for k in range(len(records))]
 
+    @classmethod
+    def later(cls, records: Sequence[Observation], starts: Sequence[float] = (0.0,)) -> list[Self]:
+        """Return that of each record that turns after the first one, at each of some starts.
+
+        The first counts the angle of the unbalance; another may have begun anywhere else.
+        """
+        turning = [k for k, r in enumerate(records) if _speed(r) != 0 and _turns(r)]
+        known = [k for k in turning[1:] if records[k].lines.phase_known]
+        return [cls.of(k, start=start) for k in known for start in starts]
+
 
 def _start(record: Observation, records: Sequence[Observation]) -> float:
     """Return by what the rotation stands turned in a record, against one that knows its phase.
