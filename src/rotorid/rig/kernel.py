@@ -17,6 +17,7 @@ from numba import njit
 
 from rotorid.actuators.laws import magnet_fluxes
 from rotorid.record import Floats, Integers
+from rotorid.rig.lags import Lags
 from rotorid.rig.schedule import Schedule
 
 
@@ -485,86 +486,120 @@ def _laws_at(bearings: Any, time: float, laws: Any) -> None:
                 laws[j, k] += bearings.heating[j, k] * max(time, 0.0)
 
 
+class Room(NamedTuple):
+    """What the loop works on, as it stands before the first event; see `room_of`."""
+
+    x: Floats
+    moved: Floats
+    y: Floats
+    stages: Floats
+    peak: Floats
+    steady: Floats
+    held: Floats
+    newest: Floats
+    coil: Floats
+    iron: Floats
+    room: Floats
+    laws: Floats
+    memory: Floats
+    scratch: Floats
+    waiting: Floats
+    reading: Floats
+    shown: Floats
+
+
+def room_of(
+    events: Events, steps: Steps, bearings: Bearings, rotor: Rotor, lags: Lags, loop: Loop
+) -> Room:
+    """Return the room that a run needs: a rig at rest, in the middle, without currents."""
+    n, inputs = rotor.force.shape
+    states = 2 * n + len(lags.floor)
+    return Room(
+        x=np.zeros(steps.state.shape[1]),
+        moved=np.zeros(steps.state.shape[1]),
+        y=np.zeros((2, states)),
+        stages=np.zeros((7, states)),
+        peak=np.concatenate((rotor.floor, lags.floor)),
+        steady=np.zeros(n),
+        held=np.zeros(inputs),
+        newest=np.zeros(inputs),
+        coil=np.zeros(inputs),
+        iron=np.zeros(inputs),
+        room=np.zeros((4, inputs)),
+        laws=bearings.law.copy(),
+        memory=np.zeros(len(loop.A)),
+        scratch=np.zeros(len(loop.A)),
+        waiting=np.zeros((events.pattern.lag + 2, inputs)),
+        reading=np.zeros(len(loop.quantum)),
+        shown=np.zeros(len(loop.quantum)),
+    )
+
+
 @njit(cache=True, error_model="numpy")
 def run(
-    events: Any, steps: Any, bearings: Any, rotor: Any, lags: Any, loop: Any, loads: Any, log: Any
-) -> tuple[int, int, float, float]:
+    events: Any, steps: Any, bearings: Any, rotor: Any, lags: Any, loop: Any, loads: Any,
+    working: Any, log: Any,
+) -> tuple[int, int, float, float]:  # fmt: skip
     """Run the rig and fill the log; return a fault (or FINE), its axis, time and size.
 
-    loads holds the cosines and sines of the rotor angle at each event of a linear rig.
+    loads holds the cosines and sines of the rotor angle at each event of a linear rig. All stands
+    in one function: the tables handed to another would count references at each event.
     """
-    plan = events.pattern
-    n, inputs = rotor.force.shape
-    x, moved = np.zeros(steps.state.shape[1]), np.zeros(steps.state.shape[1])
-    states = 2 * n + len(lags.floor)
-    z = len(x) - len(lags.floor)
-    y, stages = np.zeros((2, states)), np.zeros((7, states))
-    peak = np.concatenate((rotor.floor, lags.floor))
-    steady, held, newest = np.zeros(n), np.zeros(inputs), np.zeros(inputs)
-    coil, iron, room = np.zeros(inputs), np.zeros(inputs), np.zeros((4, inputs))
-    current, played = room[0], room[1]
-    laws = bearings.law.copy()
-    memory, scratch = np.zeros(loop.A.shape[0]), np.zeros(loop.A.shape[0])
-    waiting = np.zeros((plan.lag + 2, inputs))
-    reading = np.zeros(len(loop.quantum))
-    shown = reading.copy()
-    tick = 0
-    for pattern in range(events.repeats):
-        since = pattern - events.settling
-        for e in range(len(plan.offset)):
-            time = since * plan.duration + plan.offset[e]
-            _laws_at(bearings, time, laws)
-            if plan.control[e] >= 0:
-                tick = pattern * plan.controls + plan.control[e]
-                _signal(lags.reading, x, 0, coil, iron, z, reading)
-                _read(loop, time, loop.error_at_control[tick], reading)
-                step = since * plan.controls + plan.control[e]
-                _control(loop, step, reading, memory, scratch, newest)
-                axis = _limit(bearings, newest)
-                if axis >= 0:
-                    return BEYOND_BIAS, axis, time, newest[axis]
-                waiting[tick % len(waiting)] = newest
-                steady[:] = 0.0
-                _add_product(rotor.noise, loop.process[tick], steady)
-            due = pattern * plan.controls + plan.apply[e] - plan.lag
-            if plan.apply[e] >= 0 and due >= 0:
-                held[:] = waiting[due % len(waiting)]
-            fine = since * plan.logs + plan.log[e]
-            if plan.log[e] >= 0 and 0 <= fine < len(log.recorded):
-                currents(bearings, coil, held, 0.0, current)
-                for j in range(inputs):
-                    played[j] = _played(iron[j], bearings.hysteresis[j], current[j])
-                _signal(lags.effective, x, 0, current, played, z, log.effective[fine])
-                _signal(lags.recorded, x, 0, current, played, z, log.recorded[fine])
-                if fine % log.every == 0:
-                    sample = fine // log.every
-                    shown[:] = reading
-                    if plan.control[e] < 0 or loop.filtered:
-                        now = plan.control[e] >= 0
-                        error = loop.error_at_control[tick] if now else loop.error_at_log[sample]
-                        _signal(lags.logged, x, 0, current, played, z, shown)
-                        _read(loop, time, error, shown)
-                    _signal(lags.coil, x, 0, current, played, z, log.current[sample])
-                    forces(bearings, laws, x, log.effective[fine], log.force[sample])
-                    log.state[sample] = x[: 2 * n]
-                    log.reading[sample] = shown
-                    log.command[sample] = newest
-            axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
+    (x, moved, y, stages, peak, steady, held, newest, coil, iron, room, laws, memory, scratch,
+     waiting, reading, shown) = working  # fmt: skip
+    plan, current, played = events.pattern, room[0], room[1]
+    n, z, tick = 2 * len(steady), len(x) - len(lags.floor), 0
+    for event in range(events.repeats * len(plan.offset)):
+        pattern, e = event // len(plan.offset), event % len(plan.offset)
+        since, reads = pattern - events.settling, plan.control[e] >= 0
+        time = since * plan.duration + plan.offset[e]
+        _laws_at(bearings, time, laws)
+        if reads:
+            tick = pattern * plan.controls + plan.control[e]
+            _signal(lags.reading, x, 0, coil, iron, z, reading)
+            _read(loop, time, loop.error_at_control[tick], reading)
+            step = since * plan.controls + plan.control[e]
+            _control(loop, step, reading, memory, scratch, newest)
+            axis = _limit(bearings, newest)
             if axis >= 0:
-                return TOUCH, axis, time, 0.0
-            if steps.linear:
-                load = loads[pattern * len(plan.offset) + e]
-                _exact_step(steps, e, held, loop.process[tick], load, x, moved)
-                coil[:] = held
-                coil[bearings.lagging] = x[2 * n : z]
-            else:
-                y[0, : 2 * n] = x[: 2 * n]
-                y[0, 2 * n :] = x[z:]
-                if not integrate(
-                    rotor, bearings, lags, laws, steady, held, time, plan.length[e],
-                    coil, iron, y, peak, stages, room,
-                ):  # fmt: skip
-                    return STUCK, 0, time, 0.0
-                x[: 2 * n] = y[0, : 2 * n]
-                x[z:] = y[0, 2 * n :]
+                return BEYOND_BIAS, axis, time, newest[axis]
+            waiting[tick % len(waiting)] = newest
+            steady[:] = 0.0
+            _add_product(rotor.noise, loop.process[tick], steady)
+        due = pattern * plan.controls + plan.apply[e] - plan.lag
+        if plan.apply[e] >= 0 and due >= 0:
+            held[:] = waiting[due % len(waiting)]
+        fine = since * plan.logs + plan.log[e]
+        if plan.log[e] >= 0 and 0 <= fine < len(log.recorded):
+            currents(bearings, coil, held, 0.0, current)
+            for j in range(len(held)):
+                played[j] = _played(iron[j], bearings.hysteresis[j], current[j])
+            _signal(lags.effective, x, 0, current, played, z, log.effective[fine])
+            _signal(lags.recorded, x, 0, current, played, z, log.recorded[fine])
+            if fine % log.every == 0:
+                sample = fine // log.every
+                log.state[sample], log.command[sample] = x[:n], newest
+                shown[:] = reading
+                if not reads or loop.filtered:
+                    error = loop.error_at_control[tick] if reads else loop.error_at_log[sample]
+                    _signal(lags.logged, x, 0, current, played, z, shown)
+                    _read(loop, time, error, shown)
+                log.reading[sample] = shown
+                _signal(lags.coil, x, 0, current, played, z, log.current[sample])
+                forces(bearings, laws, x, log.effective[fine], log.force[sample])
+        axis = _touch(bearings, x) if bearings.contact == 0.0 else -1
+        if axis >= 0:
+            return TOUCH, axis, time, 0.0
+        if steps.linear:
+            _exact_step(steps, e, held, loop.process[tick], loads[event], x, moved)
+            coil[:] = held
+            coil[bearings.lagging] = x[n:z]
+            continue
+        y[0, :n], y[0, n:] = x[:n], x[z:]
+        if not integrate(
+            rotor, bearings, lags, laws, steady, held, time, plan.length[e], coil, iron, y, peak,
+            stages, room,
+        ):  # fmt: skip
+            return STUCK, 0, time, 0.0
+        x[:n], x[z:] = y[0, :n], y[0, n:]
     return FINE, 0, 0.0, 0.0

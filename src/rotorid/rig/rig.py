@@ -75,16 +75,16 @@ class Rig(Machine):
         events = assembly.event_table(self, samples)
         log = assembly.log_table(self, samples)
         lags = build_lags(self, plant, assembly.sensor_matrix(self))
-        code, axis, time, size = kernel.run(
+        tables = (
             events,
             assembly.step_table(self, plant, lags),
             bearings := assembly.bearing_table(self, plant),
             assembly.rotor_table(self, plant),
             lags,
             assembly.loop_table(self, events, samples, rng),
-            assembly.load_table(self, plant, events),
-            log,
         )
+        loads = assembly.load_table(self, plant, events)
+        code, axis, time, size = kernel.run(*tables, loads, kernel.room_of(*tables), log)
         since = time + events.settling * events.pattern.duration
         name = self.model.inputs[axis]
         if code == kernel.TOUCH:
