@@ -255,6 +255,16 @@ def test_forces_that_come_late_are_turned_away(late: int) -> None:
     assert np.abs(pulls(right, AXIS_TRUE)).max() < 4
 
 
+@pytest.mark.parametrize(("sure", "status"), [(3.4, "rejected"), (3.6, "ok")])
+def test_a_bias_that_no_deviation_covers_is_turned_away(
+    sure: float, status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lower cut-off moves this mass by 3.5 deviations; six are no answer."""
+    monkeypatch.setattr("rotorid.estimators.by_samples.SURE", sure)
+    record = axis(np.random.default_rng(0), position_noise=2e-5)
+    assert rid.identify(AXIS, rid.filtered(record, 100.0), "ls").status == status
+
+
 def test_a_cutoff_below_the_motion_is_told() -> None:
     """The cube of a position that lost its upper lines is not the cube of the position."""
     found = rid.identify(DUFFING, rid.filtered(duffing(np.random.default_rng(0)), 8.0), "ls")

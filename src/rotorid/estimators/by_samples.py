@@ -32,7 +32,8 @@ CLEAR = 3.0
 DOUBTFUL, SURE = 4.0, 6.0
 """Deviations of a lag between forces and motion from which on it is told, where it moves a
 parameter by more than `MOVED`, and from which on the answer is turned away, where it moves one by
-what the gate is sure of. Deviations from 32 blocks are an eighth off, from eight a quarter."""
+what the gate is sure of. Deviations from 32 blocks are an eighth off, from eight a quarter. A lower
+cut-off that moves a parameter by the second turns the answer away too: the bias is larger still."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def estimate_by_samples(
     lower = [r.lowered(LOWER) for r in regressions]
     other = _fit(posed, lower, free_weight)
     late = _late(posed, fit, _fit(posed, regressions, free_weight, late=True))
-    return _summary(method, posed, regressions, fit, _moved(posed, fit, other), late)
+    return _summary(method, posed, regressions, fit, _moved(posed, fit, other) + late)
 
 
 @dataclass(frozen=True)
@@ -204,8 +205,8 @@ def _late(posed: Posed, fit: _Fit, freed: _Fit) -> gate.Verdict:
     return gate.Verdict(doubts=(text,))
 
 
-def _moved(posed: Posed, fit: _Fit, other: _Fit) -> list[str]:
-    """Warn where a lower cut-off moves a parameter by more than its deviations."""
+def _moved(posed: Posed, fit: _Fit, other: _Fit) -> gate.Verdict:
+    """Judge whether a lower cut-off moves a parameter by more than its deviations."""
     change = other.values - fit.values
     spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
     chance = _spread_of_change(fit.scatter, other.scatter)
@@ -213,14 +214,17 @@ def _moved(posed: Posed, fit: _Fit, other: _Fit) -> list[str]:
     clear &= np.abs(change) > CLEAR * chance
     shares = np.where(clear, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
     if not shares.size or shares.max() <= MOVED:
-        return []
+        return gate.Verdict()
     worst = int(shares.argmax())
     name, unit = posed.names[worst], posed.model.base.units[posed.elimination.kept[worst]]
-    return [
+    text = (
         f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {change[worst]:+.3g} {unit}"
         f", {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards zero, or "
         "the motion reaches up to the cut-off; the deviations do not cover that: try other cut-offs"
-    ]
+    )
+    if shares.max() > SURE:
+        return gate.Verdict(faults=(text,))
+    return gate.Verdict(doubts=(text,))
 
 
 def _spread_of_change(first: Scatter, second: Scatter) -> Floats:
@@ -238,8 +242,7 @@ def _summary(
     posed: Posed,
     regressions: Sequence[SampledRegression],
     fit: _Fit,
-    moved: Sequence[str],
-    late: gate.Verdict,
+    ways: gate.Verdict,
 ) -> Estimate:
     base, basis = posed.base(fit.values), posed.elimination.basis
     free = fit.scatter.covariance
@@ -255,14 +258,13 @@ def _summary(
             *posed.told(fit.solution.undetermined),
             *_alone(posed, fit),
             *_memory(fit),
-            *moved,
         ),
         unknown_spread=np.asarray((basis[:, fit.scatter.alone] != 0).any(axis=1)),
     )
     estimate = result(method, posed.full, posed.fixed, posed.model, findings)
     estimate = estimate.with_(checks=_said(regressions, fit.scatter))
     halves, spread = fit.scatter.halves()
-    verdict = gate.physical(posed.full, estimate) + late
+    verdict = gate.physical(posed.full, estimate) + ways
     verdict += gate.prediction(estimate, {})
     verdict += gate.agreement(posed.names, halves, spread)
     return gate.passed(estimate, verdict)
