@@ -84,7 +84,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Misfit:
-    """The cost at the estimate against what noise alone would leave."""
+    """The misfit at the estimate, against what noise alone would leave."""
 
     cost: Number
     expected: Number
@@ -94,7 +94,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class LineMisfit:
-    """The cost of one line of one record (counted from 0) against what noise would leave."""
+    """The misfit of one line of one record (counted from 0), against what noise would leave."""
 
     record: Count
     frequency_hz: Number
@@ -104,7 +104,7 @@ class LineMisfit:
 
 @dataclass(frozen=True)
 class EquationMisfit:
-    """The cost of one equation of one record (counted from 0) against what noise would leave."""
+    """The misfit of one equation of one record (counted from 0), against what noise would leave."""
 
     record: Count
     equation: str
@@ -152,7 +152,7 @@ def _rows(pairs: tuple[tuple[str, float], ...]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another answer that fits as well: its cost, and ``(name, value)`` of each parameter."""
+    """Another answer that fits as well: its misfit, and ``(name, value)`` of each parameter."""
 
     cost: Number
     parameters: Annotated[

@@ -339,7 +339,7 @@ class Record(Arrays):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicRecord(Arrays):
-    """A record cut into whole periods, its lines kept period by period.
+    """A record cut into whole periods, with its lines period by period.
 
     The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise
     of variance s^2 per sample has ``E|X_k|^2 = s^2 / samples`` on every line, and
