@@ -1,5 +1,7 @@
 """Python as people use it: quantities as text, names of methods, views in a notebook."""
 
+import re
+from base64 import b64decode
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.actuators import forces
+from rotorid.plots.still import MOST_IMAGE
 from rotorid.rig.file import load_rig
 
 LINES = [1, 3, 5, 7, 9, 11]
@@ -137,3 +140,18 @@ def test_values_show_themselves(record: rid.Record) -> None:
     assert "F_x1" in record._repr_html_()
     hostile = rid.Record([rid.Channel("<b>")], np.zeros((3, 1)), "1 kHz")
     assert "<b>" not in hostile._repr_html_()
+
+
+def test_records_draw_themselves_in_a_notebook(record: rid.Record) -> None:
+    """A picture within the page, and not too large a one, however many channels there are."""
+    wide = rid.Record(
+        [rid.Channel(f"c{k}") for k in range(40)],
+        np.random.default_rng(1).standard_normal((20_000, 40)),
+        "1 kHz",
+    )
+    for value in (record, rid.average(record, "20 Hz", harmonics=LINES), wide):
+        html = value._repr_html_()
+        (image,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
+        assert b64decode(image).startswith(b"\x89PNG")
+        assert 5_000 < len(image) <= MOST_IMAGE == 150_000
+        assert html.startswith("<table>")

@@ -7,6 +7,7 @@ was recorded.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
@@ -329,6 +330,15 @@ class Record(Arrays):
 
         return figure_of(samples(self))
 
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, and a picture, for notebooks."""
+        with suppress(ImportError):
+            from rotorid.plots.records import samples
+            from rotorid.plots.still import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(samples(self), "the channels over time")
+        return super()._repr_html_()
+
     def rotor_angle(self) -> Floats:
         """Return phi in rad at each sample, shape (sample,)."""
         if self.angle is not None:
@@ -461,7 +471,7 @@ class PeriodicRecord(Arrays):
         return np.where(single, 1.0, 2.0)
 
     def plot(self) -> Figure:
-        """Draw the spectrum of every channel, kept lines and noise; returns a matplotlib figure.
+        """Draw the spectrum of every channel, lines used and noise; returns a matplotlib figure.
 
         Raises
         ------
@@ -472,6 +482,17 @@ class PeriodicRecord(Arrays):
         from rotorid.plots.still import figure_of  # takes its time to load
 
         return figure_of(spectra(self))
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, and a picture, for notebooks."""
+        with suppress(ImportError):
+            from rotorid.plots.records import spectra
+            from rotorid.plots.still import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(
+                spectra(self), "the spectrum of the mean period"
+            )
+        return super()._repr_html_()
 
     def index(self, name: str) -> int:
         """Return the position of a channel.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
+from html import escape
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
@@ -19,6 +22,13 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rotorid.plots.panel import Curve, Matrix, Panel, key_of, label
 
 P = ParamSpec("P")
+
+MOST_IMAGE = 150_000
+"""Characters of a picture in a notebook."""
+MOST_IMAGE_PANELS = 12
+"""Panels of a picture in a notebook: what a screen holds."""
+DPI = (80, 55, 40)
+"""Dots per inch of such a picture: the first with which it is small enough."""
 
 _INK = "#202124"
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -92,6 +102,21 @@ def figure_of(panels: Sequence[Panel], columns: int = 3, *, apart: bool = False)
     if handles:
         figure.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 4))
     return figure
+
+
+def image_of(panels: Sequence[Panel], told: str) -> str:
+    """Return the first panels as an image of HTML that holds itself, for a notebook.
+
+    At most `MOST_IMAGE` characters: a notebook keeps every picture that it showed.
+    """
+    for dpi in DPI:
+        drawn = io.BytesIO()
+        figure_of(panels[:MOST_IMAGE_PANELS]).savefig(drawn, format="png", dpi=dpi)
+        text = b64encode(drawn.getvalue()).decode("ascii")
+        if len(text) <= MOST_IMAGE:
+            source = f"data:image/png;base64,{text}"
+            return f'<img alt="{escape(told)}" style="max-width: 100%" src="{source}">'
+    return ""
 
 
 def _handles(panels: Sequence[Panel]) -> list[Line2D]:
