@@ -375,6 +375,7 @@ FAULTS = (
     ('mass = "m_w"', 'mass = "m_w*Omega/Omega"', r"discs\.wheel\.mass"),
     ('mass = "m_w"', 'mass = "-1 kg"', r"discs\.wheel\.mass: found -1"),
     ('internal = "c_i"', 'internal = "2e-6 s"', r"parameters\.c_i: found 'c_i' in no quantity"),
+    ('internal = "c_i"', 'internal = "2e-6 s"', r"use it or remove it$"),
     ('G = "81 GPa"', 'G = "81 MPa"', r"steel: found E = 2\.1e\+11 Pa"),
     ('E = "210 GPa"', 'E = "s_A"', r"materials\.steel\.E: found a term in 1"),
     (
@@ -438,3 +439,9 @@ def test_a_place_in_the_middle_does_not_end_the_division(middle):
     found = rid.parse_model(text.replace(", elements = 8", "")).rotor
     fine = bending(rid.parse_model(uniform(outer="10 mm", elements=120)).rotor)
     np.testing.assert_allclose(bending(found), fine, rtol=1.5e-3)
+
+
+def test_a_speed_that_nothing_turns_at_is_refused_as_one():
+    model = rid.load_model("flexible")
+    with pytest.raises(rid.InputError, match=r"a speed of 1e\+200 rad/s; expected at most 1e\+09"):
+        rid.modes(model, speed=1e200)

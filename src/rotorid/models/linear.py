@@ -220,6 +220,8 @@ class LinearForm:
         return columns
 
 
+FASTEST = 1e9
+"""Speed in rad/s above which nothing turns: the rim of a metre would outrun light."""
 SINGULAR = 1e12
 """Condition number of a scaled dynamic stiffness from which on it is singular to rounding."""
 
@@ -263,6 +265,12 @@ def speed_factor(factor: Expression, speed: float) -> float:
 
 
 def _not_finite(value: Expression, speed: float) -> InputError:
+    if abs(speed) > FASTEST:
+        return InputError(
+            f"a speed of {speed:g} rad/s",
+            f"at most {FASTEST:g}, whose powers are finite numbers",
+            "give the speed of the rotor, with its unit",
+        )
     return InputError(
         f"{value} without a finite value at the speed {speed:g} rad/s",
         "a division by something other than zero",

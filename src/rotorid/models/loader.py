@@ -149,11 +149,12 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
                 "parameters": model.parameter_names,
             }
         )
-        for key in set(model.parameter_names).difference(model.used):
+        for key in (name for name in model.parameter_names if name not in model.used):
+            of_g = any(key in str(material.G) for material in entry.materials.values())
             raise ModelError(
                 f"{key!r} in no quantity",
                 "every declared parameter in a quantity of the rotor",
-                "use it or remove it; G follows E, and holds none of its own",
+                "use it or remove it" + ("; G follows E, and holds none of its own" * of_g),
                 place=f"parameters.{key}",
             )
     except InputError as error:

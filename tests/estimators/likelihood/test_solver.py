@@ -123,3 +123,21 @@ def test_easy_cases_take_one_way():
         for seed in range(4, 8)
     ]
     assert np.median(steps) < 18
+
+
+@pytest.mark.parametrize(
+    ("lowest", "expected", "other", "same"),
+    [
+        # 809 000 where 292 is expected: rounded to some units of it on a rotor of many coordinates.
+        (808988.3, 292.2, 809015.9, True),
+        (808988.3, 292.2, 809016.5, False),
+        (321.0, 292.2, 321.011, True),
+        (321.0, 292.2, 321.013, False),
+        (2e5, 1e5, 2e5 + 0.2, True),
+        (2e5, 1e5, 2e5 + 0.21, False),
+        (1e-9, 0.0, 9e-4, True),
+    ],
+)
+def test_two_ways_led_to_the_same_cost(lowest, expected, other, same):
+    assert (search_module.AGREE, search_module.ALIKE) == (1e-6, 0.01)
+    assert (other <= search_module._as_low(lowest, expected)) == same

@@ -8,7 +8,7 @@ unit or of scale, and is said so. Each cure is tried: it is one if the null spac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -20,6 +20,7 @@ from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import simulated
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
+from rotorid.lines import PeriodicClock
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Channel, Floats
@@ -27,6 +28,8 @@ from rotorid.units import multiply_units
 
 MEMBER = 1e-5
 """Least part in a direction, relative to the largest, that counts."""
+OFF = 1e-3
+"""Lines by which the rotation may miss one that is its own: as it leaks there all the same."""
 SHRINKS = 1e-7
 """Least relative effect of a cure on a direction that counts as determining it."""
 
@@ -259,6 +262,7 @@ def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     for number, hertz, left in speeds:
         if left < count:
             where = f" as record {number + 1}" if len(trial.records) > 1 else ""
+            helped += [(left, text) for text in _rotation_left_out(trial.records[number], where)]
             helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
     sensors: dict[int, list[str]] = {}
     for name, left in _sensors(trial):
@@ -372,6 +376,21 @@ def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
         moved = record.with_lines(record.lines.at_speed(2 * np.pi * nearest))
         tried.append((number, nearest, trial.left_open(moved, number)))
     return tried
+
+
+def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
+    """Say that the line of the rotation is not among those of a record, where all turns with it."""
+    lines, clock = record.lines, record.lines.clock
+    hertz = abs(float(lines.speed[0])) / (2 * np.pi)
+    if not isinstance(clock, PeriodicClock) or not hertz:
+        return
+    fundamental = float(lines.frequency[-1] / clock.harmonics[-1])
+    order = round(hertz / fundamental)
+    if abs(hertz - order * fundamental) < OFF * fundamental and order not in clock.harmonics:
+        yield (
+            f"the line of the rotation{where.replace(' as', ' of')}, {hertz:.6g} Hz, on which "
+            f"the unbalance acts: add {order} to harmonics"
+        )
 
 
 def _sensors(trial: Trial) -> list[tuple[str, int]]:

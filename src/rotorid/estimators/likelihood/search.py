@@ -34,6 +34,9 @@ GENERATOR = 20260
 """The fixed number from which the further starts are drawn: the same records, the same answer."""
 AGREE = 1e-6
 """Two starts led to the same cost if it differs by no more than this share, or a thousandth."""
+ALIKE = 0.01
+"""Or by this much with the deviations that the misfit makes of the stated ones, which is a tenth of
+such a deviation: the cost of a rotor of many coordinates is rounded to some millionths of it."""
 
 VANISHED = 1e-9
 """An unknown below this share of its start, no bound holding it there, has left the equations:
@@ -81,7 +84,7 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
     for way in _ways(problem, start):
         if first is not None and _known(problem, way, first):
             costs.append((way.number, first.point.cost))
-            if best is not None and _agreed(costs, best[0].point.cost):
+            if best is not None and _agreed(costs, best):
                 break
             continue
         try:
@@ -97,10 +100,10 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
             else:
                 costs.append((way.number, solution.point.cost))
                 first = first or solution
-        if best[0].converged and (explained(*best) or _agreed(costs, best[0].point.cost)):
+        if best[0].converged and (explained(*best) or _agreed(costs, best)):
             break
     costs += lost
-    if best is not None and not explained(*best) and not _agreed(costs, best[0].point.cost):
+    if best is not None and not explained(*best) and not _agreed(costs, best):
         return replace(best[0], converged=False), best[1]
     return best
 
@@ -126,7 +129,12 @@ def explained(solution: Solution, inference: Inference) -> bool:
     return inference.expectation.p_value(solution.point.cost) >= SUSPICIOUS
 
 
-def _agreed(costs: list[tuple[int, float]], lowest: float) -> bool:
+def _agreed(costs: list[tuple[int, float]], best: tuple[Solution, Inference]) -> bool:
     """Tell whether two different starts led to the lowest cost."""
-    near = {number for number, cost in costs if cost <= lowest * (1 + AGREE) + 1e-3}
-    return len(near) > 1
+    most = _as_low(best[0].point.cost, best[1].expectation.mean)
+    return len({number for number, cost in costs if cost <= most}) > 1
+
+
+def _as_low(lowest: float, expected: float) -> float:
+    """Return the highest cost that is the lowest one, to rounding."""
+    return lowest * (1 + max(AGREE, ALIKE / max(expected, 1.0))) + 1e-3
