@@ -10,6 +10,8 @@ import pytest
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.experiment.names import dynamics_of
+from rotorid.experiment.schema import DynamicsEntry
 
 MODEL = rid.load_model("jeffcott")
 TRUTH = MODEL.nominal
@@ -475,3 +477,33 @@ def test_a_sample_is_looked_over_for_gaps_once(
     for method in ("ml", "batch", "sequential"):
         experiment.records(method)
     assert 0 < sum(looked_over) <= 4 * PERIOD * 4  # four periods of four channels
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [
+        ("f,re,im", (1.0, 1.0, 1.0)),
+        ("f [kHz],re,im", (1e-3, 1.0, 1.0)),
+        ("w [rad/s],re,im", (2 * np.pi, 1.0, 1.0)),
+        ("f [Hz],amplitude,phase [deg]", "deg"),
+        ("f,gain,lag [rad]", "rad"),
+    ],
+)
+def test_the_head_of_a_table_of_a_response_is_read(head, columns, tmp_path) -> None:
+    hertz, value = np.array([10.0, 20.0, 40.0]), np.exp(-0.3j * np.arange(1, 4)) * [0.9, 0.8, 0.7]
+    if isinstance(columns, str):
+        rows = np.column_stack([hertz, np.abs(value), np.angle(value, deg=columns == "deg")])
+    else:
+        rows = np.column_stack([hertz, value.real, value.imag]) * columns
+    np.savetxt(tmp_path / "amp.csv", rows, delimiter=",", header=head, comments="")
+    found = dynamics_of(DynamicsEntry(table="amp.csv"), actuator=True, folder=tmp_path)
+    np.testing.assert_allclose(found.frequency, hertz, rtol=1e-12)
+    np.testing.assert_allclose(found.measured, value, rtol=1e-12)
+
+
+@pytest.mark.parametrize("head", ["f,mag [dB],phase [deg]", "f,amplitude,phase", "f [s],re,im"])
+def test_a_response_in_other_terms_is_refused(head, tmp_path) -> None:
+    rows = np.arange(9.0).reshape(3, 3)
+    np.savetxt(tmp_path / "amp.csv", rows, delimiter=",", header=head, comments="")
+    with pytest.raises(InputError, match=r"amp\.csv: .*(amplitude and phase|does not convert|s )"):
+        dynamics_of(DynamicsEntry(table="amp.csv"), actuator=True, folder=tmp_path)

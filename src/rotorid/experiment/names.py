@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from rotorid.dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.errors import InputError
@@ -22,10 +25,15 @@ from rotorid.experiment.schema import (
     TimeEntry,
 )
 from rotorid.io import Source, open_table
+from rotorid.io.table import Column
 from rotorid.models import Model
 from rotorid.models.combination import sensor_terms
 from rotorid.models.terms import DERIVATIVES
-from rotorid.units import to_si
+from rotorid.record import Complexes, Floats
+from rotorid.units import si_factor, to_si
+
+_ANGLES = ("deg", "rad")
+_POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
 
 
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
@@ -105,14 +113,42 @@ def dynamics_of(
                 file=str(folder / entry.table),
             )
         columns = table.read(names)
-        hertz, real, imaginary = (columns[name].values for name in names)
-        return Measured(frequency=hertz, measured=real + 1j * imaginary, **common)
+        try:
+            hertz, measured = _response(list(names), [columns[name] for name in names])
+        except InputError as error:
+            raise error.at(file=str(folder / entry.table)) from None
+        return Measured(frequency=hertz, measured=measured, **common)
     if entry.eddy is not None:
         return EddyCurrents(eddy=entry.eddy, **common)
     assert entry.bandwidth is not None  # the schema sees to it
     if entry.damping is None:
         return FirstOrder(bandwidth=entry.bandwidth, **common)
     return SecondOrder(bandwidth=entry.bandwidth, damping=entry.damping, **common)
+
+
+def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, Complexes]:
+    """Return frequencies in Hz and the response, of two parts or of amplitude and phase.
+
+    The units are those in the head; without any, Hz, and parts.
+    """
+    units = [column.unit for column in columns]
+    first, second = columns[1].values, columns[2].values
+    hertz = columns[0].values * si_factor(units[0] or "Hz", "Hz")
+    polar = units[2] in _ANGLES or _POLAR.match(names[2]) is not None
+    if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
+        shown = (
+            name if unit is None else f"{name} [{unit}]"
+            for name, unit in zip(names, units, strict=True)
+        )
+        raise InputError(
+            f"columns {', '.join(shown)}"[:200],
+            "frequency, then real and imaginary part, or amplitude and phase [deg]",
+            "write such columns, a phase with its unit",
+        )
+    if polar:
+        angle = second * si_factor(units[2] or "rad", "rad")
+        return hertz, np.asarray(first * np.exp(1j * angle))
+    return hertz, np.asarray(first + 1j * second)
 
 
 def timing(record: RecordEntry) -> Source | None:
