@@ -328,3 +328,22 @@ def test_few_periods_may_be_alike_by_chance(load, tmp_path: Path) -> None:
         until = f'{LINES}\nuntil = "{periods * 0.1} s"\nskip = "0 s"'
         _, second = load(("run.h5", until), ("again.h5", until)).records()
         assert any("scatters as" in text for text in second.warnings) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("m = { value = '2 kg', std = '1 g' }", r"constraints\.0: found 'm', which is what param"),
+        ("c = { value = '2 N s/m', std = '1 N s/m' }", r"constraints\.1: found '2\*m', .*nts\.0 "),
+    ],
+)
+def test_a_weighing_twice(text: str, told: str, load) -> None:
+    path = Path(load(("run.csv", LINES)).file)
+    once = '[[constraints]]\nexpression = "{}"\nvalue = "2 kg"\nstd = "1 g"\n'
+    plain = path.read_text()
+    several = once.format("m") + once.format("2*m")
+    path.write_text(f"{plain}[parameters]\n{text}\n{several}")
+    with pytest.raises(InputError, match=told):
+        rid.load_experiment(path)
+    path.write_text(plain + once.format("m"))
+    assert len(rid.load_experiment(path).constraints) == 1

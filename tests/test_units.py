@@ -173,3 +173,25 @@ def test_the_table_of_common_units_says_what_pint_says(name: str) -> None:
 @pytest.mark.parametrize("text", ["N/m/s", "furlong", "m^2.5", "(N m)^2", "N/(m/s)", "m 1"])
 def test_what_the_table_does_not_hold_is_for_pint(text: str) -> None:
     assert _by_table(text) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "cure"),
+    [
+        ("70 Grad", "Grad: write deg"),
+        ("70 grad", "grad: write deg"),
+        ("1 krad", "krad: write rad"),
+        ("1 ton", "ton: write t for 1000 kg"),
+        ("2 bit", "bit: write 1"),
+        ("20 Bq", "Bq: write 1"),
+        ("3 kB/s", "kB: write 1"),
+        ("140 Hz*deg", "turns in a second, times an angle"),
+    ],
+)
+def test_names_that_are_mistaken(text: str, cure: str) -> None:
+    """German for degrees is no gigaradian, and no 400th of a turn either."""
+    for expected in ("rad", "kg", "Hz", "rad/s"):
+        with pytest.raises(InputError, match=cure):
+            to_si(text, expected)
+    assert to_si("100 gon", "rad") == pytest.approx(math.pi / 2)
+    assert to_si("1 t", "kg") == 1000

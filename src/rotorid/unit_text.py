@@ -49,6 +49,16 @@ _ATOMS = {name: symbol for symbol, (name, _) in _SYMBOLS.items()}
 _BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
 _PREFIXES = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "M": 6, "G": 9}
 
+_WORDS = re.compile(r"[A-Za-z_]+")
+_MISTAKEN = {
+    **dict.fromkeys(("grad", "Grad", "GRAD"), "deg for degrees, gon for a 400th of a turn"),
+    **dict.fromkeys(("krad", "Mrad"), "rad"),
+    **dict.fromkeys(("ton", "tons"), "t for 1000 kg"),
+}
+_COUNTS = re.compile(r"[kKMG]?i?(?:bits?|bytes?|B|baud|Bd|Bq|becquerel)")
+"""Names that one language, or one trade, takes for something else than another: read the other way
+they make angles of gigaradians. Counts, of bits or decays, are no quantity of a rotor either."""
+
 
 @dataclass(frozen=True)
 class Dimension:
@@ -117,7 +127,15 @@ def read_unit(text: str) -> Unit:
     spelled = text.translate(_SPELLING)
     if len(text) > MAX_LENGTH or not _FACTORS.fullmatch(_POWER.sub(" ", spelled)):
         raise ValueError("no product of units")
-    return _by_table(spelled) or _by_pint(spelled)
+    for name in _WORDS.findall(spelled):
+        if name in _MISTAKEN:
+            raise ValueError(f"{name}: write {_MISTAKEN[name]}")
+        if _COUNTS.fullmatch(name):
+            raise ValueError(f"{name}: write 1 for a count")
+    found = _by_table(spelled) or _by_pint(spelled)
+    if found.turns and "rad" in found.atoms:
+        raise ValueError("turns in a second, times an angle")
+    return found
 
 
 @cache

@@ -158,3 +158,23 @@ def test_numbers_packed_in_no_way_that_is_known(value: object, tmp_path: Path) -
         data["x"].attrs["scale_factor"] = value
     with pytest.raises(ReadError, match="an attribute scale_factor of '/x' that is no number"):
         open_hdf5(path).read(["x"])
+
+
+@pytest.mark.parametrize(
+    ("said", "hertz"),
+    [
+        ({"dt": 0.2, "dt_units": "ms"}, 5000.0),
+        ({"sample_rate": 5, "sample_rate_unit": b"kHz"}, 5000.0),
+        ({"dt": 200, "time_units": "us"}, 5000.0),
+        ({"dt": 0.2, "dt_units": "ticks"}, None),
+        ({"dt": 0.2, "dt_units": "ticks", "wf_increment": 1e-3}, 1000.0),
+        ({"fs": 5000.0}, 5000.0),
+    ],
+)
+def test_the_unit_of_a_rate(said: dict, hertz: float | None, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as data:
+        data["x"] = np.arange(5.0)
+        data["x"].attrs.update(said)
+    rate = open_hdf5(path).read(["x"])["x"].rate
+    assert (rate and rate.hertz) == (hertz and pytest.approx(hertz))

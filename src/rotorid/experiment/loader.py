@@ -19,7 +19,7 @@ from rotorid.experiment.kinds import (
     read_table,
 )
 from rotorid.experiment.methods import build_estimator, default_method
-from rotorid.experiment.names import constraints, fixed_values, own_values
+from rotorid.experiment.names import check_once, constraints, fixed_values, own_values
 from rotorid.experiment.recording import (
     Recording,
     averaged,
@@ -339,6 +339,8 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         every = [own_entries(record, entry.channels) for record in entry.records]
         check_records(entry.records, every, model.inputs, where)
         check_modes(entry.modes)
+        known = constraints(entry.constraints, model)
+        check_once(entry.parameters, entry.constraints, model)
         if entry.estimator.runout:
             check_told(entry.records)
         return Experiment(
@@ -348,7 +350,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             model=model,
             channels=tuple(channels),
             fixed=fixed_values(entry.parameters, model),
-            constraints=constraints(entry.constraints, model),
+            constraints=known,
         )
     except InputError as error:
         raise error.at(file=str(path)) from None

@@ -28,7 +28,7 @@ from rotorid.io import Source, open_table
 from rotorid.io.table import Column
 from rotorid.models import Model
 from rotorid.models.combination import sensor_terms
-from rotorid.models.terms import DERIVATIVES
+from rotorid.models.terms import DERIVATIVES, polynomial
 from rotorid.record import Complexes, Floats
 from rotorid.units import si_factor, to_si
 
@@ -255,6 +255,38 @@ def constraints(entries: Sequence[ConstraintEntry], model: Model) -> tuple[Const
             _check_deviation(std, f"{place}.std")
         found.append(Constraint(entry.expression, value, std))
     return tuple(found)
+
+
+def check_once(
+    parameters: Mapping[str, ParameterEntry], entries: Sequence[ConstraintEntry], model: Model
+) -> None:
+    """Refuse one measurement stated twice: a multiple of what has a value and a deviation already.
+
+    Raises
+    ------
+    InputError
+        With the constraint that comes second.
+    """
+    names = model.parameter_names
+    known = {
+        frozenset([(tuple(int(n == name) for n in names), 1.0)]): f"parameters.{name}"
+        for name, entry in parameters.items()
+        if entry.value is not None and entry.std is not None
+    }
+    for number, entry in enumerate(entries):
+        if entry.value is None or entry.std is None:
+            continue
+        terms = {p: float(c) for p, c in polynomial(entry.expression, names).items() if c}
+        largest = max(terms.items(), key=lambda term: (abs(term[1]), term[0]), default=((), 1.0))[1]
+        what = frozenset((tuple(p), round(c / largest, 12)) for p, c in terms.items())
+        place = f"constraints.{number}"
+        if (other := known.setdefault(what, place)) != place:
+            raise InputError(
+                f"{entry.expression[:60]!r}, which is what {other} states, or a multiple of it",
+                "each measurement once: twice it counts as two",
+                "remove one; of two weighings state the mean, and its own std",
+                place=place,
+            )
 
 
 def modes(entries: Sequence[ModeEntry], model: Model) -> tuple[Mode, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from rotorid.errors import InputError
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
 from rotorid.io.hdf5_packing import attribute, packing_of
 from rotorid.io.hdf5_storage import check_stored
@@ -25,6 +26,7 @@ from rotorid.io.table import (
     is_numeric,
     not_what_it_says,
 )
+from rotorid.units import si_factor
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
@@ -164,5 +166,21 @@ def _rate(attributes: Any) -> Rate | None:
         if found is not None and len(found) == 1:
             number = found[0]
             if is_numeric(np.asarray(number).dtype) and np.isfinite(number) and number > 0:
-                return Rate(float(number) if key in _RATE else 1 / float(number))
+                size = float(number) * _unit_of(attributes, key)
+                if not size > 0:  # in a unit that says nothing
+                    continue
+                return Rate(size if key in _RATE else 1 / size)
     return None
+
+
+def _unit_of(attributes: Any, key: str) -> float:
+    """Return what turns a rate into Hz, or an interval into s, as an attribute beside it says."""
+    for name in (f"{key}_units", f"{key}_unit", "time_units" if key in _INTERVAL else ""):
+        texts = attribute(attributes, name) if name else None
+        if texts is not None:
+            text = texts[0].decode("utf-8", "replace") if isinstance(texts[0], bytes) else texts[0]
+            try:
+                return si_factor(str(text).strip(), "Hz" if key in _RATE else "s")
+            except InputError:
+                return 0.0
+    return 1.0
