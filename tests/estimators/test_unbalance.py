@@ -28,6 +28,29 @@ def test_planes_of_the_three_mass_rotor():
     assert couple.amount * np.exp(1j * couple.angle_rad) == pytest.approx(wanted, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "k*(bx*cos(phi) - by*sin(phi))",  # a bent shaft
+        "(bx + by)*Omega*cos(phi)",
+        "(bx + by)*Omega^3*cos(phi)",
+        "(bx + by)*tanh(Omega)*cos(phi)",
+    ],
+)
+def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(more):
+    jeffcott = rid.load_model("jeffcott").file_text
+    known = '[parameters]\nbx = { unit = "m", nominal = 5e-3 }\nby = { unit = "m", nominal = 2e-3 }'
+    text = jeffcott.replace("= F_x +", f"= F_x + {more} +").replace("[parameters]", known)
+    assert text.count(more) == 1
+    model = rid.models.parse_model(text)
+    plain, estimate = made("jeffcott", 1e-3)
+    added = (rid.Value("bx", "m", 5e-3), rid.Value("by", "m", 2e-3))
+    wider = estimate.with_(parameters=(*estimate.parameters, *added), covariance=np.zeros((0, 0)))
+    (found,), (wanted,) = unbalance_of(model, wider), unbalance_of(plain, estimate)
+    assert found.amount == pytest.approx(wanted.amount, rel=1e-9)
+    assert found.angle_rad == pytest.approx(wanted.angle_rad, rel=1e-9)
+
+
 def test_deviations_are_those_of_draws():
     model, estimate = made("rigid", 1e-3)
     value = np.array([v.value for v in estimate.parameters])

@@ -11,6 +11,7 @@ from rotorid.models.expression import Expression, symbol
 from rotorid.record import Complexes, Floats
 
 ANGLES = 2 * np.pi * np.arange(16) / 16  # rotor angles: tell the rotation from seven multiples
+SPEEDS = (1.0, 2.0, 3.0, 4.0)  # rad/s: tell a square from other powers up to the cube
 TURNING = symbol("phi")
 ALIKE = 1e-9  # of the amount: two rows hold one unbalance, a quarter turn apart
 
@@ -51,24 +52,34 @@ def _base_of(model: Model, estimate: Estimate) -> tuple[Floats, Floats] | None:
 
 
 def _columns(model: Model) -> Complexes:
-    """Return U / base parameter of each row, shape (row, base), at a speed of 1 rad/s."""
+    """Return U / base parameter of each row, shape (row, base): the part that grows as Omega^2.
+
+    What turns with the rotor and does not grow so, a bent shaft or a magnetic pull, is none.
+    """
     bases = {monomial: base for base, monomial in enumerate(model.base.kept)}
     columns = np.zeros((len(model.texts), len(bases)), dtype=complex)
     for signal, terms in _loads(model).items():
         if TURNING not in signal.free_symbols:
             continue
-        still: dict[str, Floats] = {
-            "t": np.zeros(len(ANGLES)),
-            "phi": ANGLES,
-            "Omega": np.ones(len(ANGLES)),
-        }
-        wave = np.asarray(evaluate(signal, still)) * np.ones(len(ANGLES))
-        if np.isfinite(wave).all():
-            line = (2 * wave * np.exp(-1j * ANGLES)).mean()
+        first, second, third, fourth = (_line(signal, speed) for speed in SPEEDS)
+        line = (third - 2 * second + first) / 2
+        cubic = fourth - 3 * third + 3 * second - first
+        if np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth):
             for row, monomial, coefficient in terms:
                 if monomial in bases:
                     columns[row, bases[monomial]] += coefficient * line
     return columns
+
+
+def _line(signal: Expression, speed: float) -> complex:
+    """Return the line of exp(i phi) of a load at a speed in rad/s."""
+    still: dict[str, Floats] = {
+        "t": np.zeros(len(ANGLES)),
+        "phi": ANGLES,
+        "Omega": np.full(len(ANGLES), speed),
+    }
+    wave = np.asarray(evaluate(signal, still)) * np.ones(len(ANGLES))
+    return complex((2 * wave * np.exp(-1j * ANGLES)).mean())
 
 
 def _loads(model: Model) -> dict[Expression, list[tuple[int, int, float]]]:
