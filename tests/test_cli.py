@@ -1,6 +1,7 @@
 """The command line as its users meet it: output, files, exit codes."""
 
 import hashlib
+import io
 import json
 import os
 import re
@@ -17,9 +18,11 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
+from rotorid.commands.console import show
 from rotorid.commands.sources import source_of
 from rotorid.estimate import SourceFile, Value
 from rotorid.limits import HASHED_BYTES
+from rotorid.tables import table
 
 
 @pytest.fixture
@@ -556,3 +559,24 @@ def test_a_report_reads_nothing_that_is_no_file(folder: Path, file: str) -> None
     found.save("odd.json")
     assert cli.run(["report", "odd.json"]) == 0
     assert "sha256 00" in (folder / "odd.html").read_text()
+
+
+@pytest.mark.parametrize(("said", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
+@pytest.mark.parametrize("width", [80, 120, 200])
+def test_a_terminal_is_filled_and_coloured_unless_it_is_not_to_be(
+    monkeypatch: pytest.MonkeyPatch, said: dict[str, str], coloured: bool, width: int
+) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("COLUMNS", str(width))
+    for name, value in said.items():
+        monkeypatch.setenv(name, value)
+    shown = io.StringIO()
+    monkeypatch.setattr(shown, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stdout", shown)
+    sentence = "warning: " + "a word and " * 40
+    show(["three-mass, ml: rejected", sentence, table(("name", *"abcdef"), [("x" * 15,) * 7])])
+    text = shown.getvalue()
+    assert ("\x1b[33m" in text) is coloured
+    plain = re.sub(r"\x1b\[\d+m", "", text)
+    assert ("\x1b" in plain) is False
+    assert width - 20 < max(map(len, plain.splitlines())) <= width

@@ -76,7 +76,8 @@ def show(page: Page) -> None:
     text = page_text(page)
     if sys.stdout is not None and sys.stdout.isatty():
         text = page_text(page, shutil.get_terminal_size().columns)
-        text = _COLOURED.sub(_coloured, text)
+        if not os.environ.get("NO_COLOR"):  # no-color.org
+            text = _COLOURED.sub(_coloured, text)
     say(text + "\n")
 
 
