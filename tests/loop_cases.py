@@ -5,12 +5,20 @@ What the loop's sensitivity is exactly comes in closed form from rotor, hold and
 
 from __future__ import annotations
 
-from dataclasses import replace
+import functools
+import tempfile
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import scipy.linalg
+import scipy.signal
+from rotor_bank import RATE, noisy_record
 
 import rotorid as rid
+from rotorid.record import Complexes, Floats
+from rotorid.results.sensitivity import zone_of
 from rotorid.rig import assembly
 from rotorid.rig.file import load_rig
 from rotorid.rig.rig import Rig
@@ -21,9 +29,134 @@ LAST = 50
 """Lines of 5 Hz: the peak of the loop lies between them."""
 
 
+@functools.cache
+def rig_of(stiffness: float = 2e5, damping: float = 800.0) -> Rig:
+    """Return the shipped rig with other settings of its controllers, N/m and N s/m."""
+    text = (resources.files("rotorid.rig") / "library" / "three-mass.toml").read_text()
+    for old, new in (
+        ('2e5 N/m"    #', f'{stiffness:g} N/m" #'),
+        ("800 N s/m", f"{damping:g} N s/m"),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rig.toml"
+        file.write_text(text)
+        return load_rig(file).rig
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One axis of a rig whose sensitivity is known exactly: on lines, and its peak."""
+
+    lines: Floats
+    sensitivity: Complexes
+    peak: float
+
+
+@functools.cache
+def loop(stiffness: float, damping: float, axis: int = 0) -> Loop:
+    """Return the loop of an axis, on lines of 5 Hz but those that the rotation has."""
+    rig = rig_of(stiffness, damping)
+    lines = FUNDAMENTAL * np.arange(1, LAST + 1)
+    peak = np.abs(exact(np.arange(FUNDAMENTAL, FUNDAMENTAL * 10, 0.05), axis, rig)).max()
+    return Loop(lines, exact(lines, axis, rig), float(peak))
+
+
+def played(on: Loop, noise: float, periods: int, rng: np.random.Generator) -> rid.PeriodicRecord:
+    """Return periods of e and r on the lines of a loop; S has the noise of `noise` on each."""
+    harmonics = np.round(on.lines / FUNDAMENTAL).astype(int)
+    r = np.exp(2j * np.pi * rng.random(len(harmonics)))
+    mean = np.column_stack([on.sensitivity * r, r])
+    channels = [rid.Channel("e"), rid.Channel("r")]
+    samples = int(RATE / FUNDAMENTAL)
+    # Of the mean over the periods, and of a complex number.
+    scatter = np.array([noise * np.sqrt(periods * samples), 0.0])
+    return noisy_record(channels, mean, scatter, harmonics, rng, 0.0, periods, samples)
+
+
+@dataclass(frozen=True)
+class Graded:
+    """What became of a loop: its peak, what was found, and the interval."""
+
+    peak: float
+    found: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, peak: float, axis: rid.AxisSensitivity) -> Graded:
+        """Hold what was found against the peak."""
+        return cls(peak, axis.peak, axis.interval)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the zone is none of those named."""
+        low, high = (zone_of(end) for end in self.interval)
+        return not low <= zone_of(self.peak) <= high
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the interval lies across a limit."""
+        return zone_of(self.interval[0]) != zone_of(self.interval[1])
+
+    @property
+    def off_db(self) -> float:
+        """How far off the peak is, in dB."""
+        return float(20 * np.log10(self.found / self.peak))
+
+    @property
+    def held(self) -> bool:
+        """Whether the interval holds the peak."""
+        return self.interval[0] <= self.peak <= self.interval[1]
+
+
+STIFFNESS = (1.5e5, 2e5, 3e5)
+DAMPING = tuple(np.geomspace(340.0, 900.0, 10).round().tolist())
+"""Of controllers that make peaks of 1.9 to 6.3 on the shipped rotor: zones A to D."""
+
+
+def by_periods(seed: int, noise: tuple[float, float] = (0.005, 0.03)) -> Graded:
+    """Grade a random loop by its periods; S has noise of up to 3 percent of 1 on every line."""
+    rng = np.random.default_rng([seed, 14839])
+    on = loop(float(rng.choice(STIFFNESS)), float(rng.choice(DAMPING)))
+    size = noise[0] * (noise[1] / noise[0]) ** rng.random()
+    record = played(on, size, int(rng.integers(10, 40)), rng)
+    return Graded.of(on.peak, rid.sensitivity(record, {"e": "r"})[0])
+
+
+def by_noise(seed: int) -> list[Graded]:
+    """Grade two coupled loops by a whole record with noise added to both commands.
+
+    Each S is 1 beside a resonance whose peak is known exactly.
+    """
+    rng = np.random.default_rng([seed, 14840])
+    samples, rate = 20000, 1000.0
+    r = rng.standard_normal((samples, 2))
+    e, peaks = [], []
+    for j in range(2):
+        b, a = scipy.signal.iirpeak(rng.uniform(40.0, 150.0), rng.uniform(2.0, 5.0), fs=rate)
+        top = rng.uniform(1.0, 4.5) * np.asarray(b) + np.asarray(a)
+        e.append(scipy.signal.lfilter(top, a, r[:, j]) + 0.1 * rng.standard_normal(samples))
+        peaks.append(np.abs(scipy.signal.freqz(top, a, 20000)[1]).max())
+    e[0] = e[0] + 0.2 * r[:, 1]
+    channels = [rid.Channel(name) for name in ("e1", "e2", "r1", "r2")]
+    record = rid.Record(channels, np.column_stack([*e, r]), sample_rate=rate)
+    found = rid.sensitivity(record, {"e1": "r1", "e2": "r2"}, band=("20 Hz", "300 Hz"))
+    return [Graded.of(peak, axis) for peak, axis in zip(peaks, found, strict=True)]
+
+
+def by_the_rig(seed: int, periods: int = 20) -> Graded:
+    """Grade an axis of the shipped rig by a record of its simulation."""
+    rng = np.random.default_rng([seed, 14841])
+    axis = int(rng.integers(4))
+    record = measured(excited(axis, FUNDAMENTAL, LAST, 3.0), periods, rng)
+    cut = rid.average(record, FUNDAMENTAL, harmonics=list(range(1, LAST + 1)))
+    return Graded.of(exact_peak(axis), rid.sensitivity(cut, pair(axis))[0])
+
+
 def excited(axis: int, fundamental: float, count: int, amplitude: float) -> Rig:
     """Return the rig with a multisine on one axis."""
-    rig = load_rig("three-mass").rig
+    rig = rig_of()
     harmonics = np.arange(1, count + 1)
     phases = np.exp(1j * np.pi * harmonics * (harmonics - 1) / count)  # Schroeder
     lines = np.zeros((count, len(rig.model.inputs)), dtype=complex)
@@ -52,7 +185,7 @@ def measured(rig: Rig, periods: int, rng: np.random.Generator) -> rid.Record:
 
 def pair(axis: int) -> dict[str, str]:
     """Return the channels of one axis."""
-    name = load_rig("three-mass").rig.model.inputs[axis]
+    name = rig_of().model.inputs[axis]
     return {f"e_{name}": f"r_{name}"}
 
 
@@ -61,13 +194,13 @@ def exact_peak(axis: int) -> float:
     return float(np.abs(exact(np.arange(FUNDAMENTAL, FUNDAMENTAL * LAST, 0.25), axis)).max())
 
 
-def exact(frequency: np.ndarray, axis: int) -> np.ndarray:
+def exact(frequency: np.ndarray, axis: int, of: Rig | None = None) -> np.ndarray:
     """Return S_jj of the sampled loop in closed form: ``(I - C P)^-1`` at exp(i omega T).
 
     P is the rotor between a command, held from `delay` after the instant of its reading for one
     period, and the next readings.
     """
-    rig = load_rig("three-mass").rig
+    rig = rig_of() if of is None else of
     plant = rid.state_space(rig.model.substitute({}), speed=rig.rotation.speed)
     n, inputs = len(plant.A), len(plant.inputs)
     names = [name for name, _ in plant.states]

@@ -5,6 +5,7 @@ The whole figures, of 500 records each, are those of ``benchmarks/results.py``.
 
 import numpy as np
 import pytest
+from loop_cases import by_noise, by_periods, by_the_rig
 from result_cases import balanced, close_case, covered, errors_at_the_minimum, identified
 
 pytestmark = pytest.mark.slow
@@ -43,3 +44,19 @@ def test_a_balanced_rotor_has_less_left_than_stated():
     before = np.array([e.before for e in good])
     assert 0.88 < (left <= stated).mean() < 0.995
     assert np.median(left.sum(axis=1) / before.sum(axis=1)) < 0.02
+
+
+def test_peaks_of_sensitivity_and_their_zones():
+    by_line = [by_periods(seed) for seed in range(1000, 1200)]
+    whole = [each for seed in range(1000, 1030) for each in by_noise(seed)]
+    simulated = [by_the_rig(seed) for seed in range(1000, 1010)]
+    # S has noise of up to 3 percent of 1 on every line, and some 2 percent in the rig.
+    for found, least, most in ((by_line, 0.92, 0.05), (whole, 0.86, 0.05), (simulated, 0.7, 0.1)):
+        assert np.mean([each.held for each in found]) >= least
+        assert np.mean([each.wrong for each in found]) <= 0.03
+        off = np.array([each.off_db for each in found])
+        assert np.sqrt((off**2).mean()) < most
+        assert abs(off.mean()) < most / 2
+    quiet = [by_periods(seed, (1e-4, 1e-3)) for seed in range(1000, 1050)]
+    assert np.mean([each.held for each in quiet]) >= 0.93
+    assert max(abs(each.off_db) for each in quiet) < 0.03

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.record import Complexes, Floats, PeriodicRecord, Record
+from rotorid.record import Complexes, Floats, Integers, PeriodicRecord, Record
 from rotorid.signals.covariance import choose_covariance
 from rotorid.spectra import whole_lines
 from rotorid.units import quantity
@@ -28,14 +28,22 @@ LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
 """Peaks below which a machine is in a zone, ISO 14839-3: 9.5, 12 and 14 dB; D is above."""
 CONFIDENCE = 0.95
 """Chance that the interval of a peak holds it."""
-DRAWS = 2000
+DRAWS = 1000
 """Draws of the noise for the interval of a peak."""
 AT_END = 2.0
 """Deviations within which the first or the last line is as high as the highest."""
 FINE = 20
 """Points between two lines at which a peak is looked for: a parabola is met to a thousandth."""
-ABOUT = 6
-"""Lines that a peak is fitted to: two more than the fit has unknowns."""
+ABOUT, LEAST_ABOUT = 10, 6
+"""Lines that a peak is fitted to, and how many there must be: more than the fit has unknowns."""
+ROUNDS = 3
+"""Rounds of the fit: errors weighed by the denominator of the last; further ones change nothing."""
+NEAR_POLE = 1e-3
+"""Size of the denominator, beside its largest, below which a line weighs no more."""
+BENT = 2.0
+"""Error of a peak beside the root mean square by which its lines miss the curve."""
+SURE = 3.0
+"""Deviations of the misfit of a curve from which on it is too stiff for its lines."""
 MOST = 1.5
 """A peak this much above the highest line is no peak of these lines, but a pole between two."""
 ORDER = 2
@@ -389,48 +397,119 @@ def _axis(
     The largest of noisy lines is too large; by as much as the largest of the same lines with their
     noise once more is larger still.
     """
-    here, where = peak_of(frequency, found[None])
     std = np.sqrt(variance / 2)
+    about, bent = _about(frequency, found, std)
+    here, where = peak_of(frequency, found[None], about)
     noise = rng.standard_normal((DRAWS, len(found), 2)) @ np.array([1.0, 1j])
     chi = rng.chisquare(2 * freedom, (DRAWS, len(found))) / (2 * freedom)
-    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi))
+    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi), about)
     off = drawn - here[0]
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(off, [tail, 1 - tail])
     peak = max(float(here[0] - off.mean()), 0.0)
-    interval = (max(float(here[0] - high), 0.0), float(here[0] - low))
+    interval = (max(float(here[0] - high) - bent, 0.0), float(here[0] - low) + bent)
     return AxisSensitivity(axis, frequency, found, std, peak, float(where[0]), interval)
 
 
-def peak_of(frequency: Floats, values: Complexes) -> tuple[Floats, Floats]:
+def _about(frequency: Floats, found: Complexes, std: Floats) -> tuple[int, float]:
+    """Return how many lines a peak is fitted to, and by how much more than noise they miss it.
+
+    The more, the more noise alone makes leave the curve: of lines much closer to each other than
+    the peak is wide, few would be fitted with their noise.
+    """
+    first = about = min(ABOUT, len(found))
+    chosen, bent = 0, 0.0
+    while LEAST_ABOUT <= about <= len(found):
+        at = np.array([np.abs(found).argmax()])
+        start = _starts(at, about, len(found))[0]
+        here = slice(start, start + about)
+        curve = _Curve.of(frequency[here], found[None, here])
+        off = float((np.abs(found[here] - curve.at(frequency[here])[0]) ** 2).sum())
+        dof = 2 * (about - curve.unknowns)
+        beyond = off - (std[here] ** 2).mean() * (dof + SURE * np.sqrt(2 * dof))
+        if beyond <= 0:
+            chosen = about
+        elif about == first:
+            bent = BENT * float(np.sqrt(beyond / dof))
+        about *= 2
+    return (chosen, 0.0) if chosen else (first, bent)
+
+
+def _starts(at: Integers, about: int, count: int) -> Integers:
+    """Return the first of the lines about each line."""
+    return np.asarray(np.clip(at - about // 2, 0, count - about))
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """``(a_0 + .. + a_m x^m) / (1 + c_1 x + .. + c_n x^n)`` through lines, x from -1 to 1.
+
+    Parameters
+    ----------
+    middle, reach : float
+        Of the lines, Hz.
+    top, bottom : complex array, shape (curve, m + 1) and (curve, n)
+    """
+
+    middle: float
+    reach: float
+    top: Complexes
+    bottom: Complexes
+
+    @classmethod
+    def of(cls, nodes: Floats, values: Complexes) -> _Curve:
+        """Fit curves, (curve, line), line errors alike (Sanathanan and Koerner)."""
+        m, n = (3, 3) if len(nodes) >= ABOUT else (2, 1)
+        middle, reach = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
+        x = ((nodes - middle) / reach)[:, None]
+        above, below = x ** np.arange(m + 1), x ** np.arange(1, n + 1)
+        weight = np.ones(values.shape)
+        for _ in range(ROUNDS):
+            parts = [np.broadcast_to(above, (*values.shape, m + 1)), -values[..., None] * below]
+            matrix = np.concatenate(parts, axis=2) * weight[..., None]
+            found = (np.linalg.pinv(matrix, rcond=1e-10) @ (weight * values)[..., None])[..., 0]
+            size = np.abs(1 + found[:, m + 1 :] @ below.T)
+            weight = 1 / np.maximum(size, NEAR_POLE * size.max(axis=1, keepdims=True))
+        return cls(float(middle), float(reach), found[:, : m + 1], found[:, m + 1 :])
+
+    @property
+    def unknowns(self) -> int:
+        """Number of complex unknowns."""
+        return int(self.top.shape[1] + self.bottom.shape[1])
+
+    def at(self, frequency: Floats) -> Complexes:
+        """Return the curves, shape (curve, frequency)."""
+        x = (frequency - self.middle) / self.reach
+        above = self.top @ (x ** np.arange(self.top.shape[1])[:, None])
+        below = 1 + self.bottom @ (x ** np.arange(1, self.bottom.shape[1] + 1)[:, None])
+        return np.asarray(above / np.where(below == 0, 1e-300, below))
+
+
+def peak_of(frequency: Floats, values: Complexes, about: int = ABOUT) -> tuple[Floats, Floats]:
     """Return the largest size of curves, (curve, line), and where: between the lines too.
 
-    By ``(a_0 + a_1 x + a_2 x^2) / (1 + c x)``, a resonance upon what is smooth, fitted to the lines
-    about the largest one.
+    By rational functions fitted to the lines about the largest one: of three poles, since two modes
+    and what the other loops do may lie within the ten lines that a peak has.
     """
     size = np.abs(values)
     at = size.argmax(axis=1)
     best, where = size.max(axis=1), frequency[at].astype(float)
     count = len(frequency)
-    if count < ABOUT:
+    if count < LEAST_ABOUT:
         return best, where
-    starts = np.clip(at - ABOUT // 2, 0, count - ABOUT)
+    about = min(about, count)
+    starts = _starts(at, about, count)
     for start in np.unique(starts):
         chosen = np.flatnonzero(starts == start)
-        nodes = frequency[start : start + ABOUT]
-        middle, reach = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
-        x, s = (nodes - middle) / reach, values[chosen][:, start : start + ABOUT]
-        powers = np.broadcast_to(x[:, None] ** np.arange(3), (*s.shape, 3))
-        matrix = np.concatenate([powers, (-s * x)[..., None]], axis=2)
-        found = (np.linalg.pinv(matrix, rcond=1e-10) @ s[..., None])[..., 0]
+        nodes = frequency[start : start + about]
+        curve = _Curve.of(nodes, values[chosen, start : start + about])
         # Not beyond the neighbours of the largest line: there the fit is none of the lines.
-        fine = np.linspace(-1.0, 1.0, (ABOUT - 1) * FINE + 1)
-        near = np.abs(fine[None] * reach + middle - frequency[at[chosen], None])
-        beside = np.diff(nodes).max()
-        top = found[:, :3] @ (fine ** np.arange(3)[:, None])
-        curve = np.where(near <= beside, np.abs(top / (1 + found[:, 3:] * fine)), 0.0)
-        largest = curve.max(axis=1)
-        within = (largest > best[chosen]) & (largest < MOST * best[chosen])
-        best[chosen[within]] = largest[within]
-        where[chosen[within]] = (fine[curve.argmax(axis=1)] * reach + middle)[within]
+        fine = np.linspace(nodes[0], nodes[-1], (min(about, ABOUT) - 1) * FINE + 1)
+        beside = max(about // ABOUT, 1) * np.diff(nodes).max()
+        near = np.abs(fine - frequency[at[chosen], None]) <= beside
+        fitted = np.where(near, np.abs(curve.at(fine)), 0.0)
+        largest = fitted.max(axis=1)
+        sane = (largest > best[chosen] / MOST) & (largest < MOST * best[chosen])
+        best[chosen[sane]] = largest[sane]
+        where[chosen[sane]] = fine[fitted.argmax(axis=1)][sane]
     return best, where
