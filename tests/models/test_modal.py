@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.models import load_model
+from rotorid.models import load_model, modal
 from rotorid.models.modal import ALIKE, OVERDAMPED, _scales, eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])
@@ -125,3 +125,29 @@ def test_scaling_goes_as_far_as_it_needs_to() -> None:
     row, column = _scales(size)
     least = float((row[:, None] * size * column).max(axis=0).min())
     assert 0.8 < least < 0.95
+
+
+@pytest.mark.parametrize("complex_stiffness", [False, True])
+def test_both_ways_to_the_poles_agree(monkeypatch, complex_stiffness):
+    """M divided by, and the pencil of two matrices, which a coordinate without inertia needs."""
+    assert modal.REGULAR == 1e6
+    model = load_model("three-mass")
+    assert model.linear is not None
+    m = model.linear.matrices(model.values(model.nominal), 2 * np.pi * 140)
+    held = m.K + np.diag([1e4] * 8) * (1 + 0.02j * complex_stiffness)
+    matrices = (m.M, m.D + 2 * np.pi * 140 * m.G + np.diag([3.0] * 8), held)
+    fast = eigenmodes(*matrices)
+    assert modal.eigenvalues(*matrices) == pytest.approx(fast.values, rel=1e-12)
+    monkeypatch.setattr(modal, "REGULAR", 0.0)
+    slow = eigenmodes(*matrices)
+    assert fast.values == pytest.approx(slow.values, rel=1e-10)
+    for one, two in zip(fast.right, slow.right, strict=True):
+        assert abs(np.vdot(one, two)) ** 2 == pytest.approx(
+            (np.vdot(one, one) * np.vdot(two, two)).real, rel=1e-9
+        )
+    for value, left in zip(fast.values, fast.left, strict=True):
+        rest = left.conj() @ (value**2 * matrices[0] + value * matrices[1] + matrices[2])
+        assert np.abs(rest).max() < 1e-8 * (np.abs(left) @ np.abs(held)).max()
+    massless = np.diag([1.0, 0.0])
+    found = eigenmodes(massless, np.diag([0.1, 0.0]), np.array([[3.0, -1.0], [-1.0, 1.0]]))
+    assert found.values.imag == pytest.approx(np.sqrt(2 - 0.05**2), rel=1e-12)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ OVERDAMPED = 1e-7
 """Imaginary part below this share of the eigenvalue: a real pole, split by rounding."""
 ALIKE = 1e-8
 """Eigenvalues nearer than this share are one, of a machine that is the same in two planes."""
+REGULAR = 1e6
+"""Condition of M, rows and columns scaled, up to which it is divided by: ten digits are left."""
 SWEEPS = 8
 """Sweeps of the scaling: each takes the root of what is left."""
 
@@ -56,9 +59,7 @@ class Eigenmodes:
     @property
     def distinct(self) -> list[Integers]:
         """Which modes are one: those of a machine that is the same in two planes."""
-        values = self.values
-        near = np.abs(np.diff(values)) <= ALIKE * np.abs(values[1:])
-        return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
+        return distinct(self.values)
 
     def grouped(self, pattern: Sequence[int]) -> list[Integers]:
         """Return which modes are one, by how many are in general: some coincide by chance."""
@@ -66,6 +67,12 @@ class Eigenmodes:
         if len(distinct) == len(pattern) or sum(pattern) != len(self.values):
             return distinct
         return np.split(np.arange(len(self.values)), np.cumsum(pattern)[:-1])
+
+
+def distinct(values: Complexes) -> list[Integers]:
+    """Return which eigenvalues, ascending, are one."""
+    near = np.abs(np.diff(values)) <= ALIKE * np.abs(values[1:])
+    return np.split(np.arange(len(values)), np.flatnonzero(~near) + 1) if len(values) else []
 
 
 def eigenmodes(
@@ -80,44 +87,110 @@ def eigenmodes(
     numpy.linalg.LinAlgError
         For matrices beyond all bounds.
     """
-    matrices = [stiffness, damping, mass]
-    if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
-        raise np.linalg.LinAlgError("a machine beyond all bounds")
-    unit = _frequency(mass, stiffness)
-    sizes = [np.abs(each) * unit**power for power, each in enumerate(matrices)]
-    row, column = _scales(np.sum(sizes, axis=0))
-    k, d, m = (row[:, None] * each * column * unit**p for p, each in enumerate(matrices))
-    n = len(k)
-    pencil = np.zeros((2, 2 * n, 2 * n), dtype=np.result_type(k, d, m))
-    pencil[0, :n, n:] = pencil[1, :n, :n] = np.eye(n)
-    pencil[0, n:, :n], pencil[0, n:, n:], pencil[1, n:, n:] = -k, -d, m
-    if not np.isfinite(pencil).all():
-        raise np.linalg.LinAlgError("a machine beyond all bounds")
-    found: Any = scipy.linalg.eig(*pencil, left=True, right=True, homogeneous_eigvals=True)
-    (over, under), left, right = found
-    finite = np.abs(under) > 1e-14 * np.abs(over)
-    values = np.full(2 * n, np.inf + 0j)
-    values[finite] = over[finite] / under[finite]
-    size = np.abs(values)
-    moving = finite.copy()
-    moving[np.argsort(size, kind="stable")[: _poles_at_zero(k, d)]] = False
-    kept = moving & (values.imag > OVERDAMPED * size)
-    real = moving & (np.abs(values.imag) <= OVERDAMPED * size)
-    order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
+    pencil = _Scaled.of(mass, damping, stiffness)
+    values, right, left = pencil.poles()
+    order, real, rigid = pencil.told_apart(values)
     return Eigenmodes(
-        np.asarray(values[order] * unit, dtype=np.complex128),
-        np.asarray(right[:n, order].T * column, dtype=np.complex128),
-        np.asarray(left[n:, order].T * row, dtype=np.complex128),
-        int((finite & ~moving).sum()),
-        np.sort(values[real].real * unit),
+        np.asarray(values[order] * pencil.unit, dtype=np.complex128),
+        np.asarray(right[:, order].T * pencil.column, dtype=np.complex128),
+        np.asarray(left[:, order].T * pencil.row, dtype=np.complex128),
+        rigid,
+        np.sort(values[real].real * pencil.unit),
     )
 
 
-def _poles_at_zero(stiffness: Floats | Complexes, damping: Floats | Complexes) -> int:
-    """Return how many poles are zero, by ranks: a double one comes out at the root of rounding.
+def eigenvalues(
+    mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
+) -> Complexes:
+    """Return the eigenvalues of `eigenmodes` alone, in a third of its time."""
+    pencil = _Scaled.of(mass, damping, stiffness)
+    values, _, _ = pencil.poles(vectors=False)
+    order, _, _ = pencil.told_apart(values)
+    return np.asarray(values[order] * pencil.unit, dtype=np.complex128)
 
-    Of a free motion ``lambda^2 M + lambda D`` remains: zero is a pole once, and where D does not
-    act on it either, twice.
+
+@dataclass(frozen=True)
+class _Scaled:
+    """The pencil with rows, columns and lambda scaled to entries of one size."""
+
+    stiffness: Floats | Complexes
+    damping: Floats | Complexes
+    mass: Floats | Complexes
+    row: Floats
+    column: Floats
+    unit: float
+
+    @classmethod
+    def of(
+        cls, mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
+    ) -> _Scaled:
+        """Scale; refuse what is beyond all bounds."""
+        matrices = [stiffness, damping, mass]
+        if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
+            raise np.linalg.LinAlgError("a machine beyond all bounds")
+        unit = _frequency(mass, stiffness)
+        sizes = [np.abs(each) * unit**power for power, each in enumerate(matrices)]
+        row, column = _scales(np.sum(sizes, axis=0))
+        k, d, m = (row[:, None] * each * column * unit**p for p, each in enumerate(matrices))
+        if not (np.isfinite(k).all() and np.isfinite(d).all() and np.isfinite(m).all()):
+            raise np.linalg.LinAlgError("a machine beyond all bounds")
+        return cls(k, d, m, row, column, unit)
+
+    def poles(self, *, vectors: bool = True) -> tuple[Complexes, Complexes, Complexes]:
+        """Return lambda, infinite ones too, with right and left vectors as columns.
+
+        Where every coordinate has inertia, M is taken to the other side: ten times as fast as the
+        pencil of two matrices, and as exact. Not where a damped free motion leaves a pole beside
+        zero: rounding would make the two a slow oscillation.
+        """
+        k, d, m = self.stiffness, self.damping, self.mass
+        n = len(k)
+        none = np.zeros((n, 0), dtype=np.complex128)
+        companion = np.zeros((2 * n, 2 * n), dtype=np.result_type(k, d, m))
+        companion[:n, n:] = np.eye(n)
+        found: Any
+        free, held = self.free
+        if n and not (free and held) and np.linalg.cond(m) < REGULAR:
+            companion[n:] = -np.linalg.solve(m, np.concatenate([k, d], axis=1))
+            if not vectors:
+                return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128), none, none
+            found = scipy.linalg.eig(companion, left=True, right=True)
+            values, left, right = found
+            return values, right[:n], np.asarray(np.linalg.solve(m.conj().T, left[n:]), complex)
+        companion[n:, :n], companion[n:, n:] = -k, -d
+        heavy = np.zeros_like(companion)
+        heavy[:n, :n], heavy[n:, n:] = np.eye(n), m
+        found = scipy.linalg.eig(companion, heavy, left=True, right=True, homogeneous_eigvals=True)
+        (over, under), left, right = found
+        finite = np.abs(under) > 1e-14 * np.abs(over)
+        values = np.full(2 * n, np.inf + 0j)
+        values[finite] = over[finite] / under[finite]
+        return values, right[:n], left[n:]
+
+    @cached_property
+    def free(self) -> tuple[int, int]:
+        """How many motions are free, and on how many of them damping acts."""
+        return _free_motions(self.stiffness, self.damping)
+
+    def told_apart(self, values: Complexes) -> tuple[Integers, Integers, int]:
+        """Return which poles oscillate, ascending, which do not, and how many are at zero."""
+        finite, size = np.isfinite(values), np.abs(values)
+        moving = finite.copy()
+        free, held = self.free
+        moving[np.argsort(size, kind="stable")[: 2 * free - held]] = False
+        with np.errstate(invalid="ignore"):
+            kept = moving & (values.imag > OVERDAMPED * size)
+            real = moving & (np.abs(values.imag) <= OVERDAMPED * size)
+        order = np.flatnonzero(kept)[np.argsort(values[kept].imag, kind="stable")]
+        return order, np.flatnonzero(real), int((finite & ~moving).sum())
+
+
+def _free_motions(stiffness: Floats | Complexes, damping: Floats | Complexes) -> tuple[int, int]:
+    """Return how many motions are free, and on how many of them damping acts.
+
+    By ranks: a double pole at zero comes out at the root of rounding. Of a free motion
+    ``lambda^2 M + lambda D`` remains: zero is a pole once, and where D does not act on it either,
+    twice.
     """
     row, column = _scales(np.abs(stiffness))
     left, sizes, right = np.linalg.svd(row[:, None] * stiffness * column)
@@ -126,7 +199,7 @@ def _poles_at_zero(stiffness: Floats | Complexes, damping: Floats | Complexes) -
     acting = rows.conj().T @ damping @ columns
     largest = (np.abs(rows).T @ np.abs(damping) @ np.abs(columns)).max(initial=0.0)
     held = np.linalg.svd(acting, compute_uv=False) > UNDAMPED * largest
-    return 2 * int(free.sum()) - int(held.sum())
+    return int(free.sum()), int(held.sum())
 
 
 def _frequency(mass: Floats | Complexes, stiffness: Floats | Complexes) -> float:

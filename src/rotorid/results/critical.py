@@ -28,7 +28,7 @@ from rotorid.results.modes import (
     block_of,
     deviations,
     eigen_at,
-    eigenmodes_at,
+    eigenvalues_at,
     finite_speed,
     pattern_of,
     whirls_of,
@@ -305,7 +305,7 @@ def _seeds(machine: Machine, to: float) -> Floats:
 
 def _above(machine: Machine, speed: float) -> Floats:
     """Return by how much modes lie above the rotation, those that do, the highest first."""
-    over = eigenmodes_at(machine, speed).values.imag - abs(speed)
+    over = eigenvalues_at(machine, speed).imag - abs(speed)
     return np.sort(over[over > 0])[::-1]
 
 
@@ -313,7 +313,7 @@ def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> flo
     """Return the speed at which the mode that is number k from the top rings with the rotation."""
 
     def over(speed: float) -> float:
-        values = np.sort(eigenmodes_at(machine, sign * speed).values.imag)[::-1]
+        values = np.sort(eigenvalues_at(machine, sign * speed).imag)[::-1]
         return float(values[k] - speed) if k < len(values) else -speed
 
     if over(low) * over(high) > 0:

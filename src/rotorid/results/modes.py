@@ -9,25 +9,29 @@ D + Omega G) X)``, are drawn from the covariance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.models import Model
-from rotorid.models.modal import Eigenmodes, eigenmodes, parted
+from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.whirl import Whirl, partners, whirl_of
 from rotorid.units import quantity
 
+Found = TypeVar("Found")
 CLOSE = 4.0
 """Modes nearer than this many deviations of their distance, coupling included, are drawn: at 4 the
 second-order term is a sixteenth of the first, and what the delta method states holds again."""
 BESIDE = 3
 """Neighbours, by frequency, that each mode is held against: two planes of two modes that cross."""
+TERMS = 1 << 22
+"""Products of terms of the matrices and pairs of modes at a time: 64 MB."""
 DRAWS = 4000
 """Draws of the unknowns: a deviation comes out within 1.1 percent."""
 NORMAL = 1.959964
@@ -200,14 +204,24 @@ def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = N
 
 def pattern_of(machine: Machine, speed: float) -> tuple[int, ...]:
     """Return how many modes each distinct natural frequency has, in general."""
-    return tuple(len(group) for group in eigenmodes_at(machine.elsewhere, speed).distinct)
+    return tuple(len(group) for group in distinct(eigenvalues_at(machine.elsewhere, speed)))
 
 
 def eigenmodes_at(machine: Machine, speed: float) -> Eigenmodes:
     """Return the modes of a machine at a speed."""
+    return _solved(eigenmodes, machine, speed)
+
+
+def eigenvalues_at(machine: Machine, speed: float) -> Complexes:
+    """Return lambda of the modes of a machine at a speed, ascending."""
+    return _solved(eigenvalues, machine, speed)
+
+
+def _solved(solve: Callable[..., Found], machine: Machine, speed: float) -> Found:
+    """Solve for the modes of a machine at a speed."""
     stiffness, damping, mass = machine.matrices(speed)
     try:
-        return eigenmodes(mass, damping, stiffness)
+        return solve(mass, damping, stiffness)
     except np.linalg.LinAlgError as error:
         raise InputError(
             str(error), "a machine with finite values", "check the values and their units"
@@ -290,31 +304,39 @@ def _clusters(
     machine: Machine, speed: float, found: Eigenmodes, slopes: Complexes
 ) -> tuple[Integers, ...]:
     """Return the modes whose order or shapes are not certain, together."""
-    values, root = found.values, machine.root
-    joined = np.arange(len(values))
-    for i in range(len(values)):
-        for j in range(i + 1, min(i + 1 + BESIDE, len(values))):
-            apart = float(np.linalg.norm((slopes[i] - slopes[j]) @ root))
-            block = block_of(machine, speed, found, np.array([i, j]))
-            coupling = np.sqrt(
-                np.linalg.norm(block[0, 1] @ root) * np.linalg.norm(block[1, 0] @ root)
-            )
-            spread = np.hypot(apart, 2 * coupling)
-            if spread > 1e-9 * abs(values[i]) and abs(values[i] - values[j]) < CLOSE * spread:
-                joined[joined == joined[j]] = joined[i]
+    values, root, count = found.values, machine.root, len(found.values)
+    pairs = np.array(
+        [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + BESIDE, count))]
+    ).reshape(-1, 2)
+    apart = np.linalg.norm((slopes[pairs[:, 0]] - slopes[pairs[:, 1]]) @ root, axis=1)
+    blocks = block_of(machine, speed, found, pairs)
+    across = [np.linalg.norm(blocks[:, i, 1 - i] @ root, axis=1) for i in (0, 1)]
+    spread = np.hypot(apart, 2 * np.sqrt(across[0] * across[1]))
+    near = np.abs(np.diff(values[pairs], axis=1)[:, 0]) < CLOSE * spread
+    joined = np.arange(count)
+    for i, j in pairs[near & (spread > 1e-9 * np.abs(values[pairs[:, 0]]))]:
+        joined[joined == joined[j]] = joined[i]
     groups = (np.flatnonzero(joined == k) for k in np.unique(joined))
     return tuple(group for group in groups if len(group) > 1)
 
 
 def block_of(machine: Machine, speed: float, found: Eigenmodes, group: Integers) -> Complexes:
-    """Return A_u of some modes, shape (mode, mode, unknown)."""
+    """Return A_u of some modes, shape (mode, mode, unknown); of several groups, (group, mode)."""
     _, damping, mass = machine.matrices(speed)
-    left, right, values = found.left[group], found.right[group], found.values[group]
-    middle = complex(values.mean())
-    sums = values[:, None] + values
-    gram = sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T
-    inner = machine.pencil(speed).slopes(middle, left, right, machine.values)
-    return np.asarray(-np.linalg.solve(gram, inner.reshape(len(group), -1)).reshape(inner.shape))
+    pencil = machine.pencil(speed)
+    groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
+    parts = []
+    chunk = max(1, TERMS // (size**2 * max(len(pencil.row), 1)))
+    for first in range(0, len(groups), chunk):
+        here = groups[first : first + chunk]
+        left, right, values = found.left[here], found.right[here], found.values[here]
+        sums, turned = values[:, :, None] + values[:, None], right.swapaxes(1, 2)
+        gram = sums * (left.conj() @ mass @ turned) + left.conj() @ damping @ turned
+        inner = pencil.slopes(values.mean(axis=1), left, right, machine.values)
+        solved = np.linalg.solve(gram, inner.reshape(len(here), size, -1))
+        parts.append(-solved.reshape(inner.shape))
+    shape = (*group.shape, size, len(machine.values))
+    return np.concatenate(parts).reshape(shape) if parts else np.zeros(shape, dtype=np.complex128)
 
 
 def deviations(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,15 +67,29 @@ class Pencil:
         np.add.at(found, (self.order, self.row, self.column), values)
         return np.asarray(found)
 
-    def slopes(self, value: complex, left: Complexes, right: Complexes, at: Floats) -> Complexes:
-        """Return ``Y^H dL X`` by every unknown, (mode, mode, unknown); vectors as rows."""
-        weight = self.weight * value**self.order
-        terms = left.conj()[:, None, self.row] * right[None, :, self.column] * weight
-        by_monomial = np.zeros((len(self.monomials.factors), *terms.shape[:2]), dtype=complex)
-        np.add.at(by_monomial, self.monomial, np.moveaxis(terms, 2, 0))
+    def slopes(
+        self, value: complex | Complexes, left: Complexes, right: Complexes, at: Floats
+    ) -> Complexes:
+        """Return ``Y^H dL X`` by every unknown, (mode, mode, unknown); vectors as rows.
+
+        Of several groups of modes at once too, each with its value, along further axes in front.
+        """
+        order, starts, live = self._by_monomial
+        weight = self.weight[order] * np.asarray(value)[..., None] ** self.order[order]
+        rows = left.conj()[..., :, None, self.row[order]] * weight[..., None, None, :]
+        terms = rows * right[..., None, :, self.column[order]]
         jacobian = self.monomials.jacobian(self.put(at))
         jacobian[:, list(self.held)] = 0.0
-        return np.asarray(np.moveaxis(by_monomial, 0, 2) @ jacobian)
+        if not len(live):
+            return np.zeros((*terms.shape[:-1], jacobian.shape[1]), dtype=np.complex128)
+        return np.asarray(np.add.reduceat(terms, starts, axis=-1) @ jacobian[live])
+
+    @cached_property
+    def _by_monomial(self) -> tuple[Integers, Integers, Integers]:
+        """The terms in the order of their monomials, where each of these begins, and which."""
+        order = np.argsort(self.monomial, kind="stable")
+        live, starts = np.unique(self.monomial[order], return_index=True)
+        return order, starts, live
 
 
 @dataclass(frozen=True)
