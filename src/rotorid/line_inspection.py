@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.lines import Lines, PhasorClock
-from rotorid.record import Check, Verdict
-from rotorid.signals.checks import worst
-from rotorid.signals.inspection import SENTENCES
+from rotorid.record import Check
+from rotorid.signals.inspection import Judged
 
 
 @dataclass(frozen=True)
@@ -36,32 +35,19 @@ class LineFacts:
 
 
 @dataclass(frozen=True)
-class LineInspection:
+class LineInspection(Judged):
     """What is in a table.
 
     Parameters
     ----------
     lines : Lines
+    checks : sequence of Check
     channels : sequence of LineFacts
     """
 
     lines: Lines
+    checks: tuple[Check, ...]
     channels: tuple[LineFacts, ...]
-
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """What the table shows by itself."""
-        return self.lines.checks
-
-    @property
-    def verdict(self) -> Verdict:
-        """The gravest verdict of the checks."""
-        return worst(self.checks)
-
-    @property
-    def sentence(self) -> str:
-        """What to do, in one sentence."""
-        return SENTENCES[self.verdict]
 
     @property
     def source(self) -> str:
@@ -117,4 +103,4 @@ def inspect_lines(lines: Lines) -> LineInspection:
                 float(10 * np.log10(middle)) if middle > 0 else None,
             )
         )
-    return LineInspection(lines, tuple(found))
+    return LineInspection(lines, lines.checks, tuple(found))

@@ -63,8 +63,24 @@ class ChannelFacts:
     orders: tuple[float, ...] = ()
 
 
+class Judged:
+    """What was looked at, and what its checks come to."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The gravest verdict of the checks."""
+        return worst(self.checks)
+
+    @property
+    def sentence(self) -> str:
+        """What to do, in one sentence."""
+        return SENTENCES[self.verdict]
+
+
 @dataclass(frozen=True)
-class Inspection:
+class Inspection(Judged):
     """What is in a record.
 
     Parameters
@@ -86,16 +102,6 @@ class Inspection:
     checks: tuple[Check, ...]
     channels: tuple[ChannelFacts, ...]
     noise_correlation: Floats | None
-
-    @property
-    def verdict(self) -> Verdict:
-        """The gravest verdict of the checks."""
-        return worst(self.checks)
-
-    @property
-    def sentence(self) -> str:
-        """What to do, in one sentence."""
-        return SENTENCES[self.verdict]
 
     @property
     def source(self) -> str:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.estimators.likelihood.leads import SPEEDS, Lead
+from rotorid.estimators.likelihood.line_leads import without
 from rotorid.estimators.likelihood.nuisances import Unknown
 from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.response_leads import is_response
@@ -24,8 +25,6 @@ from rotorid.units import dimension_of
 FAR = 30.0
 """Factor by which a stiffness is off its start, at least, before the unit of speed is doubted: of
 the units that are mistaken, rad/s for Hz changes it least, by 39."""
-FORGOTTEN = 1e12
-"""Factor on the covariance of a row that takes no part any more."""
 NEAR = 3.0
 """Factor within which the answer lies about its start once the unit is put right."""
 SURE = 1000.0
@@ -53,18 +52,11 @@ def _row(case: Case) -> Lead:
     number = max(tables, key=lambda k: float(case.point.records[k].line_costs.max()))
     row = int(case.point.records[number].line_costs.argmax())
 
-    def undo(records: Sequence[Observation]) -> list[Observation]:
-        record = records[number]
-        matrices = record.lines.covariance.matrices.copy()
-        matrices[row] *= FORGOTTEN
-        covariance = replace(record.lines.covariance, matrices=matrices)
-        changed = record.with_lines(replace(record.lines, covariance=covariance))
-        return [*records[:number], changed, *records[number + 1 :]]
-
     speed = float(case.records[number].lines.speed[row])
     where = f" of record {number + 1}" if len(case.records) > 1 else ""
     said = f"the row at {speed * 30 / np.pi:.6g} rpm{where}"
-    return Lead("row", said, "check its speed and its readings, or leave it out", undo)
+    cure = "check its speed and its readings, or leave it out"
+    return Lead("row", said, cure, lambda records: without(records, number, row))
 
 
 def _of_all_rows(tables: Sequence[Observation]) -> list[Lead]:

@@ -14,7 +14,6 @@ import numpy as np
 
 from rotorid.estimators.likelihood.nuisances.base import (
     Nuisance,
-    Nuisances,
     Unknown,
     all_inputs,
 )
@@ -37,11 +36,6 @@ class Bend(Nuisance):
     @abstractmethod
     def shape(samples: Floats) -> Floats:
         """Return what is added to a signal for an unknown of one."""
-
-    @classmethod
-    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return none: no setting asks for one."""
-        return []
 
     @classmethod
     def _of(cls, what: str, label: str, unit: str, channels: Sequence[Channel]) -> Self:

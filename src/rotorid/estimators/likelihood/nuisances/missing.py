@@ -5,13 +5,11 @@ No setting asks for these: they are freed one at a time, to see what they explai
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
 
-from rotorid.estimators.likelihood.nuisances.base import Nuisance, Nuisances
+from rotorid.estimators.likelihood.nuisances.base import Nuisance
 from rotorid.models.expression import Expression
-from rotorid.observation import Observation
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,6 @@ class Missing(Nuisance):
     entries: tuple[MissingEntry, ...] = ()
     loads: tuple[MissingLoad, ...] = ()
 
-    @classmethod
-    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return none: no setting asks for one."""
-        return []
-
-    @classmethod
-    def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return none: a record alone does not say what its machine may miss."""
-        return []
-
 
 @dataclass(frozen=True)
 class Lever(Nuisance):
@@ -79,13 +67,3 @@ class Lever(Nuisance):
 
     arms: Mapping[int, tuple[int, float]]
     inputs: frozenset[int]
-
-    @classmethod
-    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return none: no setting asks for one."""
-        return []
-
-    @classmethod
-    def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return none: only a drawing says where the slope is."""
-        return []

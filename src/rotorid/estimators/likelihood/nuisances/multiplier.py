@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Self
 
 import numpy as np
 
-from rotorid.estimators.likelihood.nuisances.base import Factor, Nuisances, Unknown
-from rotorid.observation import Observation
+from rotorid.estimators.likelihood.nuisances.base import Factor, Unknown
 from rotorid.record import Complexes, Floats
 
 
@@ -20,16 +19,6 @@ class Multiplier(Factor):
         """Return the common factor of some channels, under the name of their gain."""
         unknown = Unknown(f"gain[{name}]", "1", start, nuisance=True, additive=True)
         return cls((unknown,), frozenset(channels))
-
-    @classmethod
-    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return none: the gains that settings ask for are positive."""
-        return []
-
-    @classmethod
-    def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return none: `Gain` stands for them."""
-        return []
 
     def factor(self, values: Floats, omega: Floats) -> Complexes:
         """S."""

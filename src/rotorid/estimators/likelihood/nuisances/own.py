@@ -51,8 +51,3 @@ class Own(Nuisance):
                 )
                 found.append(cls((unknown,), k, index, len(owners) == len(records)))
         return found
-
-    @classmethod
-    def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return none: which parameters differ is for the user to say."""
-        return []
