@@ -29,7 +29,7 @@ HIDDEN = 1e-6
 
 @dataclass(frozen=True)
 class Sensor:
-    """A channel that reads coordinates: ``y = sum coefficient * parameters * d^n q / dt^n``.
+    """What a sensor is: a channel with ``y = sum coefficient * parameters * d^n q / dt^n``.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class Batch(LinearEstimator):
     """``min (F theta - b)' Sigma^-1 (F theta - b)``, Sigma diagonal, all rows at once.
 
     A row with a measured force has that force's variance at each sample; a row without has
-    `free_weight` times the largest of them. The paper calls the factor k and alpha. A large one
-    takes bias away and adds variance.
+    `free_weight` times the largest of them. The paper calls the free weight k and alpha. A large
+    one takes bias away and adds variance.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ def lag_one_correlation(residual: Complexes) -> float:
 
 
 def is_correlated(residual: Complexes) -> bool:
-    """Tell whether periods depend on one another: the rule that chooses the covariance.
+    """Tell whether a covariance counts as correlated: whether periods depend on one another.
 
     True where the lag-one correlation of the residual is more than three of its standard
     deviations, ``1 / sqrt(2 P lines)`` (a real line counts half), away from the -1/P of

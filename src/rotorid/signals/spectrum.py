@@ -11,7 +11,7 @@ from rotorid.record import Channel, Complexes, Floats, Integers
 
 
 def line_spectra(samples: ArrayLike, harmonics: ArrayLike) -> Complexes:
-    """Return the lines of signals: ``X_k = mean_n(x_n exp(-2 pi i k n / N))``."""
+    """Return the lines of signals, the line filter: ``X_k = mean_n(x_n exp(-2 pi i k n / N))``."""
     spectrum = np.fft.rfft(np.asarray(samples, dtype=float), axis=-2, norm="forward")
     return np.asarray(spectrum[..., np.asarray(harmonics), :])
 

@@ -37,7 +37,7 @@ from rotorid.estimators.likelihood.tangent import (
 from rotorid.record import Floats
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
-"""sigma of each stage, in units of the mean force."""
+"""The homotopy: sigma of each stage, in units of the mean force."""
 LIMIT = 200
 """Steps of the last stage. The bent valleys of weakly excited rotors take up to 40."""
 EFFORT = 1000
