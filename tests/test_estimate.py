@@ -174,6 +174,7 @@ def test_rows_of_version_2():
         "command": "rotorid identify",
         "model": "",
         "held": [],
+        "environment": "",
     }
 
 

@@ -248,6 +248,8 @@ class Provenance:
         The model file's text, whole, so that the result needs no other file.
     held : sequence of (name, value)
         What was substituted in the model before it was identified, SI.
+    environment : str
+        Versions of Python and of what computes: other ones may differ in the last digits.
     """
 
     files: tuple[SourceFile, ...] = ()
@@ -258,6 +260,7 @@ class Provenance:
     held: Annotated[
         tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
     ] = ()
+    environment: str = ""
 
 
 @dataclass(frozen=True)

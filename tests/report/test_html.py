@@ -279,8 +279,14 @@ def test_where_the_misfit_lies(estimate: Estimate) -> None:
 
 def test_where_an_estimate_comes_from(estimate: Estimate) -> None:
     source = Provenance((SourceFile("run<1>.csv", "ab12"),), "model = 1", "0.1", "rotorid identify")
+    source = replace(source, environment="numpy 9")
     page = Page(estimate_report(estimate.with_(provenance=source)))
-    for text in ("run<1>.csv", "sha256 ab12", "model = 1", "rotorid identify, rotorid 0.1"):
+    for text in (
+        "run<1>.csv",
+        "sha256 ab12",
+        "model = 1",
+        "rotorid identify, rotorid 0.1, numpy 9",
+    ):
         assert text in page.words
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
-from rotorid.commands.sources import source_of
+from rotorid.commands.sources import environment, source_of
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Provenance
 from rotorid.estimators.methods import Estimator
@@ -76,5 +76,11 @@ def provenance(plan: Experiment, command: str) -> Provenance:
     text = Path(plan.file).read_text(encoding="utf-8")
     model = plan.model
     return Provenance(
-        tuple(map(source_of, files)), text, __version__, command, model.file_text, model.held
+        tuple(map(source_of, files)),
+        text,
+        __version__,
+        command,
+        model.file_text,
+        model.held,
+        environment(),
     )

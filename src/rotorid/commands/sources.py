@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from hashlib import file_digest
 from pathlib import Path
+from platform import python_version
+
+import numpy as np
+import scipy
 
 from rotorid.estimate import SourceFile
 from rotorid.files import check_regular, is_hollow
@@ -19,9 +23,14 @@ def done(given: str, files: Sequence[Path]) -> list[str]:
     sums = (source_of(path) for path in there)
     return [
         given,
-        f"rotorid {__version__}",
+        f"rotorid {__version__}, {environment()}",
         *(f"{s.file}: sha256 {s.sha256 or 'not taken'}" for s in sums),
     ]
+
+
+def environment() -> str:
+    """Return the versions of Python and of the packages that compute."""
+    return f"Python {python_version()}, numpy {np.__version__}, scipy {scipy.__version__}"
 
 
 def source_of(path: Path) -> SourceFile:
