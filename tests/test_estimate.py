@@ -456,7 +456,7 @@ def test_paths_that_are_no_files(tmp_path):
         load_estimate(tmp_path / "none.json")
     with pytest.raises(ReadError, match="found a folder"):
         load_estimate(tmp_path)
-    with pytest.raises(ReadError, match="embedded null byte"):
+    with pytest.raises(ReadError, match="found a null byte in the name"):
         load_estimate("a\0b")
 
 

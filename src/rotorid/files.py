@@ -99,6 +99,8 @@ def _require_regular(path: str | Path, found: os.stat_result, expected: str) -> 
 def _unreadable(path: str | Path, error: Exception, expected: str) -> ReadError:
     if isinstance(error, FileNotFoundError):
         found = "no such file"
+    elif isinstance(error, ValueError):  # in whose words each Python says it otherwise
+        found = "a null byte in the name"
     else:
         found = str(getattr(error, "strerror", None) or error)
         found = found[:1].lower() + found[1:]
