@@ -356,6 +356,9 @@ def test_what_was_fixed_is_told_and_never_exact():
         ("y,x", "a pair in which y comes before x"),
         ("x,x", "two directions that are not x and y of one place"),
         ("x + 0.1*theta_y,y - 0.3*theta_x - 0.5*y", "not x and y of one place"),
+        ("x - 0.1*theta_y,y - 0.1*theta_x", "two places along the axis, as a sign"),
+        ("x + 0.1*theta_y,y - 0.2*theta_x", "two places along the axis"),
+        ("x + 0.1*theta_y,y", "two places along the axis"),
         ("2*x,2*y", "2 times the motion of a place"),
         ("0.5*x,0.5*y", "0.5 times the motion of a place"),
     ],
@@ -363,6 +366,11 @@ def test_what_was_fixed_is_told_and_never_exact():
 def test_a_pair_that_is_no_plane_is_refused(plane: str, told: str) -> None:
     with pytest.raises(rid.InputError, match=told):
         rid.balance(known_rigid(), [plane], "6000 rpm")
+
+
+@pytest.mark.parametrize("plane", ["x + 0.1*theta_y,y - 0.1*theta_x", "x,y", "F_xa,F_ya"])
+def test_a_pair_that_is_a_plane_is_taken(plane: str) -> None:
+    assert rid.balance(known_rigid(), [plane], "6000 rpm").corrections
 
 
 def test_a_current_is_no_plane() -> None:

@@ -88,6 +88,8 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
         found = "a pair in which y comes before x"
     elif turned.any() and not np.allclose(second, turned, atol=ALIKE * size):
         found = "two directions that are not x and y of one place"
+    elif combined and _levers_differ(machine, *columns):
+        found = "x and y of two places along the axis, as a sign that is wrong makes them"
     elif combined and turned.any() and abs(size - 1) > ALIKE:
         found = f"{size:.4g} times the motion of a place"
     else:
@@ -98,6 +100,26 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
         "name them, x before y",
         place="plane",
     )
+
+
+def _levers_differ(machine: Machine, *columns: Floats) -> bool:
+    """Tell whether y acts at another lever than x; which sign that has, the inputs tell."""
+    directions, names = directions_of(machine), machine.model.coordinates
+    angles = [pair for pair in partners(names) if machine.model.units[names[pair[0]]] != "m"]
+
+    def levers(x: Floats, y: Floats) -> Floats:
+        one, other = (directions.signs * column[directions.rows] for column in (x, y))
+        return np.array([(one[b], other[a]) for a, b in angles]).reshape(-1, 2)
+
+    forces, inputs = machine.input_matrix(), partners(machine.model.inputs)
+    known = [levers(forces[:, a], forces[:, b]) for a, b in inputs]
+    signs = {-1.0} if isinstance(machine.model, RotorModel) else set[float]()
+    signs |= {float(sign) for pair in known for sign in np.sign(pair.prod(axis=1)) if sign}
+    found = levers(*columns)
+    if len(signs) != 1 or not found.size:
+        return False
+    away = np.abs(found[:, 1] - signs.pop() * found[:, 0])
+    return bool((away > ALIKE * np.abs(found).max(axis=1)).any())
 
 
 def _readings(machine: Machine, plane: str) -> Iterator[tuple[str, str]]:
