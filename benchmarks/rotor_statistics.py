@@ -299,8 +299,9 @@ def main(kind: Callable, count: int, path: Path | None) -> None:
         if path is not None:
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
-        if (number + 1) % 50 == 0 or number + 1 == count:
+        if (number + 1) % 50 == 0:
             told(rows)
+    told(rows)
     print(f"{time.process_time() - begin:.0f} s of processor time")
 
 

@@ -221,3 +221,13 @@ def test_suspects_that_are_even_have_an_order_of_their_own(costs, order, turned)
     found = suspects._ranked(findings[::-1] if turned else findings, 292.0, places)
     assert tuple(finding.suspect.term for finding in found) == order
     assert "the data cannot tell it from" in suspects.sentence(found, 1e6, 292.0)
+
+
+@pytest.mark.parametrize(("left", "enough"), [(875.0, True), (877.0, False)])
+def test_a_suspect_that_is_not_enough_is_said_to_be_none(left, enough):
+    """Two mistakes at once: the best of one leaves more than three times what noise does."""
+    assert suspects.GROSS == 3.0
+    found = suspects.Finding(Suspect("mass at x", 1e6 - left, 1.0, 0.06, "kg"), left, "m", "add it")
+    told = suspects.sentence([found], 1e6, 292.0)
+    assert told.endswith("add it") == enough
+    assert ("there is a second mistake or another one in its place" in told) != enough

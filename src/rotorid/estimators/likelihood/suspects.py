@@ -837,7 +837,13 @@ def sentence(findings: Sequence[Finding], cost: float, expected: float, which: s
         )
     others = [f.suspect.term for f in alike(findings, expected)[1:]]
     group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
+    rest = ""
+    if first.left >= GROSS * max(expected, 1.0):
+        rest = (
+            "; by itself it is not enough, so there is a second mistake or another one in its place"
+        )
     return (
         f"the data reject the model; first suspect: {first.said}, with which the misfit falls from "
-        f"{cost:.4g} to {first.left:.4g} where {expected:.4g} is expected{group}: {first.cure}"
+        f"{cost:.4g} to {first.left:.4g} where {expected:.4g} is expected{group}: "
+        f"{first.cure}{rest}"
     )
