@@ -248,8 +248,8 @@ def unbalanced(machine: Machine) -> Machine:
         raise InputError(
             f"a result that leaves {', '.join(open_)} undetermined",
             "the unbalance of the rotor",
-            "measure at a second speed (runout does not grow with it), or with a trial mass, or "
-            "state the runout; then identify again",
+            "measure at a second speed where runout is unknown (it does not grow with the speed), "
+            "with a trial mass where no force is known; then identify again",
         )
     load, _ = machine.load(1.0)
     if not np.abs(load).any():
