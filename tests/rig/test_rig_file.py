@@ -144,6 +144,12 @@ def test_what_would_fill_the_memory_is_refused(old: str, new: str, message: str)
     )
 
 
+def test_a_rig_settles_within_a_minute() -> None:
+    plan = parse_rig(changed('settling = "2 s"', 'settling = "61 s"'))
+    with pytest.raises(InputError, match="settling: found 61 s; expected at most 60 s, or as long"):
+        plan.record()
+
+
 def test_currents_as_excitation() -> None:
     text = re.sub(r'amplitude = "[\d.]+ N"', 'amplitude = "50 mA"', TEXT)
     excitation = parse_rig(text).rig.excitation

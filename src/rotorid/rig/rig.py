@@ -17,6 +17,9 @@ from rotorid.rig.plant import Plant
 
 Spoil = Callable[[Sequence[Column], "Rig", np.random.Generator], Sequence[Column]]
 
+SETTLED = 60.0
+"""s that a rig is given to settle, unless its record is longer: all of it takes time to run."""
+
 
 @dataclass(frozen=True)
 class Rig(Machine):
@@ -66,6 +69,13 @@ class Rig(Machine):
                 f"at most {RIG_SAMPLES}",
                 "run shorter, or sample more slowly",
                 place="duration",
+            )
+        if self.settling > max(SETTLED, duration):
+            raise InputError(
+                f"{self.settling:g} s",
+                f"at most {SETTLED:g} s, or as long as the record",
+                "give it less: a bearing settles in a second or two",
+                place="settling",
             )
         samples = round(duration * self.logger.sample_rate)
         if samples < 1:
