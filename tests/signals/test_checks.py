@@ -520,3 +520,17 @@ def test_a_light_mode_that_goes_round_is_no_rotation(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(checks_rotation, "CLEAR", 1e9)
     (found,) = [c for c in told(record) if c.check == "speed"]
     assert found.verdict == "note"
+
+
+def test_a_tone_without_noise_in_samples_of_any_size() -> None:
+    """Its strength is a number, however large the samples are: warnings are errors here."""
+    record = machine(noise=0.0)
+    time = np.arange(len(record.samples)) / RATE
+    tone = np.sin(2 * np.pi * 12 * F0 * time)[:, None] * SCALE
+    for size in (1.0, 1e57):
+        larger = replace(record, samples=size * (record.samples + tone))
+        periods = average(larger, F0, harmonics=LINES)
+        periods = replace(periods, variance=np.zeros_like(periods.variance))
+        found = checks_rotation._on_grid(periods, [2, 3])
+        assert [each.frequency for each in found] == [240.0, 240.0]
+        assert all(1e20 < each.strength < np.inf for each in found)

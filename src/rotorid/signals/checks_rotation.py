@@ -211,7 +211,7 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     noise = periods.variance[:, sensors].mean(axis=0) / (size * count)
     place, (second, first) = np.argmax(power, axis=0), np.partition(power, -2, axis=0)[-2:]
     alone = first >= np.maximum(ALONE**2 * second, TONE * noise)
-    strength = first / np.maximum(noise, 1e-300)
+    strength = first / np.maximum(np.maximum(noise, 1e-30 * first), 1e-300)
     return [
         Tone(float(place[k] * periods.fundamental), float(strength[k]), periods.names[sensors[k]])
         for k in np.flatnonzero(alone)

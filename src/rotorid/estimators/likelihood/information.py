@@ -181,7 +181,7 @@ def _borne_out(problem: Problem, unknowns: Floats) -> list[Floats]:
             np.linalg.norm((data / noise)[:, first:], axis=1)
             for data in (likelihood.data, respond(likelihood, unknowns))
         )
-        share = np.minimum(1.0, measured / np.maximum(predicted, 1e-300))
+        share = measured / np.maximum(np.maximum(predicted, measured), 1e-300)
         found.append(np.repeat(share, 2 * likelihood.equations))
     return found
 
@@ -224,7 +224,7 @@ def _idle_share(at: Evaluation, count: int) -> Floats:
     columns = at.whitened_columns()[:, :, :count]
     allowed = 1 / np.maximum((np.abs(columns) ** 2).sum(axis=1), 1e-300)
     noise = (np.abs(at.problem.factor[:, :count]) ** 2).sum(axis=2)
-    return np.asarray(np.sqrt(np.minimum(1.0, allowed / np.maximum(noise, 1e-300))))
+    return np.asarray(np.sqrt(allowed / np.maximum(np.maximum(noise, allowed), 1e-300)))
 
 
 def questioned(
