@@ -128,7 +128,7 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
 def test_the_noise_of_a_record_is_factored_once(
     record: rid.Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On all lines and on few; what is set free to see what it would do changes no noise."""
+    """On all lines, few and a hundred; what is set free to see what it does changes no noise."""
     factored = []
 
     def counting(covariance: LineCovariance, *rest: Any) -> Noise:
@@ -137,8 +137,8 @@ def test_the_noise_of_a_record_is_factored_once(
 
     monkeypatch.setattr(assembly, "noise_factor", counting)
     assert rid.identify(MODEL, lines_of(record), KNOWN).status == "ok"
-    assert len(factored) == 2
-    assert max(factored) == 991
+    assert len(factored) == 3
+    assert sorted(factored)[1] <= FEW < max(factored) == 991
 
 
 def test_a_rotor_that_floats_at_dc() -> None:

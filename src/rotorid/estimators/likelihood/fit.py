@@ -16,6 +16,7 @@ from rotorid.estimators.likelihood.beside import by_equation_errors
 from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.information import Doubt, questioned
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
+from rotorid.estimators.likelihood.plain import Plain, plainly
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.search import explained, search
@@ -47,6 +48,8 @@ class Fit:
         Why the minimum may not be the answer.
     creeps : sequence of Creep or None
         How the rotation of each record moves against its angle.
+    plain : Plain or None
+        What the search itself came upon that is plainly wrong.
     """
 
     prepared: Prepared
@@ -55,6 +58,7 @@ class Fit:
     records: tuple[Observation, ...]
     doubt: Doubt = field(default_factory=Doubt)
     creeps: tuple[Creep | None, ...] = ()
+    plain: Plain | None = None
 
     @property
     def problem(self) -> Problem:
@@ -172,8 +176,8 @@ def located(
     prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
     if covariance == "correlated":
         records = [_correlated(record, neighbours) for record in records]
-    solution, inference = _globally(prepared, records, rough)
-    if covariance == "auto":
+    (solution, inference), plain = _globally(prepared, records, rough)
+    if covariance == "auto" and plain is None:
         chosen = _chosen(solution, records, neighbours)
         if any(new is not old for new, old in zip(chosen, records, strict=True)):
             records = chosen
@@ -183,7 +187,7 @@ def located(
         records = [_less_sure(record, c) for record, c in zip(records, crept, strict=True)]
         prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), base, guess)
         solution, inference = _solve(prepared, records, solution, _carried(prepared, solution))
-    return Fit(prepared, solution, inference, tuple(records), creeps=crept)
+    return Fit(prepared, solution, inference, tuple(records), creeps=crept, plain=plain)
 
 
 def questioned_fit(found: Fit) -> Fit:
@@ -242,20 +246,27 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
 
 def _globally(
     prepared: Prepared, records: Sequence[Observation], rough: Rough | None
-) -> tuple[Solution, Inference]:
-    """Look for the minimum from the start, and from others where there is reason."""
+) -> tuple[tuple[Solution, Inference], Plain | None]:
+    """Look for the minimum from the start, and from others where there is reason.
+
+    And for mistakes that are plain before thousands of lines are searched.
+    """
     problem = _problem(prepared, records)
     near = None
     if rough is not None and rough.leads(prepared.layout):
         problem = replace(problem, sketch=rough.problem, floor=rough.floor)
         near = _near(problem, rough)
         if near is not None and explained(*near):
-            return near
-    found = by_shown_speed(prepared, records, problem) or search(problem, prepared.layout.start)
+            return near, None
+    found = by_shown_speed(prepared, records, problem)
+    plain = plainly(prepared, records, problem) if found is None else None
+    if plain is not None:
+        return (plain.solution, plain.inference), plain
+    found = found or search(problem, prepared.layout.start)
     ends = [end for end in (near, found) if end is not None]
     if not ends:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
-    return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost))
+    return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost)), None
 
 
 def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:

@@ -26,7 +26,7 @@ from rotorid.estimators.likelihood.suspects import (
     find_suspects,
     on_fewer_lines,
     on_whole_rotor,
-    speed_shown,
+    shown,
 )
 from rotorid.estimators.prediction import relative_errors
 from rotorid.models import Model
@@ -146,13 +146,16 @@ def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
         return Suspicion()
     case = Case(fit.prepared, fit.records, fit.solution.point)
     expected = fit.inference.expectation.mean
-    told = speed_shown(case)
+    plain = fit.plain
+    told = shown(case, plain.leads if plain else ())
     if told is not None:
         return told
     few, exact = on_fewer_lines(case, expected), ""
     case, expected = (case, expected) if few is None else few
     case, expected = on_whole_rotor(case, expected)
-    found = find_suspects(case.prepared.layout.model, physical_at(model, fit), case, expected)
+    tried = plain.tried if plain else frozenset()
+    values = physical_at(model, fit)
+    found = find_suspects(case.prepared.layout.model, values, case, expected, tried)
     if any(record.lines.covariance.kind == "inputs" for record in fit.records):
         exact = (
             "; but the inputs were taken as free of noise, and in closed loop that alone gives "

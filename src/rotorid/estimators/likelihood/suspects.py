@@ -56,8 +56,9 @@ from rotorid.estimators.likelihood.refits import Case, assembled, minimized, scr
 from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.estimators.likelihood.shown_speed import shown_lead
+from rotorid.estimators.likelihood.solver import HOPELESS
 from rotorid.estimators.likelihood.table_leads import table_leads
-from rotorid.estimators.likelihood.thinning import thinned
+from rotorid.estimators.likelihood.thinning import FEW, PLAIN_LINES, thinned
 from rotorid.estimators.likelihood.unknowns import physical_factors
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
@@ -204,7 +205,13 @@ class Suspicion:
     sentence: str = ""
 
 
-def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> Suspicion:
+def find_suspects(
+    model: Model,
+    values: Floats,
+    case: Case,
+    expected: float,
+    tried: frozenset[str] = frozenset(),
+) -> Suspicion:
     """Rank what may be wrong, what explains most first, and say what to do about it.
 
     Parameters
@@ -215,10 +222,12 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
     case : Case
     expected : float
         Cost that noise alone would leave.
+    tried : set of str
+        Mistakes that are known to explain nothing.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
         structure = structure_of(model, values, case.records)
-        search = _Search(model, case, values, structure, expected)
+        search = _Search(model, case, values, structure, expected, tried)
         findings = search.findings()
     suspects = tuple(finding.suspect for finding in findings[:KEPT])
     which = _which_end(model, findings, expected) if not case.records else ""
@@ -228,10 +237,12 @@ def find_suspects(model: Model, values: Floats, case: Case, expected: float) -> 
 def on_fewer_lines(case: Case, expected: float) -> tuple[Case, float] | None:
     """Return a case on some of the lines of whole records, and the cost that noise would leave.
 
-    A plain misfit shows on a few hundred lines of each record as well as on thousands, and dozens
-    of candidates are tried on them. None where there are no more, or the misfit is not plain.
+    A plain misfit shows on a few hundred lines of each record as well as on thousands, a hopeless
+    one on a hundred, and dozens of candidates are tried on them. None where there are no more, or
+    the misfit is not plain.
     """
-    fewer = thinned(case.records)
+    hopeless = case.point.cost > HOPELESS * max(expected, 1.0)
+    fewer = thinned(case.records, PLAIN_LINES if hopeless else FEW)
     if fewer is None or case.point.cost <= PLAIN * max(expected, 1.0):
         return None
     point = minimized(case.prepared, fewer, case.point.unknowns, (0.0,))
@@ -261,28 +272,33 @@ def on_whole_rotor(case: Case, expected: float) -> tuple[Case, float]:
     return Case(prepared, records, point), infer(point, point.problem.exact).expectation.mean
 
 
-def speed_shown(case: Case) -> Suspicion | None:
-    """Return the suspicion that records turned at the speed that their lines show.
+def shown(case: Case, leads: Sequence[Lead]) -> Suspicion | None:
+    """Return the suspicion of what the search came upon: a speed that lines show, a mistake.
 
-    None where they show none but the one stated, or where a misfit is left with it.
+    None where there is none, or where a misfit is left without it.
     """
-    lead = shown_lead(case.records)
-    if lead is None:
+    turned = shown_lead(case.records)
+    leads = leads if turned is None else (turned,)
+    if not leads:
         return None
     records = tuple(thinned(case.records) or case.records)
-    right = Case(case.prepared, tuple(lead.undo(records)), case.point)
-    point = right.near()
-    if point is None:
-        return None
-    expected = infer(point, point.problem.exact).expectation.mean
     here = assembled(case.prepared, records).best_at(case.point.unknowns)
     model = case.prepared.layout.model
-    search = _Search(model, replace(case, point=here), np.zeros(0), None, expected)
-    found = search.undone(lead, point)
-    if not search.explained(found):
+    findings, expected = list[Finding](), np.inf
+    for lead in leads:
+        point = Case(case.prepared, tuple(lead.undo(records)), case.point).near()
+        if point is None:
+            continue
+        mean = infer(point, point.problem.exact).expectation.mean
+        search = _Search(model, replace(case, point=here), np.zeros(0), None, mean)
+        found = search.undone(lead, point)
+        if search.explained(found):
+            findings, expected = [*findings, found], min(expected, mean)
+    if not findings:
         return None
-    told = sentence([found], here.cost, expected)
-    return Suspicion((found.suspect,), told + by_lines(records, case.records))
+    findings = _ranked(findings, expected, {})
+    told = sentence(findings, here.cost, expected)
+    return Suspicion(tuple(f.suspect for f in findings), told + by_lines(records, case.records))
 
 
 def by_lines(chosen: Sequence[Observation], every: Sequence[Observation]) -> str:
@@ -316,6 +332,7 @@ class _Search:
     values: Floats
     structure: Structure | None
     expected: float
+    tried: frozenset[str] = frozenset()
 
     @property
     def gross(self) -> bool:
@@ -525,7 +542,7 @@ class _Search:
         single, several = discrete_leads(records, self.structure, self.speeds())
 
         def undone(leads: Iterable[Lead]) -> Iterator[_Trial]:
-            for lead in leads:
+            for lead in (one for one in leads if one.term not in self.tried):
                 yield prepared, lead.undo(records), partial(self.followed, lead)
 
         def drawn() -> Iterator[_Trial]:

@@ -1,0 +1,73 @@
+"""Mistakes that are plain are told on a hundred lines, before thousands are searched."""
+
+from dataclasses import replace
+
+import pytest
+from test_spectra import KNOWN, MODEL, levitated
+
+import rotorid as rid
+from rotorid.estimators.likelihood import plain, result, solver
+from rotorid.estimators.likelihood.problem import Point
+from rotorid.estimators.likelihood.tangent import Tangent
+from rotorid.estimators.likelihood.thinning import PLAIN_LINES
+
+tangent = solver.tangent
+
+
+def mistaken(exchanged: bool, factor: float) -> rid.Lines:
+    """Return a thousand lines of a record whose sensors are exchanged, or one has another gain."""
+    record = levitated(1)
+    samples, (x, y) = record.samples.copy(), map(record.names.index, "xy")
+    if exchanged:
+        samples[:, [x, y]] = samples[:, [y, x]]
+    samples[:, x] *= factor
+    wrong = replace(record, samples=samples)
+    return rid.spectra(wrong, (2.0, 200.0), references=["r_x", "r_y"])
+
+
+@pytest.fixture(params=["swap[x, y]", "sign[x]"])
+def term(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_what_is_plain_is_told_before_anything_is_searched(
+    term: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines, steps = mistaken(term == "swap[x, y]", -1.0 if term == "sign[x]" else 1.0), []
+
+    def counting(point: Point, *rest: object) -> Tangent:
+        steps.append(len(point.records[0].problem.data))
+        return tangent(point, *rest)
+
+    monkeypatch.setattr(solver, "tangent", counting)
+    monkeypatch.setattr(result, "find_suspects", None)
+    monkeypatch.setattr(plain, "search", None)
+    estimate = rid.identify(MODEL, lines, KNOWN)
+    assert estimate.status == "rejected"
+    assert term in [suspect.term for suspect in estimate.suspects]
+    assert all(suspect.share == pytest.approx(1.0, abs=0.01) for suspect in estimate.suspects)
+    assert "first suspect" in estimate.warnings[0]
+    assert "of the 991 lines" in estimate.warnings[0]
+    assert 991 not in steps
+    for name, true in (("m", 5.0), ("k", 4e5)):  # those of the machine, not of the mistake
+        assert estimate.value(name) == pytest.approx(true, rel=0.02)
+
+
+def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Here two: sensors exchanged, one of them a quarter short."""
+    lines, asked = mistaken(True, 0.25), []
+
+    def counting(problem: plain.Problem, *rest: object) -> object:
+        asked.append(len(problem.likelihoods[0].data))
+        return search(problem, *rest)
+
+    search = plain.search
+    monkeypatch.setattr(plain, "search", counting)
+    monkeypatch.setattr(result, "find_suspects", lambda *_: result.Suspicion())
+    estimate = rid.identify(MODEL, lines, KNOWN)
+    assert estimate.status in ("rejected", "not_converged")
+    assert len(asked) == 1
+    assert asked[0] <= PLAIN_LINES == 100
+    assert (plain.GROSS, plain.LIKELY, plain.FOLLOWED) == (3.0, 2.0, 4)
