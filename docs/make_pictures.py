@@ -20,9 +20,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser
 
 WIDTH, HEIGHT, SCALE = 1100, 820, 0.75  # CSS pixels of a picture, and its pixels for each of them
-SHOWN = {  # heading at the top of the picture, width and colours of the window
-    "report.png": ("h1", WIDTH, "light"),
-    "report-lines.png": ("Measured and predicted on the lines", WIDTH, "dark"),
+LINES = "Measured and predicted, frequency by frequency"
+PLANES = ("x2 - 0.02*theta_y, y2 + 0.02*theta_x", "x2 + 0.02*theta_y, y2 - 0.02*theta_x")
+SHOWN = {  # page, heading at the top of the picture, colours of the window
+    "report.png": ("run.html", "h1", "light"),
+    "report-lines.png": ("run.html", LINES, "dark"),
+    "balance.png": ("balance.html", "The planes, seen along the shaft", "light"),
 }
 PLACE = """(() => {
   const text = %r;
@@ -42,13 +45,18 @@ def overview(folder: Path) -> None:
 def screens(folder: Path) -> None:
     """Take pictures of the report of the shipped rig."""
     with tempfile.TemporaryDirectory() as name, browser.browser(Path(name) / "browser") as one:
-        run, page = Path(name) / "run.h5", Path(name) / "run.html"
+        here = Path(name)
+        run, result = here / "run.h5", str(here / "run.json")
         cli.run(["simulate", "three-mass", "--out", str(run)])
-        cli.run(["identify", str(run.with_suffix(".toml")), "--report", str(page)])
-        for file, (heading, width, scheme) in SHOWN.items():
-            one.show(page, width, scheme)
+        pages = ["--json", result, "--report", str(here / "run.html")]
+        cli.run(["identify", str(run.with_suffix(".toml")), *pages])
+        planes = [word for plane in PLANES for word in ("--plane", plane)]
+        mounted = ["--radius", "60 mm", "--masses", "0.5 g, 1 g, 2 g"]
+        cli.run(["balance", result, *planes, *mounted, "--report", str(here / "balance.html")])
+        for file, (page, heading, scheme) in SHOWN.items():
+            one.show(here / page, WIDTH, scheme)
             top = one.run(PLACE % heading)
-            clip = {"x": 0, "y": max(0, top - 16), "width": width, "height": HEIGHT, "scale": SCALE}
+            clip = {"x": 0, "y": max(0, top - 16), "width": WIDTH, "height": HEIGHT, "scale": SCALE}
             taken = one.ask("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
             (folder / file).write_bytes(base64.b64decode(taken["data"]))
 
