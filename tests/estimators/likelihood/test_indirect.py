@@ -54,6 +54,7 @@ def test_derivatives_give_what_positions_give(demo, bearings, order):
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}, start=start))
     for name, value in demo.truth.items():
         assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
 
 def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
@@ -62,6 +63,8 @@ def test_a_parameter_may_be_a_coefficient_of_a_sensor(demo):
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L2": 0.3}, start=start))
     for name, value in demo.truth.items():
         assert estimate.value(name) == pytest.approx(value, rel=1e-6), name
+    assert "leaning" in estimate.prediction
+    assert max(p.relative_error for p in estimate.prediction.values()) < 1e-5
 
 
 @pytest.mark.parametrize("transient", [None, 2])

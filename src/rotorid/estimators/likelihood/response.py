@@ -47,6 +47,8 @@ def predicted_readings(at: Evaluation) -> Complexes:
     stiffness = -at.stiffness[:, :equations]
     motion = _motion(stiffness, right)
     indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
+    own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are
+    indirect /= at.inputs[:, equations + own, forces + own]
     reads = np.concatenate([indirect, motion @ p.sensing.reads.T], axis=1)
     return np.asarray(reads + at.state.readings[:, forces:])
 
