@@ -7,7 +7,7 @@ from rotorid.demo.paper import COLUMNS, TABLE
 from rotorid.demo.run import FORCE_NOISE, PERIODS, POSITION_NOISE, SAMPLE_RATE
 from rotorid.plots import estimates as drawn
 from rotorid.report import demo_plots
-from rotorid.report.demo_page import beside_the_paper, means, sizes
+from rotorid.report.demo_page import beside_the_paper, means, sizes, verdict_of
 from rotorid.report.html import Picture, render
 from rotorid.tables import Table, table
 
@@ -20,6 +20,7 @@ def demo_report(result: DemoResult) -> str:
     return render(
         "demo.html",
         result=result,
+        verdict=verdict_of(result),
         findings=findings(result),
         sizes=sizes(result),
         beside=beside_the_paper(result),
