@@ -332,7 +332,9 @@ def test_names_of_what_was_measured(name: str) -> None:
     assert not is_excitation(Found(name, np.zeros(2), None, "channel"))
 
 
-@pytest.mark.parametrize("name", ["Key", "Key phasor", "kp", "Keyphasor", "tacho1"])
+@pytest.mark.parametrize(
+    "name", ["Key", "Key phasor", "kp", "tacho1", "Marke", "Puls", "zero_mark"]
+)
 def test_names_of_a_mark(name: str) -> None:
     assert role_of(name, "V") == "keyphasor"
 

@@ -279,3 +279,11 @@ def test_more_names_than_columns(header: str, row: str) -> None:
     """A name that is cut in two would give every column behind it its neighbour's."""
     with pytest.raises(ReadError, match=r"line 1: found \d names for \d columns"):
         find_dialect([header, *[row] * 4])
+
+
+@pytest.mark.parametrize("other", ["°C", "degC", "dB", "VDC"])
+def test_a_row_of_units_may_hold_some_that_no_record_needs(other: str) -> None:
+    """A temperature beside the motion makes no names of the units."""
+    dialect = find_dialect(["t;x1;Temp", f"s;um;{other}", *["0,5;1,5;31"] * 4])
+    assert dialect.names == ("t", "x1", "Temp")
+    assert dialect.units == ("s", "um", None)

@@ -14,11 +14,12 @@ from rotorid.models.base import monomial_name
 from rotorid.record import Floats
 from rotorid.units import si_factor
 
+_MARK = r"tach\w*|trig\w*|puls\w*|mark\w*|index"
 Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
 _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
     ("time", re.compile(r"t|time\b.*|zeit|clock|timestamp|x_value|x_axis|abscissa", re.I), "s"),
     ("speed", re.compile(r"(n_?)?rpm|speed\w*|drehzahl|omega\w*", re.I), "rad/s"),
-    ("keyphasor", re.compile(r"kp|key\b.*|key_?ph\w*|tacho\w*|trig\w*|pulse\w*|index", re.I), ""),
+    ("keyphasor", re.compile(rf"kp|key\b.*|key_?ph\w*|{_MARK}|(zero|null)_?({_MARK})", re.I), ""),
     ("angle", re.compile(r"enc\w*|angle\w*|phi|rotor_?angle", re.I), "rad"),
 )
 _WORDS = {

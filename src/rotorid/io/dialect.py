@@ -236,6 +236,7 @@ def _names(
     pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
     if unit_row is not None:
         units = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
+        units = ["" if unit in _OTHER_UNITS else unit for unit in units]
         units += [""] * (len(pairs) - len(units))
         pairs = [
             (name, unit or other.strip("-") or None)
@@ -272,9 +273,14 @@ def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> li
 
 
 def _is_unit_row(fields: list[str]) -> bool:
-    """Tell whether a row holds units: nothing else stands in it."""
+    """Tell whether a row holds units, of some that no record needs too: nothing else is in it."""
     texts = [field.strip("[]() ") for field in fields]
-    return any(texts) and all(not t or t == "-" or _is_unit(t) for t in texts)
+    stated = [t for t in texts if t and t != "-" and t not in _OTHER_UNITS]
+    return bool(stated) and all(map(_is_unit, stated))
+
+
+_OTHER_UNITS = {"°C", "ºC", "degC", "°F", "degF", "dB", "VDC", "VAC", "Vpp", "Ohm", "inc", "digits"}
+"""Units of what a logger writes beside: temperatures have another zero, levels another scale."""
 
 
 def _is_unit(text: str) -> bool:
