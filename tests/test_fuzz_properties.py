@@ -93,6 +93,7 @@ def layouts(draw: st.DrawFn) -> dict[str, object]:
         "parts": draw(st.integers(1, 5)),
         "missing": draw(st.sampled_from([None, None, 0, 1])),
         "fill": draw(st.sampled_from([0.0, 1.0, float("nan")])),
+        "rows": draw(st.integers(1, 260)),
     }
 
 
@@ -153,7 +154,7 @@ def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:
             table = READERS[".h5"](path)
             name = table.find("x")
             read = table.read([name])[name].values
-            blocks = [part[name].values for part in table.blocks([name], 50)]
+            blocks = [part[name].values for part in table.blocks([name], layout["rows"])]
         except InputError:
             return  # of what is not whole, and of what this reader does not follow
         # A gap of NaN is told with the first such sample, when the record is made.

@@ -455,3 +455,15 @@ def test_phasors_that_no_machine_has(folder: Path) -> None:
         InputError, match=r"found samples up to .* in SI; expected samples of 1e-60"
     ):
         identify(folder)
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf, 1e61, 1e-61])
+def test_deviations_and_readings_beyond_all_bounds(size: float) -> None:
+    """The squares of their squares would leave what doubles hold."""
+    rows = np.full((3, 1), 1e-6 + 0j)
+    with pytest.raises(InputError, match=r"std: found a deviation of .* in row 1; expected more"):
+        phasor_lines([CHANNELS[0]], [1.0, 2.0, 3.0], rows, size)
+    if not abs(size) < 1e60:
+        rows[1] = size
+        with pytest.raises(InputError, match=r"not finite in row 2; .*below 1e\+60"):
+            phasor_lines([CHANNELS[0]], [1.0, 2.0, 3.0], rows, 1e-6)

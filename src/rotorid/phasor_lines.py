@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.distributions import gamma_tail
 from rotorid.errors import InputError
+from rotorid.limits import MAGNITUDE
 from rotorid.lines import Lines, PhasorClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers
 from rotorid.signals.covariance import KNOWN, LineCovariance
@@ -145,13 +146,14 @@ def _check(channels: Sequence[Channel], speed: Floats, phasors: Complexes, sourc
             "give one phasor per speed and channel",
             file=source,
         )
-    wrong = ~np.isfinite(phasors).all(axis=1) | ~np.isfinite(speed) | (speed == 0)
+    within = (np.abs(phasors) < MAGNITUDE).all(axis=1) & (np.abs(speed) < MAGNITUDE)
+    wrong = ~within | (speed == 0)
     if wrong.any():
         row = int(wrong.argmax())
         still = speed[row] == 0
         raise InputError(
             f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
-            "finite numbers, a speed other than 0",
+            f"finite numbers below {MAGNITUDE:g}, a speed other than 0",
             "give the row a speed and a reading, or leave it out",
             file=source,
         )
@@ -160,11 +162,12 @@ def _check(channels: Sequence[Channel], speed: Floats, phasors: Complexes, sourc
 def _deviations(std: ArrayLike, phasors: Complexes, source: str) -> Floats:
     """Return the stated deviations, shape (row, channel)."""
     found = np.broadcast_to(np.asarray(std, dtype=np.float64), phasors.shape)
-    if not (np.isfinite(found).all() and (found > 0).all()):
-        row, column = np.argwhere(~(np.isfinite(found) & (found > 0)))[0]
+    possible = (found > 1 / MAGNITUDE) & (found < MAGNITUDE)
+    if not possible.all():
+        row, column = np.argwhere(~possible)[0]
         raise InputError(
             f"a deviation of {found[row, column]:g} in row {row + 1}",
-            "more than 0",
+            f"more than 0, and less than {MAGNITUDE:g}",
             "state how far the readings scatter: the last digit of the instrument at least",
             file=source,
             place="std",

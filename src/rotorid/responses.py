@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
+from rotorid.limits import MAGNITUDE
 from rotorid.lines import Lines, SilentClock
 from rotorid.record import Channel, Complexes, Floats
 from rotorid.signals.covariance import KNOWN, Kind, LineCovariance
@@ -135,12 +136,13 @@ def _check(hertz: Floats, responses: Complexes, sensors: int, source: str) -> No
             "give one response per frequency and sensor",
             file=source,
         )
-    wrong = ~np.isfinite(responses).all(axis=1) | ~np.isfinite(hertz) | (hertz < 0)
+    within = (np.abs(responses) < MAGNITUDE).all(axis=1) & (hertz < MAGNITUDE)
+    wrong = ~within | (hertz < 0)
     if wrong.any():
         row = int(wrong.argmax())
         raise InputError(
             f"line {row + 1}: {hertz[row]:g} Hz, response {responses[row]}",
-            "finite numbers, no negative frequency",
+            f"finite numbers below {MAGNITUDE:g}, no negative frequency",
             "leave that line out, or export the responses again",
             file=source,
         )
@@ -182,11 +184,11 @@ def _refuse_repeated(
 def _checked_std(std: ArrayLike, responses: Complexes, source: str) -> Floats:
     """Return deviations, shape (line, sensor)."""
     found = np.broadcast_to(np.asarray(std, dtype=np.float64), responses.shape)
-    wrong = ~(np.isfinite(found) & (found > 0))
+    wrong = ~((found > 1 / MAGNITUDE) & (found < MAGNITUDE))
     if wrong.any():
         raise InputError(
             f"a deviation of {found[wrong][0]:g}",
-            "more than 0",
+            f"more than 0, and less than {MAGNITUDE:g}",
             "state how far real and imaginary part scatter from one average to the next",
             file=source,
             place="std",
