@@ -111,7 +111,26 @@ def true_modes(model, values, speed):
     found = scipy.linalg.eigvals(matrix)
     light = (found.imag > 2 * np.pi) & (found.imag < 2 * np.pi * BAND)
     found = found[light & (np.abs(found.real) < 0.1 * np.abs(found))]
-    return found[np.argsort(found.imag)]
+    polished = [polished_mode(m.M, m.D + speed * m.G, m.K, value) for value in found]
+    return np.array(sorted(polished, key=lambda value: value.imag))
+
+
+def polished_mode(mass, damping, stiffness, value):
+    """Return lambda without the rounding of the state matrix, by two-sided inverse iteration.
+
+    That is as large as the damping of 3e-6 which internal damping gives the nutation at 11 Hz.
+    """
+    rng = np.random.default_rng(1)
+    right, left = rng.standard_normal((2, len(mass)))
+    for _ in range(3):
+        pencil = value**2 * mass + value * damping + stiffness
+        factor = scipy.linalg.lu_factor(pencil)
+        right = scipy.linalg.lu_solve(factor, right)
+        left = scipy.linalg.lu_solve(factor, left, trans=2)
+        right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
+        slope = 2 * value * mass + damping
+        value = value - (left.conj() @ pencil @ right) / (left.conj() @ slope @ right)
+    return value
 
 
 def true_criticals(model, values):
