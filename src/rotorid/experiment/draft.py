@@ -392,12 +392,8 @@ def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
         told = "taken to be where the force acts; else write its own distance for the lever"
         table[_sensor_name(name)].comment(f"{told}; {assumed}" if assumed else told)
     if hidden:
-        table.add(
-            tomlkit.comment(
-                _printable(f"no column, or more than one, looks like {', '.join(hidden)}")
-            )
-        )
-        table.add(tomlkit.comment("a coordinate without a column is not measured, which may be"))
+        told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
+        table.add(tomlkit.comment(_printable(f"{told} coordinate needs one")))
     used = {c.name for c in (*taken.values(), *own)} | {c.name for c, _ in laws.values()}
     for column in columns:
         if column.name not in used:

@@ -835,6 +835,10 @@ def _told(option: Option | Shift, value: float | None) -> tuple[str, str]:
         return told, f"give its value, or have it estimated: {option.term} = {{ start = ... }}"
     if isinstance(option.nuisance, Bend):
         return f"{option.term}{size}", "calibrate what bends over its range, or excite less"
+    if isinstance(option.nuisance, Delay):
+        label = option.term.partition("[")[2].rstrip("]")
+        cure = f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]'
+        return f"{option.term}{size}", option.cure or cure
     if isinstance(option.nuisance, Factor):
         return f"{option.term}{size}", option.cure or "check the channel, or declare it unknown"
     return f"{option.term}{size}", option.cure or "add the term to the model"
