@@ -52,6 +52,23 @@ def test_the_response_is_that_of_the_machine(name, speed):
         assert np.abs(answer - expected[:, :, j]).max() < 1e-9 * size
 
 
+@pytest.mark.parametrize(("k", "count"), [(0.0, 0), (2e5, 1)])
+def test_a_machine_of_one_mode_or_none(k: float, count: int):
+    """With deviations, of which pairs of modes are told."""
+    text = SENSOR.replace(SENSOR[SENSOR.index("equations") : SENSOR.index("coord")], "E\n")
+    text = """
+    title = "a mass"
+    equations = ["m*s'' + k*s = F"]
+    coordinates = { s = "m" }
+    inputs = { F = "N" }
+    [parameters]
+    m = { unit = "kg", nominal = 2.0 }
+    k = { unit = "N/m", nominal = 2e5 }
+    """
+    found = rid.modes(estimate_of(model_of(text), {"k": k}))
+    assert len(found.modes) == count
+
+
 def test_a_machine_beyond_all_bounds():
     with pytest.raises(rid.InputError, match="found a machine beyond all bounds"):
         rid.state_space(estimate_of(model_of(SUPPORTED), {"m": 1e-310}))

@@ -305,6 +305,8 @@ def _clusters(
 ) -> tuple[Integers, ...]:
     """Return the modes whose order or shapes are not certain, together."""
     values, root, count = found.values, machine.root, len(found.values)
+    if count < 2:
+        return ()
     pairs = np.array(
         [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + BESIDE, count))]
     ).reshape(-1, 2)
