@@ -74,7 +74,7 @@ def modules(code: str, environment: dict[str, str] | None = None) -> tuple[set[s
         ("import rotorid", {}, ""),
         ("from rotorid.cli import run; run(['--help'])", {}, "identify"),
         ("from rotorid.cli import run; run(['simulate', '-h'])", {}, "RIG"),
-        ("from rotorid.cli import run; run([])", COMPLETION, "plain,identify\n"),
+        ("from rotorid.cli import run; print(run([]))", COMPLETION, "plain,identify\n0\n"),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(

@@ -285,8 +285,8 @@ def run(arguments: Sequence[str]) -> int:
         return int(code or OK)
     except (click.Abort, KeyboardInterrupt):
         return _say("interrupted", INTERRUPTED)
-    except SystemExit:  # click's way to say that the reader of its help has gone
-        return BROKEN_PIPE
+    except SystemExit as end:  # click's way out of a completion, and where its reader has gone
+        return BROKEN_PIPE if end.code else OK
     except Stopped as stopped:
         return _say("terminated", SIGNALLED + stopped.signal)
     except click.exceptions.Exit as end:  # the reader of the output has gone
