@@ -124,8 +124,8 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
     >>> x = 1e-5 * np.cos(angle - 0.5) + 1e-6 * rng.standard_normal(len(t))
     >>> record = rid.Record([rid.Channel("x", "m")], x[:, None], 5000.0, 1.0, angle)
     >>> table = rid.phasors(record)
-    >>> len(table.speed) > 20, np.angle(table.mean).mean().round(2)
-    (True, np.float64(-0.5))
+    >>> len(table.speed) > 20, round(float(np.angle(table.mean).mean()), 2)
+    (True, -0.5)
     """
     if revolutions is not None and revolutions < LENGTHS[-1]:
         raise InputError(
@@ -273,9 +273,9 @@ class _Segment:
         others += [np.sin(n * phi) for n in range(2, ORDERS + 1)]
         smooth = [np.ones_like(tau), tau, tau**2]
         design = np.column_stack([waves, waves * tau[:, None], *others, *smooth])
-        found = np.linalg.lstsq(design, samples)[0]
+        found = np.linalg.lstsq(design, samples, rcond=None)[0]
         wider = np.column_stack([design, waves * tau[:, None] ** 2])
-        bent = np.linalg.lstsq(wider, samples)[0]
+        bent = np.linalg.lstsq(wider, samples, rcond=None)[0]
         left = (samples - design @ found) * np.exp(-1j * phi)[:, None]
         count = np.diff(edges)
         each = 2 * np.add.reduceat(left, edges[:-1] - edges[0]) / count[:, None]
@@ -339,7 +339,7 @@ def _behind(cut: _Cut) -> tuple[float, float]:
         if not size:
             continue
         powers = np.vander(across / size, 3)
-        second = 2 * np.linalg.lstsq(powers, cut.phasors[part])[0][0] / size**2
+        second = 2 * np.linalg.lstsq(powers, cut.phasors[part], rcond=None)[0][0] / size**2
         noise = 2 * np.linalg.norm(np.linalg.pinv(powers)[0]) * std[first] / size**2
         lag = abs(cut.rate[first]) / 2 * np.maximum(np.abs(second).max() - 3 * noise, 0.0)
         if lag > worst * std[first]:

@@ -239,7 +239,7 @@ def _base_row(
         raise InputError(
             f"{shown}, which holds no free parameter", "a parameter that is not fixed", "drop it"
         )
-    row = np.linalg.lstsq(model.base.gather.T, wanted)[0]
+    row = np.linalg.lstsq(model.base.gather.T, wanted, rcond=None)[0]
     residual = model.base.gather.T @ row - wanted
     if not linear or np.abs(residual).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
         raise InputError(
