@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from functools import partial
 from typing import Literal
 
 from rotorid.errors import InputError, NotConvergedError
@@ -191,9 +191,9 @@ class MaximumLikelihood:
             records = reduced(bound, values, knowledge.modes, ROUGH)
         if not records or records[0].model is model:
             return model, questioned_fit(found(bound))
-        rough = approached(records[0].model, records, knowledge, self.nuisances)
         share = SHARE
-        for attempt in count():
+        rough = approached(records, knowledge, self.nuisances, partial(reduced, bound, share=share))
+        while True:
             records = reduced(bound, values if rough is None else rough.values, share=share)
             at = found(records, rough)
             small = records[0].model
@@ -203,8 +203,7 @@ class MaximumLikelihood:
                     return small, answer
                 at = answer
             rough = Rough.of(at, rough)
-            share *= FINER if attempt else 1.0
-        raise AssertionError
+            share *= FINER
 
 
 def _stands(found: Fit) -> bool:

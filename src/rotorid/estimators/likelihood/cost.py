@@ -7,7 +7,7 @@ Notation (theory, section 3), for one line; rows and coordinates are scaled, see
     q = R v + H w      v: what the sensors read, true, v = E_y y - r; w: hidden coordinates
     P = -Z             the dynamic stiffness, negative
     s = L z + h        equation error without w: L = [B, P R] E, h = g - P R r
-    N                  orthonormal basis of the left null space of P H, by QR
+    N                  orthonormal basis of the left null space of P H, see `projection`
     e = N^H s          with covariance V = N^H (L C L^H + sigma^2 S) N = U^H U
     eps = U^-H e       the whitened residual; J = sum c |eps|^2
 
@@ -37,6 +37,7 @@ import numpy as np
 from rotorid.estimators.likelihood.calibration import Calibration
 from rotorid.estimators.likelihood.noise import Noise
 from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.estimators.likelihood.projection import projection
 from rotorid.estimators.likelihood.scaling import Scales
 from rotorid.estimators.likelihood.transient import Ends, Transient
 from rotorid.record import Complexes, Floats, Integers
@@ -305,15 +306,9 @@ class Evaluation:
         return _complex(error)
 
     def _set_projection(self) -> None:
-        hidden = self.problem.sensing.hidden
-        self.null_h: Complexes | None = None
-        self._seen: tuple[Complexes, Complexes] | None = None
-        if hidden.shape[1]:
-            basis, triangle = np.linalg.qr(self.stiffness @ hidden, mode="complete")
-            adjoint = basis.conj().transpose(0, 2, 1)
-            count = hidden.shape[1]
-            self.null_h = adjoint[:, count:]
-            self._seen = adjoint[:, :count], triangle[:, :count]
+        sensing = self.problem.sensing
+        self._projection = projection(self.stiffness, sensing.hidden)
+        self.null_h = None if self._projection is None else self._projection.null_h
 
     def _projected(self, rows: Complexes) -> Complexes:
         return rows if self.null_h is None else _complex(self.null_h @ rows)
@@ -425,14 +420,12 @@ class Evaluation:
         true = self.state.factors * data
         reading = true - self.state.readings
         motion = reading[:, p.inputs :] @ sensing.right.T
-        if self._seen is not None:
-            adjoint, triangle = self._seen
+        if self._projection is not None:
             left = self._error - (self.columns @ correction)[:, :, 0]
             if self._relaxation > 0:
                 granted = (self._granted() @ multiplier)[:, :, 0]
                 left[:, : p.rows] -= self._relaxation**2 * granted
-            hidden = -np.linalg.solve(triangle, adjoint @ left[:, :, None])[:, :, 0]
-            motion = motion + hidden @ sensing.hidden.T
+            motion = motion + self._projection.motion(left)
         return data, motion
 
     def directions(self) -> Complexes:

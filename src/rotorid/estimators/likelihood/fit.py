@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypedDict
 
@@ -18,7 +18,7 @@ from rotorid.estimators.likelihood.information import Doubt, questioned
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.plain import Plain, plainly
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
-from rotorid.estimators.likelihood.problem import Problem
+from rotorid.estimators.likelihood.problem import Lowest, Problem
 from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.shown_speed import by_shown_speed
 from rotorid.estimators.likelihood.solver import Solution, solve
@@ -74,6 +74,14 @@ class Fit:
         return covariance
 
 
+FEW = 120
+"""Lines on which a rotor of few shapes is found: six times as many as it has unknowns, usually."""
+NEAR = 500
+"""Lines from which shapes are taken again: all lines move no unknown much further then."""
+ROUGHLY = 1e-4
+"""Share of its cost that is left to gain there: the shapes that it lacks move it further."""
+
+
 @dataclass(frozen=True)
 class Rough:
     """The minimum of a simpler problem in the same unknowns, from which that of the whole is near.
@@ -84,15 +92,15 @@ class Rough:
         The simpler one: ways from other starts are led by it too.
     trail : sequence of array
         Of the way to its minimum.
-    floor : float
-        Its cost there.
+    lowest : Lowest
+        Its minimum.
     unknowns : array, shape (unknown,)
-        The minimum, or a better one that was found since.
+        A better one that was found since.
     """
 
     problem: Problem
     trail: tuple[Floats, ...]
-    floor: float
+    lowest: Lowest
     unknowns: Floats
 
     @classmethod
@@ -100,8 +108,8 @@ class Rough:
         """Take the minimum of a fit; the simpler problem stays what it was before."""
         mine, solution = found.problem, found.solution
         if before is None:
-            problem = mine.sketch or mine
-            return cls(problem, solution.trail, solution.point.cost, solution.point.unknowns)
+            lowest = Lowest(solution.point.unknowns, solution.point.cost)
+            return cls(mine.sketch or mine, solution.trail, lowest, solution.point.unknowns)
         index, unknowns = found.prepared.layout.index, before.unknowns.copy()
         for k, unknown in enumerate(before.problem.layout.unknowns):
             unknowns[k] = solution.point.unknowns[index[unknown.name]]
@@ -120,20 +128,34 @@ class Rough:
 
 
 def approached(
-    model: Model, records: Sequence[Observation], knowledge: Knowledge, nuisances: Nuisances
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    shapes: Callable[[Mapping[str, float]], Sequence[Observation]],
 ) -> Rough | None:
-    """Follow the homotopy once, on few lines; None where it leads nowhere."""
+    """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
+
+    `shapes` binds all lines to a model with those at the minimum; the last steps take these.
+    """
     _refuse_silence(records)
+    model, asked = records[0].model, asked_nuisances(records, nuisances)
     guess = starting_values(model, records, knowledge, base=False)
-    prepared = prepare(model, knowledge, asked_nuisances(records, nuisances), False, guess)
-    problem = _problem(prepared, thinned(records) or records)
+
+    def posed(chosen: Sequence[Observation], few: int) -> Problem:
+        chosen = thinned(chosen, few, periodic=True) or chosen
+        prepared = prepare(chosen[0].model, knowledge, asked, False, guess)
+        return replace(_problem(prepared, chosen), sketch=None, tolerance=ROUGHLY)
+
     try:
-        found = solve(problem, prepared.layout.start)
+        found = solve(problem := posed(records, FEW), problem.layout.start)
+        if not found.converged:
+            return None
+        lowest = Lowest(found.point.unknowns, found.point.cost)
+        rough = Rough(problem, found.trail, lowest, found.point.unknowns)
+        nearer = solve(posed(shapes(rough.values), NEAR), rough.unknowns, (0.0,))
     except np.linalg.LinAlgError:
         return None
-    if not found.converged:
-        return None
-    return Rough(problem, found.trail, found.point.cost, found.point.unknowns)
+    return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
 
 
 def fit(
@@ -254,7 +276,7 @@ def _globally(
     problem = _problem(prepared, records)
     near = None
     if rough is not None and rough.leads(prepared.layout):
-        problem = replace(problem, sketch=rough.problem, floor=rough.floor)
+        problem = replace(problem, sketch=rough.problem, lowest=rough.lowest)
         near = _near(problem, rough)
         if near is not None and explained(*near):
             return near, None
@@ -299,8 +321,8 @@ def _solve(
     """Minimize again from near the minimum, with other noise or further unknowns."""
     problem, old = _problem(prepared, records), before.point.problem
     same = len(old.layout.unknowns) == len(prepared.layout.unknowns)
-    if old.floor and same:
-        problem = replace(problem, sketch=old.sketch, floor=old.floor)
+    if old.lowest is not None and same:
+        problem = replace(problem, sketch=old.sketch, lowest=old.lowest)
     solution = solve(problem, start, (0.0,))
     if same:
         solution = replace(solution, trail=before.trail)

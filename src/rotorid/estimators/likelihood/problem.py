@@ -32,8 +32,10 @@ class Problem:
         h >= 0.
     sketch : Problem, optional
         The same with few of the lines, or of the shapes, for the way to the minimum.
-    floor : float
-        What the least cost of the sketch is of itself, by the shapes that it lacks.
+    lowest : Lowest, optional
+        The minimum of the sketch, where it is known.
+    tolerance : float
+        Share of the cost left to gain at which the search for the minimum ends.
     """
 
     layout: Layout
@@ -42,7 +44,8 @@ class Problem:
     known: Known
     bounds: Relations
     sketch: Problem | None = None
-    floor: float = 0.0
+    lowest: Lowest | None = None
+    tolerance: float = 1e-10
 
     def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
         """Evaluate at all unknowns, shape (unknown,)."""
@@ -98,6 +101,14 @@ class Problem:
             for likelihood in self.likelihoods
         )
         return round(lines) + len(self.known)
+
+
+@dataclass(frozen=True)
+class Lowest:
+    """The minimum of a problem: all unknowns, and what they cost."""
+
+    unknowns: Floats
+    cost: float
 
 
 @dataclass(frozen=True)

@@ -252,10 +252,35 @@ def elsewhere(
     """
     with np.errstate(all="ignore"):
         known = solution.trail if stages == STAGES else ()
+        if problem.lowest is not None and _idle(problem, start, stages, known):
+            return None
         found = _descended(problem, start, stages, False, known, brief=True)
         if found is not None and len(outside(problem.bounds, found.point.unknowns)):
             found = _descended(problem, start, stages, True, brief=True)
     return found
+
+
+def _idle(
+    problem: Problem, start: Floats, stages: Sequence[float], known: Sequence[Floats]
+) -> bool:
+    """Tell whether on a sketch a way leads to its minimum, which is known, or to no answer."""
+    sketch, lowest = problem.sketch, problem.lowest
+    assert sketch is not None
+    assert lowest is not None
+    try:
+        found = _descended(sketch, start, stages, False, known, brief=True)
+    except np.linalg.LinAlgError:
+        return False
+    if found is None or found.point.cost > _hopeless_cost(found.point, problem):
+        return True
+    near = found.point.cost <= lowest.cost * (1 + 2 * sketch.tolerance) + 1e-3
+    return near and _same(problem, found.point.unknowns, lowest.unknowns)
+
+
+def _hopeless_cost(point: Point, problem: Problem) -> float:
+    """Return the cost of a point of a sketch from which on all lines, or shapes, say no better."""
+    floor = 0.0 if problem.lowest is None else problem.lowest.cost
+    return HOPELESS * (len(point.residual) + floor)
 
 
 def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: bool = False) -> bool:
@@ -335,10 +360,10 @@ def _ended(
         walk.effort = walk.iterations + BRIEF
     try:
         if converged is None:
-            point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
+            point, converged = walk.descend(relaxation, problem.tolerance, limit=LIMIT)
             if brief and not converged and not _hopeless(point):
                 walk.effort = EFFORT  # a bent valley, not another mountain
-                point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)
+                point, converged = walk.descend(relaxation, problem.tolerance, limit=LIMIT)
             return point, converged
     except np.linalg.LinAlgError:
         converged = False
@@ -361,7 +386,7 @@ def _astray(problem: Problem, walk: _Walk, relaxation: float) -> bool | None:
     walk.problem = problem.sketch
     try:
         point, converged = walk.descend(relaxation, tolerance=1e-2, limit=30)
-        hopeless = HOPELESS * (len(point.residual) + problem.floor)
+        hopeless = _hopeless_cost(point, problem)
         if point.cost <= hopeless:
             return None
         point, converged = walk.descend(relaxation, tolerance=1e-10, limit=LIMIT)

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.lines import WholeClock
+from rotorid.lines import Clock, PeriodicClock, WholeClock
 from rotorid.observation import Observation
 from rotorid.record import Integers
+from rotorid.steady import changed
 
 FEW = 400
 """Lines that lead to the minimum: half of them the strongest, where the machine shows, half evenly
@@ -25,19 +26,27 @@ WORTH = 2
 """Times as many lines from which on some are left out."""
 
 
-def thinned(records: Sequence[Observation], few: int = FEW) -> list[Observation] | None:
-    """Return the records with fewer lines; None where they have few."""
-    found = [_thinned(record, few) for record in records]
+def thinned(
+    records: Sequence[Observation], few: int = FEW, *, periodic: bool = False
+) -> list[Observation] | None:
+    """Return the records with fewer lines, those of periods on demand; None where they have few."""
+    found = [_thinned(record, few, periodic) for record in records]
     same = all(new is old for new, old in zip(found, records, strict=True))
     return None if same else found
 
 
-def _thinned(record: Observation, few: int) -> Observation:
-    lines = record.lines
-    if len(lines.frequency) <= WORTH * few or not isinstance(lines.clock, WholeClock):
+def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
+    lines, clock = record.lines, record.lines.clock
+    if len(lines.frequency) <= WORTH * few:
         return record
     chosen = _chosen(record, few)
-    clock = replace(lines.clock, lines_kept=lines.clock.lines_kept[chosen])
+    fewer: Clock
+    if isinstance(clock, WholeClock):
+        fewer = replace(clock, lines_kept=clock.lines_kept[chosen])
+    elif isinstance(clock, PeriodicClock) and periodic:
+        fewer = changed(clock, harmonics=clock.harmonics[chosen])
+    else:
+        return record
     covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
     return record.with_lines(
         replace(
@@ -47,7 +56,8 @@ def _thinned(record: Observation, few: int) -> Observation:
             mean=lines.mean[chosen],
             covariance=covariance,
             multiplicity=lines.multiplicity[chosen],
-            clock=clock,
+            clock=fewer,
+            scatter=None,
             beside=None,
         )
     )
