@@ -12,7 +12,7 @@ import rotorid as rid
 import rotorid.models
 from rotorid.commands.models import run
 from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
-from rotorid.estimators.likelihood import reduction
+from rotorid.estimators.likelihood import information, reduction
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
@@ -298,6 +298,26 @@ def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
     assert rid.identify(model, record, "ml").status == "ok"
     first, finer = (size for size, _ in seen)
     assert first < finer < len(model.coordinates)
+
+
+def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
+    model, record, _ = reducible
+    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    seen = []
+
+    def watched(problem, *rest):
+        sizes = [len(p.layout.model.coordinates) for p in (problem.sketch, problem)]
+        at = elsewhere(problem, *rest)
+        seen.append((*sizes, at))
+        return at
+
+    elsewhere = information.elsewhere
+    monkeypatch.setattr("rotorid.estimators.likelihood.information.elsewhere", watched)
+    rid.identify(model, record, "ml")
+    assert len(seen) == information.ALWAYS
+    for few, many, at in seen:
+        assert few < 0.8 * many
+        assert at is None
 
 
 def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch):
