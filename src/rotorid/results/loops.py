@@ -88,7 +88,7 @@ def loop_sensitivity(
     --------
     >>> import numpy as np, rotorid as rid
     >>> damper = lambda omega: -(1e6 + 3e3j * omega)[:, None, None] * np.eye(2)
-    >>> found = rid.loop_sensitivity(rid.load_model("jeffcott"), damper, np.arange(1.0, 300.0),
+    >>> found = rid.loop_sensitivity(rid.load_model("jeffcott"), damper, np.arange(1.0, 2000.0),
     ...                              sensors=["x", "y"])
     >>> [axis.verdict for axis in found.axes]
     ['zone A', 'zone A']
