@@ -19,7 +19,8 @@ import scipy
 
 from rotorid.errors import InputError
 from rotorid.lines import Beside, Lines, Samples, WholeClock
-from rotorid.record import Complexes, Floats, Integers, Record
+from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record
+from rotorid.signals.checks_samples import check_clipped, check_dead, check_quantized
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.rotation_line import shown_rotation
@@ -160,10 +161,23 @@ def spectra(
         phase_std=record.phase_std,
         source=record.source,
         warnings=noise.told,
+        checks=_checked(window, channels),
         samples=_samples_behind(window, names, kept),
         beside=noise.beside,
         shown=noise.shown,
     )
+
+
+def _checked(window: _Window, channels: tuple[Channel, ...]) -> tuple[Check, ...]:
+    """Return what is wrong with single channels, the references left out: no line of them is used.
+
+    Not what needs periods, nor what stops: sensors of an axis that is not excited may rest.
+    """
+    record = window.record
+    columns = [record.names.index(channel.name) for channel in channels]
+    used = record.samples[window.first : window.first + window.count, columns]
+    part = Record(channels, used, record.sample_rate)
+    return (*check_dead(part), *check_clipped(part), *check_quantized(part))
 
 
 def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:

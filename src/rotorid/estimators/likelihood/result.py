@@ -250,6 +250,7 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
 def _warnings(fit: Fit, p_value: float) -> list[str]:
     point, expected = fit.solution.point, fit.inference.expectation.mean
     found = list(dict.fromkeys(w for record in fit.records for w in record.lines.warnings))
+    kinds = {record.lines.covariance.kind for record in fit.records}
     for number, at in enumerate(point.records):
         noise = at.problem.noise
         told = fit.records[number].lines.covariance.kind != "coherence"
@@ -282,6 +283,13 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
             f"the data reject the model: misfit {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); see the suspects; until the cause is "
             "found neither std nor std_inflated covers the error"
+        )
+    elif 1 - p_value < REJECTED and "references" in kinds:
+        found.append(
+            f"the misfit, {point.cost:.6g}, is far below the {expected:.6g} that is expected: what "
+            "counts as noise is not all noise, as where references are late or do not hold all "
+            "that was added, or where a channel is cut at a limit; until that is found the "
+            "deviations are not sure"
         )
     elif p_value < DOUBTFUL:
         found.append(
