@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import scipy.signal
 from linear_machines import estimate_of
-from loop_cases import FUNDAMENTAL, LAST, exact, exact_peak, excited, measured, pair
+from loop_cases import FUNDAMENTAL, LAST, exact, exact_peak, excited, loop, measured, pair
 from report_pages import Page, check_self_contained
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.results.sensitivity import LIMITS, AxisSensitivity, peak_of, worst_of, zone_of
+from rotorid.results.sensitivity import LIMITS, AxisSensitivity, _about, peak_of, worst_of, zone_of
 from rotorid.rig.file import load_rig
 
 LINES = FUNDAMENTAL * np.arange(1, LAST + 1)
@@ -63,6 +63,23 @@ def test_a_peak_between_the_lines():
         found, where = peak_of(lines, exact(lines, 0)[None])
         assert found[0] == pytest.approx(exact_peak(0), rel=error)
         assert where[0] == pytest.approx(24.9, abs=1.0)
+
+
+def test_how_many_lines_a_peak_is_fitted_to_and_what_they_leave():
+    """Pinned by this module: python -c "..._about(..)" of the loops below, at its constants."""
+    wide, narrow = loop(2e5, 800.0), loop(1.5e5, 340.0)
+    for on, error in ((wide, 1.3e-4), (narrow, 5.4e-4)):
+        (found,), _ = peak_of(on.lines, on.sensitivity[None])
+        assert abs(found / on.peak - 1) < error
+    about = [_about(narrow.lines, narrow.sensitivity, np.full(LAST, s)) for s in (1e-5, 1e-3, 0.03)]
+    assert [each[0] for each in about] == [10, 10, 20]
+    # What the curve leaves is more than the peak is off by, and none of it noise.
+    assert [each[1] for each in about] == pytest.approx([0.0193822, 0.0190983, 0], rel=3e-4)
+    assert about[0][1] > abs(found - narrow.peak)
+    for count, size in ((5, np.abs(wide.sensitivity[4])), (6, 2.20534)):
+        here = slice(1, 1 + count)
+        (found,), _ = peak_of(wide.lines[here], wide.sensitivity[None, here])
+        assert found == pytest.approx(size, rel=1e-5)
 
 
 def test_the_rig_s_record_gives_the_peak_of_its_loop():
