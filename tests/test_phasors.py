@@ -131,7 +131,7 @@ def test_a_table_is_inspected(folder: Path, capsys: pytest.CaptureFixture[str]) 
     told = capsys.readouterr().out
     assert f"{len(RPM)} rows of 1x phasors, from {RPM.min():.6g} to {RPM.max():.6g} rpm" in told
     size = np.abs(coast(RPM)[:, 0])
-    assert f"{size.max():.4g}" in told
+    assert f"{1e6 * size.max():.4g}" in told
     assert f"{RPM[size.argmax()]:.6g}" in told
     found = loads(json.read_text())
     assert found["kind"] == "phasors"

@@ -178,3 +178,12 @@ def test_the_unit_of_a_rate(said: dict, hertz: float | None, tmp_path: Path) -> 
         data["x"].attrs.update(said)
     rate = open_hdf5(path).read(["x"])["x"].rate
     assert (rate and rate.hertz) == (hertz and pytest.approx(hertz))
+
+
+def test_attributes_that_are_lists_are_not_read(tmp_path: Path) -> None:
+    """With one bit of its type changed a text is such a list, and HDF5 reads beyond its memory."""
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["x"] = np.arange(5.0)
+        ragged = h5py.vlen_dtype(np.int8)
+        data["x"].attrs.create("units", np.arange(3, dtype=np.int8), (), ragged)
+    assert open_hdf5(tmp_path / "run.h5").read(["x"])["x"].unit is None

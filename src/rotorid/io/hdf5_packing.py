@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import h5py
 import numpy as np
 
 from rotorid.errors import ReadError
@@ -91,6 +92,8 @@ def _is_one(found: Any) -> bool:
 
 def attribute(attributes: Any, key: str) -> Any:
     """Return an attribute as a row of values; None where there is none, or none that we ask for."""
-    if key not in attributes or (shape := attributes.get_id(key).shape) is None:
+    if key not in attributes or (shape := (told := attributes.get_id(key)).shape) is None:
         return None
+    if told.dtype.kind == "O" and h5py.check_string_dtype(told.dtype) is None:
+        return None  # a list of any length: of a damaged one HDF5 ends the process
     return np.ravel(attributes[key]) if 0 < np.prod(shape) <= COLUMNS else None
