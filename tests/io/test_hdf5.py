@@ -184,6 +184,7 @@ def test_attributes_that_are_lists_are_not_read(tmp_path: Path) -> None:
     """With one bit of its type changed a text is such a list, and HDF5 reads beyond its memory."""
     with h5py.File(tmp_path / "run.h5", "w") as data:
         data["x"] = np.arange(5.0)
-        ragged = h5py.vlen_dtype(np.int8)
-        data["x"].attrs.create("units", np.arange(3, dtype=np.int8), (), ragged)
+        listed = np.empty(1, dtype=object)
+        listed[0] = np.arange(3, dtype=np.int8)
+        data["x"].attrs.create("units", listed, dtype=h5py.vlen_dtype(np.int8))
     assert open_hdf5(tmp_path / "run.h5").read(["x"])["x"].unit is None
