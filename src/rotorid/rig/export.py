@@ -205,10 +205,8 @@ def _rotation(rig: Rig) -> dict[str, Any]:
     if rig.rotation.speed == 0 and rig.rotation.constant:
         return {}
     low, high = rig.rotation.range_until(0.0)
-    found = {"speed": _quantity((low + high) / 2, "rad/s")}
-    if rig.rotation.phase:
-        found["phase"] = _quantity(rig.rotation.phase, "rad")
-    return found
+    phase = _quantity(rig.rotation.phase, "rad")
+    return {"speed": _quantity((low + high) / 2, "rad/s"), "phase": phase}
 
 
 def _harmonics(rig: Rig) -> list[int]:
