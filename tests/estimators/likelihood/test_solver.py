@@ -1,12 +1,14 @@
 """The solver arrives: random rotors from far starts end where a start at the truth ends."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rotor_bank import SETTINGS, Case, rotor_case
 
 from rotorid.estimators.likelihood import search as search_module
+from rotorid.estimators.likelihood import solver as solver_module
 from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.fit import Fit, fit
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
@@ -105,6 +107,16 @@ def test_a_small_mass_is_one():
         assert search_module.vanished(problem, start, _without_its_mass(right, share)) is gone
     held = replace(_without_its_mass(right, 2e-10), active=(0,))
     assert not search_module.vanished(problem, start, held)
+
+
+@pytest.mark.parametrize(("gain", "arrived"), [(0.9e-3, True), (1.1e-3, False)])
+def test_rounding_may_hide_a_thirtieth_of_a_deviation(monkeypatch, gain, arrived):
+    right = from_truth(rotor_case(SETTINGS["8 sensors, noise x 10"], 2))
+    walk = solver_module._Walk(right.point.problem, right.point.unknowns, bounded=False)
+    monkeypatch.setattr(walk, "_tangent", lambda point: SimpleNamespace(decrease=gain))
+    monkeypatch.setattr(walk, "_forward", lambda *step: (None, 1.0))
+    assert walk.descend(0.0, tolerance=1e-10, limit=5)[1] is arrived
+    assert not walk.descend(0.1, tolerance=1e-10, limit=5)[1]
 
 
 def test_the_bank_agrees_with_the_model():

@@ -50,6 +50,9 @@ JOINED = 0.01
 """Ways whose stages end no further apart, relative to each unknown, have joined."""
 BENDS = 4
 """Gauss-Newton steps that may lead a step back to the floor of its valley."""
+ARRIVED = 1e-3
+"""Gain of the cost, hidden from steps by rounding, that leaves every value within a thirtieth of
+its deviation from the minimum."""
 HELD = 1e-9
 """Distance from a bound, relative to the size of its terms, at which it holds with equality."""
 
@@ -95,7 +98,8 @@ class _Walk:
             trial, radius = self._forward(point, where, radius, relaxation)
             if trial is None:
                 # No step helps: rounding, if what was left to gain is next to nothing.
-                return point, where.decrease <= 1e-6 * max(point.cost, floor)
+                least = 0.0 if relaxation > 0 else ARRIVED
+                return point, where.decrease <= max(least, 1e-6 * max(point.cost, floor))
             point = trial
             self.unknowns = point.unknowns
         return point, False
