@@ -45,7 +45,7 @@ def test_some_damaged_files() -> None:
 # change did; the others are the commit's own, so that the search goes on. What those find was
 # there before, more often than not: it is a fault all the same, and the seed that is printed
 # finds it again.
-OWN = 300
+OWN = 100
 
 
 @pytest.mark.slow

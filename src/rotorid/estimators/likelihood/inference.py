@@ -241,8 +241,10 @@ def infer(point: Point, exact: Relations) -> Inference:
     weighted = np.concatenate(weights)[:, None] * (scaled @ determined)
     along, spread, turned = np.linalg.svd(weighted, full_matrices=False)
     with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
-        root = scale[:, None] * (basis @ determined @ turned.T) / spread
-        root = _widening(point, root @ along.T, unused)[:, None] * root
+        open_ = basis @ determined
+        root = scale[:, None] * (open_ @ turned.T) / spread
+        wider = _widening(point, root @ along.T, unused)[:, None] * root / scale[:, None]
+        root = scale[:, None] * (open_ @ (open_.T @ wider))  # exact relations stay exact
         covariance = root @ root.T
     top = values.max(initial=0.0)
     return Inference(
