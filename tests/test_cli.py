@@ -379,7 +379,8 @@ def test_a_result_says_where_it_comes_from(folder: Path) -> None:
 def test_what_a_record_is_read_with_is_an_input(folder: Path) -> None:
     """The record that tells the noise, and tables of amplifiers: written over by nobody."""
     (folder / "quiet.csv").write_text((folder / "run.csv").read_text())
-    table = "frequency,magnitude,phase\n" + "".join(f"{f},1,{-f / 10}\n" for f in range(0, 999, 9))
+    rows = "".join(f"{f},1,{-f / 10}\n" for f in range(0, 999, 9))
+    table = f"frequency,magnitude,phase [deg]\n{rows}"
     for name in ("force.csv", "sensor.csv"):
         (folder / name).write_text(table)
     text = EXPERIMENT.replace('unit = "N" }', 'unit = "N", dynamics = { table = "force.csv" } }', 1)

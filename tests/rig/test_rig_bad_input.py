@@ -250,7 +250,7 @@ CHANNELS = {
         "records.0: keyphasor: found speed and keyphasor",
     ),
     "phase and mark": (
-        r'speed = "[^"]*"',
+        r'speed = "[^"]*"\nphase = "[^"]*"',
         'phase = "3 deg"\nkeyphasor = "x1"',
         "records.0: phase: found phase with keyphasor",
     ),

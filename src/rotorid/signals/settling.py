@@ -85,7 +85,8 @@ def _deviation(spectra: Complexes) -> tuple[Floats, Floats]:
     # A drift that is left in the second half is no scatter: differences of neighbours hold less.
     scatter = np.sqrt((np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2)
     pooled = np.sqrt((scatter**2).mean(axis=0))
-    floor = np.maximum(pooled, np.maximum(_ROUNDING * channel, 1e-300))
+    level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))  # a channel that stops has none late
+    floor = np.maximum(pooled, np.maximum(_ROUNDING * np.maximum(channel, level), 1e-300))
     moved = np.abs(spectra - mean)
     relative = moved / np.where(channel > 0, channel, np.inf)
     return (moved / floor).reshape(count, -1), relative.reshape(count, -1).max(axis=1)

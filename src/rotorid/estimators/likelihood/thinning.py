@@ -48,6 +48,9 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
     else:
         return record
     covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
+    samples = lines.samples
+    if samples is not None:
+        samples = replace(samples, lines_kept=samples.lines_kept[chosen])
     return record.with_lines(
         replace(
             lines,
@@ -57,6 +60,7 @@ def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
             covariance=covariance,
             multiplicity=lines.multiplicity[chosen],
             clock=fewer,
+            samples=samples,
             scatter=None,
             beside=None,
         )
