@@ -52,3 +52,28 @@ sections = [
 steel = {{ E = "210 GPa", G = "80 GPa", density = "7850 kg/m^3" }}
 {more}
 """
+
+
+CORED = """
+title = "two cores shrunk onto a shaft with a wheel"
+sections = [
+  { length = "60 mm", outer = "25 mm", material = "steel", elements = 1 },
+  { length = "120 mm", outer = "60 mm", material = "core", stiffness = "s_A", elements = 2 },
+  { length = "180 mm", outer = "25 mm", material = "steel", elements = 3 },
+  { length = "120 mm", outer = "50 mm", material = "core", stiffness = "s_B", elements = 2 },
+  { length = "70 mm", outer = "25 mm", material = "steel", elements = 1 },
+]
+[materials]
+steel = { E = "210 GPa", G = "81 GPa", density = "7850 kg/m^3" }
+core = { E = "20 GPa", G = "7.7 GPa", density = "7700 kg/m^3" }
+[discs]
+wheel = { at = "550 mm", mass = "m_w", I_t = "1.5e-3 kg m^2", I_p = "2.8e-3 kg m^2" }
+[supports]
+left = { at = "0 mm", k = "k_s" }
+right = { at = "480 mm", k = "k_s" }
+[parameters]
+s_A = { unit = "1", nominal = 1.0, positive = true }
+s_B = { unit = "1", nominal = 1.0, positive = true }
+m_w = { unit = "kg", nominal = 1.2, positive = true }
+k_s = { unit = "N/m", nominal = 1.0e6, positive = true }
+"""

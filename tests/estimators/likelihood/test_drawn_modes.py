@@ -5,32 +5,10 @@ import re
 import numpy as np
 import pytest
 import scipy.linalg
+from rotor_files import CORED
 
 import rotorid as rid
 
-DRAWING = """
-title = "two cores shrunk onto a shaft with a wheel"
-sections = [
-  { length = "60 mm", outer = "25 mm", material = "steel", elements = 1 },
-  { length = "120 mm", outer = "60 mm", material = "core", stiffness = "s_A", elements = 2 },
-  { length = "180 mm", outer = "25 mm", material = "steel", elements = 3 },
-  { length = "120 mm", outer = "50 mm", material = "core", stiffness = "s_B", elements = 2 },
-  { length = "70 mm", outer = "25 mm", material = "steel", elements = 1 },
-]
-[materials]
-steel = { E = "210 GPa", G = "81 GPa", density = "7850 kg/m^3" }
-core = { E = "20 GPa", G = "7.7 GPa", density = "7700 kg/m^3" }
-[discs]
-wheel = { at = "550 mm", mass = "m_w", I_t = "1.5e-3 kg m^2", I_p = "2.8e-3 kg m^2" }
-[supports]
-left = { at = "0 mm", k = "k_s" }
-right = { at = "480 mm", k = "k_s" }
-[parameters]
-s_A = { unit = "1", nominal = 1.0, positive = true }
-s_B = { unit = "1", nominal = 1.0, positive = true }
-m_w = { unit = "kg", nominal = 1.2, positive = true }
-k_s = { unit = "N/m", nominal = 1.0e6, positive = true }
-"""
 ALIKE = """
 title = "a shaft that is the same from either end"
 sections = [{ length = "500 mm", outer = "25 mm", material = "steel", elements = 6 }]
@@ -63,14 +41,14 @@ def measured(text, *tests, count=3, **truth):
     return found
 
 
-def identified(modes, fixed=None, text=DRAWING):
+def identified(modes, fixed=None, text=CORED):
     settings = rid.MaximumLikelihood(fixed=fixed or {}, modes=modes)
     return rid.identify(rid.parse_model(text), [], settings)
 
 
 def test_six_frequencies_give_two_stiffnesses_a_mass_and_a_support():
     truth = {"s_A": 1.15, "s_B": 0.9, "m_w": 1.25, "k_s": 1.2e6}
-    estimate = identified(measured(DRAWING, FREE, SPRUNG, **truth))
+    estimate = identified(measured(CORED, FREE, SPRUNG, **truth))
     assert estimate.status == "ok"
     for name, value in truth.items():
         assert abs(estimate.value(name) - value) < 3 * estimate.std(name)
@@ -87,7 +65,7 @@ def test_six_frequencies_give_two_stiffnesses_a_mass_and_a_support():
     ],
 )
 def test_too_few_are_refused_with_what_is_missing(kept, told):
-    estimate = identified(measured(DRAWING, FREE, SPRUNG)[kept])
+    estimate = identified(measured(CORED, FREE, SPRUNG)[kept])
     assert estimate.status == "not_identifiable"
     assert any(np.isnan(v.std) for v in estimate.parameters)
     assert any(re.search(told, text) for text in estimate.warnings)
@@ -95,7 +73,7 @@ def test_too_few_are_refused_with_what_is_missing(kept, told):
 
 
 def test_as_many_as_there_are_unknowns_check_nothing_and_say_so():
-    modes = measured(DRAWING, FREE, SPRUNG)
+    modes = measured(CORED, FREE, SPRUNG)
     told = "nothing is left over that could contradict the model"
     estimate = identified([*modes[:3], modes[3]])
     assert estimate.status == "ok"
@@ -121,18 +99,18 @@ def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_e
 
 
 def test_the_end_is_told_where_the_shaft_is_another_from_either():
-    modes = measured(with_mass(DRAWING, "0 mm"), FREE, count=5)
+    modes = measured(with_mass(CORED, "0 mm"), FREE, count=5)
     estimate = identified(modes, KNOWN)
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term == "mass at x_left, y_left"
     assert estimate.suspects[0].value == pytest.approx(0.05, rel=0.02)
     assert not any("which end" in text for text in estimate.warnings)
-    assert identified(modes, KNOWN, with_mass(DRAWING, "0 mm")).status == "ok"
+    assert identified(modes, KNOWN, with_mass(CORED, "0 mm")).status == "ok"
 
 
 @pytest.mark.slow
 def test_a_fit_that_is_stiffer_than_drawn_is_found_by_frequencies():
-    modes = measured(DRAWING, FREE, SPRUNG, s_A=1.2)
+    modes = measured(CORED, FREE, SPRUNG, s_A=1.2)
     estimate = identified(modes, {"s_A": 1.0})
     assert estimate.status == "rejected"
     assert estimate.suspects[0].term == "prior s_A"
