@@ -199,12 +199,11 @@ def _widening(point: Point, influence: Floats, left: list[Floats]) -> Floats:
         problem, noise = at.problem, at.problem.noise
         width = problem.lines * 2 * problem.equations
         parts = power[:, first : first + width].reshape(len(power), problem.lines, -1)
-        share = parts.sum(axis=2) ** 2
-        freedom = problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
-        # Lines that share an estimate of C err together.
-        together = np.minimum(noise.shared * share, 1.0)
-        unsure += (together / freedom).sum(axis=1)
         first += width
+        if noise.shared > 1:  # its size is one for all lines, and the weights hold what it adds
+            continue
+        freedom = problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
+        unsure += (parts.sum(axis=2) ** 2 / freedom).sum(axis=1)
     freedom = 1 / np.clip(unsure, 1e-9, 0.5)  # beyond a billion t is normal, and stdtrit imprecise
     return t_limit(TAIL, freedom) / NORMAL
 
