@@ -6,8 +6,6 @@ a line between periods, from differences of neighbours, which a slow drift does 
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from rotorid.distributions import f_limit
@@ -106,7 +104,9 @@ def _equal_pairs(rows: Complexes) -> list[tuple[int, int]]:
     weights = np.cos(np.arange(2 * rows.shape[1]))
     key = np.concatenate([rows.real, rows.imag], axis=1) @ weights
     order = np.argsort(key, kind="stable")
-    pairs = ((int(min(pair)), int(max(pair))) for pair in pairwise(order))
+    least = NO_SCATTER * np.linalg.norm(weights) * np.linalg.norm(rows, axis=1).max(initial=0.0)
+    close = np.flatnonzero(np.diff(key[order]) <= least)
+    pairs = ((int(min(order[k : k + 2])), int(max(order[k : k + 2]))) for k in close)
     return [pair for pair in pairs if _equal(rows[pair[0]], rows[pair[1]])]
 
 
