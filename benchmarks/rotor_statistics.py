@@ -39,7 +39,7 @@ SLOW = 2 * np.pi * 0.1
 """Forward and backward whirl lie 1 mHz apart, one or two deviations."""
 LINES = (3, 6, 9, 10, *range(12, 61, 3))  # the rotation is on the tenth
 PERIODS = 60
-MODES, CRITICALS = 500, 150
+MODES, CRITICALS = 500, 500
 BAND = 2000.0
 """Hz up to which modes are looked at."""
 NORMAL = 1.959964

@@ -22,6 +22,11 @@ def ended():
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def loud():
+    os.write(2, b"free(): invalid pointer\n")  # as glibc does where a decoder spoilt its heap
+    ended()
+
+
 def endless():
     while True:
         pass
@@ -43,6 +48,7 @@ def test_a_child_answers():
         (refused, "run.mf4: x: found nothing; expected numbers; write some"),
         (failed, "KeyError: 'block'"),
         (ended, "run.mf4: found a file that ends the program that reads it"),
+        (loud, "run.mf4: found a file that ends the program that reads it"),
     ],
 )
 def test_a_child_that_does_not_is_told(work, told, capfd):

@@ -53,6 +53,7 @@ def _answer(
     sender: Connection, file: str, work: Callable[..., Any], arguments: tuple[Any, ...]
 ) -> None:
     """Send what the work returns, or the parts of its `InputError`."""
+    _silence()
     try:
         _bound(LEAST + int(os.path.getsize(file) / SPEED) if os.path.isfile(file) else LEAST)
         sender.send((None, work(*arguments)))
@@ -64,10 +65,17 @@ def _answer(
         sender.send((ReadError, parts))
 
 
+def _silence() -> None:
+    """Leave no words of this process where the answer's are: libraries write theirs as they end."""
+    os.environ["LIBC_FATAL_STDERR_"] = "1"  # or glibc's go to the terminal
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
+
 def _bound(seconds: int) -> None:
-    """Let the system end this process after so many seconds of the processor."""
+    """Let the system end this process after so many seconds of the processor, and keep no core."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
         return
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
