@@ -11,7 +11,7 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate, Provenance, Value
 from rotorid.estimators import gate
 from rotorid.estimators.methods import Estimator, by_name
-from rotorid.estimators.unbalance import unbalance_of
+from rotorid.estimators.unbalance import unbalance_of, unbalance_untold
 from rotorid.lines import PhasorClock
 from rotorid.models import Model
 from rotorid.observation import Data, Observation
@@ -82,8 +82,10 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     if silent:
         estimate = without_deviations(estimate)
     every = tuple(dict.fromkeys((*checks, *estimate.checks)))
-    return gate.passed(estimate, gate.data(checks)).with_(
+    passed = gate.passed(estimate, gate.data(checks))
+    return passed.with_(
         checks=every,
+        warnings=(*passed.warnings, *unbalance_untold(model, estimate)),
         unbalance=unbalance_of(model, estimate),
         provenance=estimate.provenance or _model_of(model),
     )

@@ -8,6 +8,8 @@ from rotorid.estimate import Estimate, Unbalance
 from rotorid.models import Model
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol
+from rotorid.models.force_balance import ForceBalance, force_balance
+from rotorid.models.linear import speed_factor
 from rotorid.record import Complexes, Floats
 
 ANGLES = 2 * np.pi * np.arange(16) / 16  # rotor angles: tell the rotation from seven multiples
@@ -25,13 +27,47 @@ def unbalance_of(model: Model, estimate: Estimate) -> tuple[Unbalance, ...]:
     if told is None:
         return ()
     base, jacobian = told
-    columns = _columns(model)
+    columns, _ = _forces(model, base)
     amounts = columns @ base
     answers = columns @ jacobian
     return tuple(
         _plane(model, rows, complex(amounts[rows[0]]), answers[rows[0]], estimate)
         for rows in _planes(amounts)
     )
+
+
+def unbalance_untold(model: Model, estimate: Estimate) -> tuple[str, ...]:
+    """Return what keeps an unbalance from being told in g mm, in words: equations."""
+    told = _base_of(model, estimate)
+    faults = {} if told is None else _forces(model, told[0])[1]
+    return tuple(
+        f"no unbalance of {model.coordinates[c]} in g mm, and no correction mass, from "
+        f"the model's {fault}; write that equation as the force on {model.coordinates[c]}"
+        for c, fault in faults.items()
+    )
+
+
+def _forces(model: Model, base: Floats) -> tuple[Complexes, dict[int, str]]:
+    """Return U / base parameter of each coordinate, and those that are loaded and not told."""
+    typed = _columns(model)
+    if not typed.any() or len(model.texts) != len(model.coordinates):
+        return np.zeros((len(model.coordinates), len(base)), dtype=complex), {}
+    balance = _balance_of(model, base)
+    columns = balance.forces(typed)
+    lost = {c: fault for c, fault in balance.faults.items() if columns[c].any()}
+    columns[list(lost)] = 0.0
+    return columns, lost
+
+
+def _balance_of(model: Model, base: Floats) -> ForceBalance:
+    """Return the equation of each coordinate, M being that of some base parameters."""
+    coefficients, known = model.coefficients
+    inertia = np.zeros((len(model.texts), len(model.coordinates)))
+    for signal, factor in enumerate(model.motion_factors):
+        if factor is not None and factor[1] == 2:
+            size = speed_factor(factor[2], SPEEDS[0])
+            inertia[:, factor[0]] += size * (coefficients[signal] @ base + known[signal])
+    return force_balance(model, inertia)
 
 
 def _base_of(model: Model, estimate: Estimate) -> tuple[Floats, Floats] | None:

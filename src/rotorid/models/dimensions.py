@@ -38,6 +38,19 @@ def unit_faults(
     return faults
 
 
+def product_dimensions(
+    products: Sequence[Product],
+    parameter_units: Sequence[str],
+    units: Mapping[str, str],
+    coordinates: Sequence[str],
+) -> list[Dimension]:
+    """Return the dimensions of some products, each once; nothing of those that do not tell."""
+    symbols = _symbol_dimensions(units, coordinates)
+    parameters = [dimension_of(unit) for unit in parameter_units]
+    told = [_product_dimension(product, parameters, symbols) for product in products]
+    return list(dict.fromkeys(unit for unit in told if unit is not None))
+
+
 def _symbol_dimensions(
     units: Mapping[str, str], coordinates: Sequence[str]
 ) -> dict[str, Dimension]:

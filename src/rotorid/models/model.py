@@ -90,6 +90,8 @@ class Model:
         The model file that it was read from, whole; "" for a model put together otherwise.
     held : sequence of (name, value)
         What `substitute` has replaced since, SI.
+    before : Model, optional
+        The model as it was before anything was replaced.
 
     Examples
     --------
@@ -108,6 +110,12 @@ class Model:
     equations: Equations
     file_text: str = field(default="", compare=False, repr=False)
     held: tuple[tuple[str, float], ...] = field(default=(), compare=False, repr=False)
+    before: Model | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def typed(self) -> Model:
+        """The model with no parameter replaced by a number."""
+        return self.before or self
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -247,6 +255,7 @@ class Model:
             parameters=kept,
             equations=Equations(left, right),
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
+            before=self.typed,
         )
         self._last.clear()
         self._last[tuple(fixed.items())] = reduced

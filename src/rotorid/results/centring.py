@@ -146,7 +146,9 @@ def _answers(
     for j, name in enumerate(machine.model.inputs):
         if machine.model.units[name] != "N":
             continue
-        there = complex((directions.signs * inputs[directions.rows, j]) @ motion)
+        acts = directions.forces(inputs[:, j])
+        directions.check(acts)
+        there = complex(acts @ motion)
         law = known.get(name, (np.nan, np.nan))
         ki = values.get(f"ki[{name}]", law[0])
         ks = values.get(f"ks[{name}]", values.get("ks", law[1]))

@@ -168,7 +168,7 @@ def _loops(
         law = known.get(name, (1.0, 0.0))
         ki[j] = values.get(f"ki[{name}]", law[0])
         ks[j] = values.get(f"ks[{name}]", values.get("ks", law[1]))
-    displacement = directions.signs[:, None] * push[directions.rows]
+    displacement = directions.forces(push)
     stiffness = stiffness - (push * ks) @ displacement.T
     s = 1j * omega[:, None, None]
     dynamic = s**2 * mass + s * damping + stiffness

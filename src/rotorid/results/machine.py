@@ -11,11 +11,11 @@ import numpy as np
 from rotorid.errors import InputError, ModelError
 from rotorid.estimate import Estimate, check_units
 from rotorid.estimators.derived import physical_fit
-from rotorid.estimators.likelihood.candidates import equation_order
 from rotorid.estimators.likelihood.modal import Pencil
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.models import LinearForm, Model
 from rotorid.models.expression import Expression
+from rotorid.models.force_balance import force_balance
 from rotorid.models.linear import solved, speed_factor
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.model import own_model
@@ -111,8 +111,8 @@ class Machine:
     def inertia(self, speed: float = 0.0) -> Floats:
         """Return that of each coordinate in its own equation, shape (coordinate,)."""
         mass = np.real(self.matrices(speed)[2])
-        rows, _ = equation_order(mass)
-        return np.asarray(np.abs(mass[rows, np.arange(len(mass))]))
+        balance = force_balance(self.model, mass)
+        return np.asarray(np.abs(np.diag(balance.forces(mass))))
 
     def matrices_by_speed(self, speed: float) -> Floats | Complexes:
         """Return the derivative of `matrices` by the speed."""

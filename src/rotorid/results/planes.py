@@ -7,15 +7,14 @@ The force of an unbalance U (kg m, complex: its direction in the rotor from x to
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimators.likelihood.candidates import equation_order
+from rotorid.models.force_balance import ForceBalance, force_balance
 from rotorid.models.rotor import RotorModel
 from rotorid.models.terms import polynomial
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.record import Complexes, Floats
 from rotorid.results.machine import Machine
 from rotorid.results.whirl import partners
 
@@ -23,25 +22,9 @@ ALIKE = 1e-3
 """Share by which x and y of one place may differ, and their size from one: digits of a drawing."""
 
 
-@dataclass(frozen=True)
-class Directions:
-    """The equation that belongs to each coordinate, and the sign that it is written with."""
-
-    rows: Integers
-    signs: Floats
-
-    def column(self, shares: Floats) -> Floats:
-        """Return what a force does that acts along a combination of coordinates, shape (row,)."""
-        found = np.zeros(len(shares))
-        np.add.at(found, self.rows, self.signs * shares)
-        return found
-
-
-def directions_of(machine: Machine) -> Directions:
-    """Return which equation belongs to each coordinate, by virtual work: that of its inertia."""
-    mass = np.real(machine.matrices(0.0)[2])
-    rows, signs = equation_order(mass)
-    return Directions(rows, signs)
+def directions_of(machine: Machine) -> ForceBalance:
+    """Return which equation tells the forces on each coordinate, by virtual work."""
+    return force_balance(machine.model, np.real(machine.matrices(0.0)[2]))
 
 
 def plane_column(machine: Machine, plane: str) -> Complexes:
@@ -73,9 +56,9 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
     """Refuse what is not x and y of one place: couples, y before x, parts or multiples of it."""
     directions, names = directions_of(machine), list(machine.model.coordinates)
     lengths = np.array([machine.model.units[name] == "m" for name in names])
-    first, second = (
-        np.where(lengths, directions.signs * column[directions.rows], 0.0) for column in columns
-    )
+    if any(directions.forces(column)[k] for column in columns for k in directions.faults):
+        return  # inputs: what they do stands in the equations, whatever these are
+    first, second = (np.where(lengths, directions.forces(column), 0.0) for column in columns)
     turned = np.zeros(len(names))
     for a, b in partners(names):
         turned[b] += first[a]
@@ -108,7 +91,7 @@ def _levers_differ(machine: Machine, *columns: Floats) -> bool:
     angles = [pair for pair in partners(names) if machine.model.units[names[pair[0]]] != "m"]
 
     def levers(x: Floats, y: Floats) -> Floats:
-        one, other = (directions.signs * column[directions.rows] for column in (x, y))
+        one, other = (directions.forces(column) for column in (x, y))
         return np.array([(one[b], other[a]) for a, b in angles]).reshape(-1, 2)
 
     forces, inputs = machine.input_matrix(), partners(machine.model.inputs)
@@ -194,5 +177,8 @@ def rotor_mass(machine: Machine) -> float | None:
     shares = np.zeros(len(names))
     shares[along] = 1.0
     mass = np.real(machine.matrices(0.0)[2])
-    found = float(directions_of(machine).column(shares) @ mass @ shares)
+    directions = directions_of(machine)
+    if any(shares[k] for k in directions.faults):
+        return None
+    found = float(shares @ directions.forces(mass @ shares))
     return found if found > 0 else None

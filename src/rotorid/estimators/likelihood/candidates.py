@@ -13,12 +13,12 @@ from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
-import scipy
 
 from rotorid.estimators.likelihood.nuisances import Missing, MissingEntry, MissingLoad, Unknown
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.models import Model
 from rotorid.models.expression import Expression, product, symbol
+from rotorid.models.force_balance import ForceBalance, force_balance
 from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
 
@@ -87,10 +87,8 @@ class Structure:
         Coordinates of the same displacement in x and in y; forward rotation leads the first to
         the second.
     coordinates : sequence of str
-    rows : int array, shape (coordinate,)
-        The equation that belongs to each coordinate.
-    signs : array, shape (coordinate,)
-        The sign with which it is written.
+    balance : ForceBalance
+        The equation of each coordinate, and how many times the forces on it that is.
     lone : sequence of int
         Coordinates without a partner, on which something may act too.
     slopes : mapping of int to int
@@ -101,15 +99,14 @@ class Structure:
     masses: tuple[tuple[str, Floats], ...]
     pairs: tuple[tuple[int, int], ...]
     coordinates: tuple[str, ...]
-    rows: Integers
-    signs: Floats
+    balance: ForceBalance
     lone: tuple[int, ...] = ()
     slopes: Mapping[int, int] = field(default_factory=dict)
 
     def in_rows(self, matrix: Floats) -> Floats:
         """Write a matrix of coordinates in the equations as they stand."""
         written = np.zeros_like(matrix)
-        written[self.rows] = self.signs[:, None] * matrix
+        written[self.balance.rows] = self.balance.scales[:, None] * matrix
         return written
 
     def mass(self, units: Sequence[str]) -> float:
@@ -141,33 +138,21 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
         parts[:, t.order, t.row, t.column] += size * slopes[t.monomial] * values
         if t.order == 2:
             inertia[t.row, t.column] += size * mu[t.monomial]
-    order, signs = equation_order(inertia)
-    ordered = signs[:, None] * parts[:, :, order]
+    balance = force_balance(model, inertia)
+    ordered = parts[:, :, balance.rows] / balance.scales[:, None]
     names = model.parameter_names
     springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
     masses = [(name, p[2]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[2])]
-    pairs = _oriented(model, values, _pairs(masses), order, signs, speed)
+    pairs = _oriented(model, values, _pairs(masses), balance, speed)
     paired = {k for pair in pairs for k in pair}
     return Structure(
         tuple(springs),
         tuple(masses),
         tuple(pairs),
         model.coordinates,
-        order,
-        signs,
+        balance,
         tuple(k for k in range(n) if k not in paired),
     )
-
-
-def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
-    """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
-    n = len(inertia)
-    size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
-    scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
-    rows, columns = scipy.optimize.linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
-    order = np.empty(n, dtype=np.int64)
-    order[columns] = rows
-    return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
 
 
 def _is_energy(matrix: Floats) -> bool:
@@ -213,15 +198,14 @@ def _oriented(
     model: Model,
     values: Floats,
     pairs: Sequence[tuple[int, int]],
-    order: Integers,
-    signs: Floats,
+    balance: ForceBalance,
     speed: float,
 ) -> list[tuple[int, int]]:
     """Order each pair by the sense in which its unbalance turns; else as declared."""
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     linear = linear_form(model)
     load = linear.load_columns(np.zeros(8), angle, speed or 1.0) @ model.monomial_values(values)
-    once = (load * np.exp(-1j * angle)[:, None]).mean(axis=0)[order] * signs
+    once = balance.forces((load * np.exp(-1j * angle)[:, None]).mean(axis=0))
     found = []
     for a, b in pairs:
         backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
@@ -269,6 +253,8 @@ def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
     n = len(structure.coordinates)
     found = []
     for group in (*structure.pairs, *((k,) for k in structure.lone)):
+        if structure.balance.faults.keys() & {*group}:  # no equation tells the forces there
+            continue
         names = ", ".join(structure.coordinates[k] for k in sorted(group))
         stiff, mass, rate, load = _units_at(units[group[0]])
         one = np.zeros((n, n))
@@ -301,7 +287,8 @@ def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]
     n, found = len(structure.coordinates), list[Candidate]()
     if structure.slopes:
         return found
-    places = [pair for pair in structure.pairs if units[pair[0]] == "m"]
+    unknown = structure.balance.faults.keys()
+    places = [p for p in structure.pairs if units[p[0]] == "m" and not unknown & {*p}]
     for one, other in combinations(places, 2):
         heavy = np.zeros((n, n))
         for a, b in zip(one, other, strict=True):
@@ -319,8 +306,9 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> C
     squared = (symbol("Omega"), Fraction(2))
     turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
     signals = [product([squared, factor]) for factor in turning]
+    rows, scales = structure.balance.rows, structure.balance.scales
     loads = tuple(
-        MissingLoad(int(structure.rows[c]), signal, 2 * k + part, float(structure.signs[c]))
+        MissingLoad(int(rows[c]), signal, 2 * k + part, float(scales[c]))
         for k, c in enumerate(group)
         for part, signal in enumerate(signals)
     )

@@ -79,7 +79,10 @@ def levers(structure: Structure, model: RotorModel) -> Iterator[tuple[str, str, 
         first = PLANES * model.rotor.node(at)
         pushed = {first: 1.0, first + 1: -1.0}  # theta_y is the slope of x, theta_x that of -y
         arms = {
-            int(structure.rows[row]): (int(structure.rows[structure.slopes[row]]), share)
+            int(structure.balance.rows[row]): (
+                int(structure.balance.rows[structure.slopes[row]]),
+                share,
+            )
             for row, share in pushed.items()
         }
         inputs = frozenset((2 * number, 2 * number + 1))

@@ -242,7 +242,7 @@ def planes(record: Observation, structure: Structure | None) -> list[tuple[str, 
     linear = model.linear
     if linear is not None:
         pushed = {name: np.zeros(len(model.coordinates)) for name in model.inputs}
-        to = {int(row): k for k, row in enumerate(structure.rows)}
+        to = {int(row): k for k, row in enumerate(structure.balance.rows)}
         for term in linear.input_terms:
             if term.row in to and model.monomials[term.monomial].sum() == 0:
                 pushed[model.inputs[term.input]][to[term.row]] = term.coefficient

@@ -1,0 +1,277 @@
+"""Which equation is the balance of forces on each coordinate, and how many times it stands there.
+
+Motion is the same whatever an equation is multiplied by, and whichever equations are added. Forces
+are not: an unbalance, a correction mass and what a model lacks are read from the equation of their
+coordinate. By virtual work that is the one in N for a coordinate in m, in N m for one in rad; in it
+a force on the coordinate stands once, inertia couples two coordinates alike, and so do springs.
+What people type has terms without a number before them, so a number before all of them is one that
+the equation was multiplied by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import scipy
+
+from rotorid.errors import InputError
+from rotorid.models.dimensions import product_dimensions
+from rotorid.models.expression import Expression, Monomial
+from rotorid.models.linear import motion_factor
+from rotorid.models.model import Model
+from rotorid.models.terms import Product
+from rotorid.record import Complexes, Floats, Integers
+from rotorid.units import dimension_of
+
+ALIKE = 1e-3
+"""Share by which numbers that are typed may differ and be the same: four digits are typed."""
+WHOLE = 1e-6
+"""Share of one by which a ratio may miss a whole number: ratios of typed numbers are exact."""
+_WORK = dimension_of("J")
+Values = TypeVar("Values", Floats, Complexes)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBalance:
+    """The equation of each coordinate, and how many times the forces on it that is.
+
+    Parameters
+    ----------
+    rows : int array, shape (coordinate,)
+    scales : array, shape (coordinate,)
+        Negative where it is written with the other sign; of size one where it is not told.
+    faults : mapping of int to str
+        Coordinates whose forces no equation tells, each with the reason.
+    names : sequence of str
+        Of the coordinates.
+    """
+
+    rows: Integers
+    scales: Floats
+    faults: Mapping[int, str] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+
+    def column(self, shares: Floats) -> Floats:
+        """Return what a force does to the equations that acts along coordinates, shape (row,)."""
+        self.check(shares)
+        found = np.zeros(len(shares))
+        np.add.at(found, self.rows, self.scales * shares)
+        return found
+
+    def forces(self, columns: Values) -> Values:
+        """Return the forces on the coordinates that columns of the equations are, (row, ...)."""
+        scales = self.scales.reshape(-1, *(1,) * (columns.ndim - 1))
+        return np.asarray(columns[self.rows] / scales)
+
+    def check(self, shares: Floats) -> None:
+        """Refuse coordinates whose forces no equation tells."""
+        for coordinate, fault in self.faults.items():
+            if np.any(shares[coordinate]):
+                raise InputError(
+                    f"the model's {fault}",
+                    f"the balance of forces on {self.names[coordinate]}, once",
+                    f"write that equation as the force on {self.names[coordinate]}",
+                )
+
+
+def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
+    """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
+    n = len(inertia)
+    size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
+    scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
+    rows, columns = scipy.optimize.linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
+    order = np.empty(n, dtype=np.int64)
+    order[columns] = rows
+    return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
+
+
+def force_balance(model: Model, inertia: Floats) -> ForceBalance:
+    """Return the equation of each coordinate of a model, and its scale.
+
+    `inertia` is M at the values, shape (row, coordinate): it tells which equation is whose.
+    """
+    typed = model.typed
+    if not typed.equations.left:  # matrices that no one typed: a drawing's
+        n = len(model.coordinates)
+        return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
+    rows, signs = equation_order(inertia)
+    equations = [_Equation.of(typed, rows, c) for c in range(len(rows))]
+    links, faults = _links(equations, signs)
+    scales = _spread(equations, links)
+    for c, equation in enumerate(equations):
+        wrong = equation.fault or ("" if np.isfinite(scales[c]) else equation.multiplied())
+        if wrong:
+            faults.setdefault(c, wrong)
+    for (i, j), ratio in links.items():
+        unlike = ratio * scales[j] / scales[i]
+        if not {i, j} & faults.keys() and abs(unlike - 1) > ALIKE:
+            a, b = (typed.coordinates[k] for k in (i, j))
+            faults[i] = faults[j] = (
+                f"equations {rows[i] + 1} and {rows[j] + 1}, which couple {a} and {b} unlike "
+                f"({max(unlike, 1 / unlike):.4g} to 1), as no spring and no inertia does"
+            )
+    scales = np.where(np.isfinite(scales), scales, 1.0) * signs
+    return ForceBalance(rows, scales, faults, model.coordinates)
+
+
+Key = tuple[int, Expression, Monomial]
+"""Of a coefficient of K, D or M: order of the derivative, factor of the speed, parameters."""
+
+
+@dataclass(frozen=True)
+class _Equation:
+    """What is typed of one coordinate's equation.
+
+    `entries` holds the coefficients of each coordinate, `numbers` the sizes of those of parameters
+    (without inputs), `own` those of its inertia, `pushes` those of inputs that act on no other
+    coordinate of its kind; `levers` tells whether these have a lever.
+    """
+
+    row: int
+    coordinate: int
+    entries: Mapping[Key, Mapping[int, float]]
+    numbers: tuple[float, ...]
+    own: tuple[float, ...]
+    pushes: tuple[float, ...]
+    levers: bool
+    unit_fault: str
+
+    @classmethod
+    def of(cls, model: Model, rows: Integers, coordinate: int) -> _Equation:
+        """Gather the equation of a coordinate."""
+        row = int(rows[coordinate])
+        left = [p for p in model.equations.left if p.row == row]
+        entries: dict[Key, dict[int, float]] = {}
+        for p in left:
+            if (found := motion_factor(p.signal, model.coordinates)) is not None:
+                column, order, factor = found
+                each = entries.setdefault((order, factor, p.monomial), {})
+                each[column] = each.get(column, 0.0) + float(p.coefficient)
+        numbers = tuple(abs(float(p.coefficient)) for p in left if any(p.monomial))
+        own = tuple(
+            abs(by_column[coordinate])
+            for (order, _, monomial), by_column in entries.items()
+            if order == 2 and any(monomial) and coordinate in by_column
+        )
+        sizes = tuple(abs(float(p.coefficient)) for p in _pushes(model, rows, coordinate))
+        levers = model.units[model.coordinates[coordinate]] != "m"
+        fault = _unit_fault(model, row, coordinate)
+        return cls(row, coordinate, entries, numbers, own, sizes, levers, fault)
+
+    @property
+    def scale(self) -> float | None:
+        """How many times the balance of forces it is, by its inputs; None where none tells."""
+        if not self.pushes or self.fault:
+            return None
+        if _has_one(self.pushes) or _has_one(self.numbers):
+            return 1.0
+        return min(self.numbers) if self.levers else min(self.pushes)
+
+    @property
+    def natural(self) -> bool:
+        """Whether some parameter stands there without a number, or none does at all."""
+        return not self.numbers or _has_one(self.numbers)
+
+    @property
+    def fault(self) -> str:
+        """Why its inputs do not tell what it is."""
+        if self.unit_fault or not self.pushes or _has_one(self.pushes):
+            return self.unit_fault
+        once = min(self.pushes)
+        if _has_one(self.numbers):  # as typed, unless the force and the mass are of two such
+            doubled = any(abs(size / once - 1) < WHOLE for size in self.own)
+            return self.multiplied(once) if doubled else ""
+        if not self.numbers:
+            return self.multiplied(once)
+        several = (*self.numbers, *self.pushes)
+        of = min(self.numbers) if self.levers else once
+        return "" if all(_is_whole(size / of) for size in several) else self.multiplied(once)
+
+    def multiplied(self, by: float | None = None) -> str:
+        """Say that it may be a multiple."""
+        size = min(self.numbers) if by is None else by
+        return f"equation {self.row + 1}, which may be the balance of forces times {size:.6g}"
+
+
+def _has_one(sizes: Sequence[float]) -> bool:
+    return any(abs(size - 1) < WHOLE for size in sizes)
+
+
+def _is_whole(ratio: float) -> bool:
+    return ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
+
+
+def _pushes(model: Model, rows: Integers, coordinate: int) -> list[Product]:
+    """Return the terms of inputs that act on this coordinate, and on no other of its kind."""
+    units = [model.units[name] for name in model.coordinates]
+    row, unit = int(rows[coordinate]), units[coordinate]
+    kind = {int(r) for r, u in zip(rows, units, strict=True) if u == unit and r != row}
+    shared = {p.signal for p in model.equations.right if p.row in kind}
+    force = _WORK * dimension_of(unit) ** -1
+    return [
+        p
+        for p in model.equations.right
+        if p.row == row
+        and p.signal not in shared
+        and (any(p.monomial) or dimension_of(model.units[str(p.signal)]) == force)
+    ]
+
+
+def _unit_fault(model: Model, row: int, coordinate: int) -> str:
+    """Say in what an equation is that is no balance of forces on a length, moments on an angle."""
+    name = model.coordinates[coordinate]
+    units = [parameter.unit for parameter in model.parameters]
+    typed = [p for side in (model.equations.left, model.equations.right) for p in side]
+    mine = [p for p in typed if p.row == row and (any(p.monomial) or str(p.signal) in model.inputs)]
+    found = product_dimensions(mine, units, model.units, model.coordinates)
+    if not found or any(unit * dimension_of(model.units[name]) == _WORK for unit in found):
+        return ""
+    return f"equation {row + 1}, whose terms are in {next(iter(found))}"
+
+
+def _links(
+    equations: Sequence[_Equation], signs: Floats
+) -> tuple[dict[tuple[int, int], float], dict[int, str]]:
+    """Return by how much the scales of two equations differ, and what couples only one way."""
+    links: dict[tuple[int, int], float] = {}
+    faults: dict[int, str] = {}
+    for one in equations:
+        for key, by_column in one.entries.items():
+            for column, here in by_column.items():
+                other = equations[column]
+                i, j = one.coordinate, column
+                back = other.entries.get(key, {}).get(i, 0.0)
+                if i == j or here == 0:
+                    continue
+                alike = signs[i] * here * signs[j] * back > 0
+                if alike:
+                    links.setdefault((i, j), abs(here / back))
+                elif key[0] == 2:
+                    faults[i] = faults[j] = (
+                        f"equation {one.row + 1}, which holds inertia that equation "
+                        f"{other.row + 1} does not, as sums of equations do"
+                    )
+    return links, faults
+
+
+def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], float]) -> Floats:
+    """Return the scale of each equation, where need be by what couples it; NaN if not told."""
+    scales = np.full(len(equations), np.nan)
+    for c, equation in enumerate(equations):
+        told = equation.scale
+        if told is not None or (equation.natural and not equation.fault):
+            scales[c] = told or 1.0
+    beside: dict[int, list[tuple[int, float]]] = {}
+    for (i, j), ratio in links.items():
+        beside.setdefault(i, []).append((j, ratio))
+    waiting = [int(c) for c in np.flatnonzero(np.isfinite(scales))]
+    while waiting:
+        i = waiting.pop()
+        for j, ratio in beside.get(i, ()):
+            if not np.isfinite(scales[j]) and not equations[j].fault:
+                scales[j] = scales[i] / ratio
+                waiting.append(j)
+    return scales
