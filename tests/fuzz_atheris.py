@@ -24,7 +24,6 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["rotorid"]):
-    import rotorid.estimate
     import rotorid.experiment.loader
     import rotorid.experiment.schema
     import rotorid.io.delimited
@@ -32,6 +31,7 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.models.expression
     import rotorid.models.plain
     import rotorid.models.symbolic
+    import rotorid.result_file
     import rotorid.rig.file
     import rotorid.rig.schema
     import rotorid.toml
@@ -61,7 +61,7 @@ def try_toml(data: bytes) -> None:
 
 
 def try_result(data: bytes) -> None:
-    estimate = rotorid.estimate.load_estimate(laid(data, "result.json"))
+    estimate = rotorid.result_file.load_estimate(laid(data, "result.json"))
     str(estimate)
     estimate.save(os.devnull)
 

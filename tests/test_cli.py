@@ -20,7 +20,7 @@ import rotorid.commands.identify
 from rotorid import cli, commands
 from rotorid.commands.console import show
 from rotorid.commands.sources import source_of
-from rotorid.estimate import SourceFile, Value
+from rotorid.estimate_parts import SourceFile, Value
 from rotorid.limits import HASHED_BYTES
 from rotorid.tables import table
 

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError, ReadError
-from rotorid.estimate import (
+from rotorid.estimate import Estimate, check_units
+from rotorid.estimate_parts import (
     Alternative,
     EquationMisfit,
-    Estimate,
     LineMisfit,
     Misfit,
     Prediction,
@@ -26,11 +26,10 @@ from rotorid.estimate import (
     SourceFile,
     Suspect,
     Value,
-    check_units,
-    load_estimate,
 )
 from rotorid.estimators import Batch, LeastSquares, Sequential
 from rotorid.record import Check
+from rotorid.result_file import load_estimate
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Provenance, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Provenance, Value
 from rotorid.estimators import gate
 from rotorid.estimators.methods import Estimator, by_name
 from rotorid.estimators.unbalance import unbalance_of, unbalance_untold

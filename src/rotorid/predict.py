@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Prediction, check_units
+from rotorid.estimate import Estimate, check_units
+from rotorid.estimate_parts import Prediction
 from rotorid.estimators.by_samples import filtered_records
 from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.assembly import assemble

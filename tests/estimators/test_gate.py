@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Value
 from rotorid.estimators import gate
 from rotorid.estimators.likelihood import verdict as likelihood_verdict
 from rotorid.models import load_model, parse_model

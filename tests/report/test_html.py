@@ -10,15 +10,14 @@ from report_pages import Page, check_self_contained, titles
 
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.paper import TABLE
-from rotorid.estimate import (
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import (
     EquationMisfit,
-    Estimate,
     LineMisfit,
     Misfit,
     Provenance,
     SourceFile,
     Suspect,
-    load_estimate,
 )
 from rotorid.estimators import LeastSquares
 from rotorid.evidence import Evidence, Prior
@@ -29,6 +28,7 @@ from rotorid.report.demo import demo_report
 from rotorid.report.estimate import estimate_report
 from rotorid.report.parameters import figures, groups, relations
 from rotorid.report.validation import validation_report
+from rotorid.result_file import load_estimate
 from rotorid.results.evidence import record_evidence, with_evidence
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average

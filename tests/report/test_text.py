@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rotorid.estimate import (
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import (
     Alternative,
-    Estimate,
     LineMisfit,
     Misfit,
     Prediction,

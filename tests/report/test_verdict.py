@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.estimate import Estimate, Misfit, Prediction, Suspect, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Misfit, Prediction, Suspect, Value
 from rotorid.evidence import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.plots import estimates, interactive, machines, panel, records
 from rotorid.plots.panel import Axis, Curve, Panel, thinned

@@ -8,7 +8,8 @@ import pytest
 from scipy.io import loadmat
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Value
 from rotorid.results.export import export
 
 ESTIMATE = Estimate(

@@ -18,8 +18,9 @@ from rotorid.commands.console import (
 )
 from rotorid.commands.sources import done
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, load_estimate
+from rotorid.estimate import Estimate
 from rotorid.report.balance_page import balance_page
+from rotorid.result_file import load_estimate
 from rotorid.results.balancing import Balance, balance
 from rotorid.results.centring import Feedforward, centring
 from rotorid.results.model import own_model

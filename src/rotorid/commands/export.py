@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, show, write
-from rotorid.estimate import load_estimate
+from rotorid.result_file import load_estimate
 from rotorid.results.export import exported, kind_of, plant_of
 from rotorid.writing import check_apart
 

@@ -10,7 +10,8 @@ from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
 from rotorid.commands.sources import environment, source_of
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Provenance
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Provenance
 from rotorid.estimators.methods import Estimator
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.identify import identify

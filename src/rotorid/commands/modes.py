@@ -18,9 +18,10 @@ from rotorid.commands.console import (
     progress,
 )
 from rotorid.commands.sources import done
-from rotorid.estimate import Estimate, load_estimate
+from rotorid.estimate import Estimate
 from rotorid.models import Model, load_model
 from rotorid.report.modes_page import modes_page
+from rotorid.result_file import load_estimate
 from rotorid.results.critical import Campbell, campbell
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Modes, finite_speed, modes

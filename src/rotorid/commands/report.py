@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rotorid.commands import OK
 from rotorid.commands.console import REPORT, as_text, check_outputs, show, write
-from rotorid.estimate import load_estimate
 from rotorid.report.estimate import WITHOUT, estimate_report
+from rotorid.result_file import load_estimate
 from rotorid.writing import check_apart
 
 

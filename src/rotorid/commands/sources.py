@@ -10,7 +10,7 @@ from platform import python_version
 import numpy as np
 import scipy
 
-from rotorid.estimate import SourceFile
+from rotorid.estimate_parts import SourceFile
 from rotorid.files import check_regular, is_hollow
 from rotorid.limits import HASHED_BYTES
 

@@ -19,10 +19,11 @@ from rotorid.commands.console import (
 )
 from rotorid.commands.sources import done, source_of
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, load_estimate
+from rotorid.estimate import Estimate
 from rotorid.estimators.information import information_of
 from rotorid.experiment import load_experiment
 from rotorid.report.text import information_lines, validation_table
+from rotorid.result_file import load_estimate
 from rotorid.tables import Page
 from rotorid.validation import ChannelError, channel_errors, verdict_of
 from rotorid.writing import check_apart

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rotorid.estimate import Value
+from rotorid.estimate_parts import Value
 from rotorid.models import Model
 from rotorid.record import Booleans, Floats
 

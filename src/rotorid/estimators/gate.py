@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Value
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm, speed_factor

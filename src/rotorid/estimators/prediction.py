@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorid.estimate import Prediction
+from rotorid.estimate_parts import Prediction
 from rotorid.estimators.regression import Regression
 from rotorid.record import Complexes, Floats
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorid.estimate import Estimate, Prediction, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Prediction, Value
 from rotorid.estimators.derived import physical_from_base
 from rotorid.estimators.prediction import by_regression, relative_errors
 from rotorid.estimators.regression import Regression

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorid.estimate import Estimate, Unbalance
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Unbalance
 from rotorid.models import Model
 from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol

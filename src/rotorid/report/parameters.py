@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from rotorid.estimate import HALF_WIDTH, Estimate, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_page import HALF_WIDTH
+from rotorid.estimate_parts import Value
 from rotorid.evidence import Prior
 
 WIDTH = 140  # of a row's bars, in pixels

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import Estimate, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Value
 from rotorid.results.modes import finite_speed
 from rotorid.results.state_space import StateSpace, state_space
 from rotorid.screen import one_line, printable

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError, ModelError
-from rotorid.estimate import load_estimate
 from rotorid.estimators import MaximumLikelihood
 from rotorid.identify import identify
 from rotorid.models import Model, load_model, parse_model
+from rotorid.result_file import load_estimate
 from rotorid.rig.lines import add_noise, line_record
 
 

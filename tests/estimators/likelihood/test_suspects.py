@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimate import Suspect
+from rotorid.estimate_parts import Suspect
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood import suspects
 from rotorid.estimators.likelihood.candidates import find_candidates, find_structure

@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.estimate import Value
+from rotorid.estimate_parts import Value
 from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import simulated

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.estimate import ModeFit
+from rotorid.estimate_parts import ModeFit
 from rotorid.estimators.likelihood.nuisances import Missing
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.estimate import Alternative, Estimate, LineMisfit, Misfit, ModeFit, Status, Value
+from rotorid.estimate import Estimate
+from rotorid.estimate_parts import Alternative, LineMisfit, Misfit, ModeFit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (

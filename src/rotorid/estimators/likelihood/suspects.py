@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from rotorid.estimate import Suspect
+from rotorid.estimate_parts import Suspect
 from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
 from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
