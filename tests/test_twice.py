@@ -347,3 +347,46 @@ def test_a_weighing_twice(text: str, told: str, load) -> None:
         rid.load_experiment(path)
     path.write_text(plain + once.format("m"))
     assert len(rid.load_experiment(path).constraints) == 1
+
+
+SHARED = "found 863 samples that run.csv holds too.*at 0 s here is at 0.137 s there.*remove one"
+
+
+@pytest.mark.parametrize("more", [LINES, 'band = ["5 Hz", "45 Hz"]', 'cutoff = "45 Hz"'])
+def test_excerpts_of_one_measurement_that_overlap(
+    more: str, load, tmp_path: Path, monkeypatch
+) -> None:
+    """Begun at any sample, in files of their own, cut into periods or whole."""
+    values = columns()
+    write(tmp_path / "run.csv", values)
+    write(tmp_path / "later.csv", {name: one[137:] for name, one in values.items()})
+    if more != LINES:
+        monkeypatch.setitem(globals(), "RECORD", RECORD.replace('fundamental = "10 Hz"\n', ""))
+    experiment = load(("run.csv", more), ("later.csv", more))
+    with pytest.raises(InputError, match=SHARED):
+        experiment.records("ml")
+
+
+def test_excerpts_that_are_read_in_blocks(load, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("rotorid.io.blocks.WORTH", 0)
+    monkeypatch.setattr("rotorid.io.blocks.ROWS", 100)
+    values = columns()
+    write(tmp_path / "run.h5", values)
+    write(tmp_path / "later.h5", {name: one[137:] for name, one in values.items()})
+    with pytest.raises(InputError, match=SHARED.replace("csv", "h5")):
+        load(("run.h5", LINES), ("later.h5", LINES)).records()
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ('until = "0.5 s"', 'skip = "0.4 s"'),  # of the file that begins .137 s later
+        ("", "harmonics = [3]"),
+    ],
+)
+def test_excerpts_of_which_each_sample_counts_once(first, second, load, tmp_path: Path) -> None:
+    values = columns()
+    write(tmp_path / "run.csv", values)
+    write(tmp_path / "later.csv", {name: one[137:] for name, one in values.items()})
+    lines = [LINES if "harmonics" not in more else "" for more in (first, second)]
+    load(("run.csv", f"{lines[0]}\n{first}"), ("later.csv", f"{lines[1]}\n{second}")).records()

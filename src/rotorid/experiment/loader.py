@@ -30,6 +30,7 @@ from rotorid.experiment.recording import (
 )
 from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry, response_tables
 from rotorid.experiment.twice import (
+    Overlaps,
     alike,
     check_contents,
     check_measured,
@@ -156,11 +157,11 @@ class Experiment:
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
-        waves: list[Wave] = []
+        so_far = _SoFar([], Overlaps(self.entry.records, self.model.inputs))
         self._check_contents()
         for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
             try:
-                several = self._one(number, entry, plan, waves, currents=currents)
+                several = self._one(number, entry, plan, so_far, currents=currents)
                 own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
                 told = shared_currents(plan)
                 for one in several:
@@ -174,6 +175,7 @@ class Experiment:
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
         check_measured(found, self.model.inputs)
+        so_far.overlaps.check()
         for number, text in alike(found, self.model.inputs).items():
             found[number] = replace(found[number], warnings=(*found[number].warnings, text))
         return found
@@ -189,7 +191,7 @@ class Experiment:
         number: int,
         entry: RecordEntry,
         plan: Recording,
-        waves: list[Wave],
+        so_far: _SoFar,
         *,
         currents: bool,
     ) -> Sequence[Measured]:
@@ -198,15 +200,20 @@ class Experiment:
             return read_table(self.folder, entry, plan, self.model)
         if entry.is_cut:
             run = measured(self.folder, entry, plan, currents=currents)
+            so_far.overlaps.look(number, run)
             return [phasors(run, entry.revolutions, skip=entry.skip or 0.0)]
         if entry.periodic:
-            return [averaged(self.folder, entry, plan, currents=currents)]
+            watch = so_far.overlaps.watch(number)
+            periods = averaged(self.folder, entry, plan, currents=currents, watch=watch)
+            so_far.overlaps.told(number, periods)
+            return [periods]
         record = measured(self.folder, entry, plan, currents=currents)
+        so_far.overlaps.look(number, record)
         if entry.cutoff is not None:
             return [filtered_of(record, entry)]
         if (wave := wave_of(number, entry, record, self.model)) is not None:
-            waves.append(wave)
-            check_rotation(waves, self.file)
+            so_far.waves.append(wave)
+            check_rotation(so_far.waves, self.file)
         quiet = quiet_record(self.folder, entry, plan, currents=currents)
         return [lines_of(record, quiet, entry, self.model)]
 
@@ -269,6 +276,14 @@ class Experiment:
             return identify(self.model, self.records(method), self.estimator(method))
         except InputError as error:
             raise error.at(file=self.file) from None
+
+
+@dataclass(frozen=True)
+class _SoFar:
+    """What records that were read are held against."""
+
+    waves: list[Wave]
+    overlaps: Overlaps
 
 
 def _check_ending(path: Path) -> None:

@@ -22,7 +22,7 @@ from rotorid.io.blocks import RecordBlocks, open_blocks
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.models.combination import sensor_terms
-from rotorid.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.record import Channel, Drive, Floats, PeriodicRecord, Record
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average
 from rotorid.signals.block_average import average_blocks
@@ -32,6 +32,7 @@ from rotorid.spectra import spectra
 from rotorid.steady import changed
 
 _MARK = "the mark of the rotor angle"
+_REFERENCE = "reference "
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,12 @@ def measured(
 
 def reference_name(column: str) -> str:
     """Return the name of the channel of a reference: no name of a model, whatever the column."""
-    return f"reference {column}"
+    return f"{_REFERENCE}{column}"
+
+
+def is_reference(name: str) -> bool:
+    """Tell whether a channel is a reference."""
+    return name.startswith(_REFERENCE)
 
 
 def quiet_record(
@@ -270,19 +276,45 @@ def _said(entry: RecordEntry) -> dict[str, Any]:
     }
 
 
+Watch = Callable[[Sequence[str]], Callable[[Floats], None]]
+"""Called with the names of the channels before a record is read; returns what looks at samples."""
+
+
 def averaged(
-    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+    folder: Path,
+    entry: RecordEntry,
+    plan: Recording,
+    *,
+    currents: bool,
+    watch: Watch | None = None,
 ) -> PeriodicRecord:
     """Read a record and cut it into periods; a large one in blocks."""
     blocks = _blocks(folder, entry, plan, currents=currents)
     if blocks is None:
-        return periods_of(measured(folder, entry, plan, currents=currents), entry)
+        record = measured(folder, entry, plan, currents=currents)
+        if watch is not None:
+            watch(record.names)(record.samples)
+        return periods_of(record, entry)
+    if watch is not None:
+        blocks = replace(blocks, read=_watched(blocks, watch))
     return _settled(
         lambda skip: average_blocks(
             blocks, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
         ),
         entry,
     )
+
+
+def _watched(blocks: RecordBlocks, watch: Watch) -> Callable[[], Iterator[Floats]]:
+    """Return what reads blocks, each shown before it is used, as often as they are read."""
+
+    def read() -> Iterator[Floats]:
+        look = watch(blocks.names)
+        for block in blocks.read():
+            look(block)
+            yield block
+
+    return read
 
 
 def _blocks(

@@ -5,7 +5,7 @@ A record listed n times makes the stated deviations sqrt(n) too small, and nothi
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from hashlib import blake2b
 from itertools import combinations
@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.errors import InputError
-from rotorid.experiment.recording import Recording
+from rotorid.experiment.recording import Recording, is_reference
 from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
 from rotorid.files import is_hollow
 from rotorid.filtered import FilteredRecord
 from rotorid.limits import HASHED_BYTES
 from rotorid.observation import Measured
-from rotorid.record import Channel, Floats, PeriodicRecord
+from rotorid.record import Channel, Floats, PeriodicRecord, Record
+from rotorid.signals.fingerprint import Printer, Shared, candidates, shared
 
 _PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
 _STEP = 1 << 20  # bytes that are compared at a time where these are the same
@@ -28,6 +29,7 @@ _ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a 
 _LATER = 0.999  # where one begins periods later: some lag or other brings any two hums so near
 _FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
 _ROUNDING = 1e-7  # of single precision: scatter below it is none
+_SHARE = 0.05  # of the shorter record: less of it twice makes no deviation 3 % too small
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
 Entries = Mapping[str, ChannelEntry]
 
@@ -181,6 +183,85 @@ def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
         seen[key] = source
 
 
+class Overlaps:
+    """Finds samples that two records share, wherever they begin in each: excerpts of one run.
+
+    Parameters
+    ----------
+    records : sequence of RecordEntry
+    inputs : collection of str
+        Names that are no sensors.
+    """
+
+    def __init__(self, records: Sequence[RecordEntry], inputs: Collection[str]) -> None:
+        self.records, self.inputs = records, inputs
+        self.taken: dict[int, tuple[tuple[str, ...], Printer]] = {}
+        self.read: dict[int, tuple[str, float]] = {}
+
+    def watch(self, number: int) -> Callable[[Sequence[str]], Callable[[Floats], None]] | None:
+        """Return what takes the prints of a record while it is read; None where there is one."""
+        if len(self.records) < 2:
+            return None
+
+        def begin(names: Sequence[str]) -> Callable[[Floats], None]:
+            sensors = tuple(n for n in names if n not in self.inputs and not is_reference(n))
+            columns, printer = [list(names).index(n) for n in sensors], Printer()
+            self.taken[number] = sensors, printer
+            return lambda samples: printer.add(samples[:, columns])
+
+        return begin
+
+    def look(self, number: int, record: Record) -> None:
+        """Take the prints of a record that was read whole."""
+        begin = self.watch(number)
+        if begin is not None:
+            begin(record.names)(record.samples)
+        self.told(number, record)
+
+    def told(self, number: int, record: Record | PeriodicRecord) -> None:
+        """Keep where a record comes from, and its sample rate."""
+        self.read[number] = record.source, record.sample_rate
+
+    def check(self) -> None:
+        """Refuse records that share samples.
+
+        Raises
+        ------
+        InputError
+            With the file that comes second.
+        """
+        prints = {number: printer.prints() for number, (_, printer) in self.taken.items()}
+        by_sensors: dict[tuple[str, ...], list[int]] = {}
+        for number, (sensors, _) in self.taken.items():
+            by_sensors.setdefault(sensors, []).append(number)
+        for numbers in by_sensors.values():
+            for a, b in candidates([prints[number] for number in numbers]):
+                first, second = sorted((numbers[a], numbers[b]))
+                both = shared(prints[first], prints[second])
+                if both is not None and _lines_overlap(self.records[first], self.records[second]):
+                    self._refuse(first, second, both)
+
+    def _refuse(self, first: int, second: int, both: Shared) -> None:
+        """Refuse two records of which a part that both use is the same."""
+        (one, rate), (other, _) = self.read[first], self.read[second]
+        used = self._used(first, second, both, rate)
+        if used > _SHARE * min(self.taken[k][1].count for k in (first, second)):
+            raise InputError(
+                f"{used} samples that {Path(one).name[:120]} holds too, in every digit of its "
+                f"sensors: what is at {both.second / rate:.4g} s here is at "
+                f"{both.first / rate:.4g} s there",
+                "each sample once: twice it counts as two measurements",
+                "remove one of the two, or give each its own times by skip and until",
+                file=other,
+            )
+
+    def _used(self, first: int, second: int, both: Shared, rate: float) -> int:
+        """Return how many shared samples neither record leaves out by skip."""
+        skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
+        begin = max(skips[0] - both.first, skips[1] - both.second, 0)
+        return both.count - begin
+
+
 def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
     """Say which records scatter from period to period as another does: noise does not repeat.
 
@@ -261,7 +342,14 @@ def _overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of one file take a sample, or a line, that is the same."""
     begin = max(first.skip or 0.0, second.skip or 0.0)
     end = min(np.inf if one.until is None else one.until for one in (first, second))
-    if begin >= end or (first.mask != second.mask and None not in (first.mask, second.mask)):
+    if begin >= end:
+        return False
+    return _lines_overlap(first, second)
+
+
+def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
+    """Tell whether two records of the same samples may use the same of them, and a same line."""
+    if first.mask != second.mask and None not in (first.mask, second.mask):
         return False
     if first.harmonics and second.harmonics and _period(first) == _period(second):
         return not set(first.harmonics).isdisjoint(second.harmonics)
