@@ -6,6 +6,7 @@ Each page has a folder of its own, in which its blocks run one after the other:
 ``run``     runs its lines, ``rotorid ...`` each, and shows them with what they print
 ``python``  runs its content as Python, and shows it with what it prints; ``:picture:`` shows the
             matplotlib figure that the variable ``figure`` holds then
+``source``  is for readers of the page's source alone, where nothing has run: shows nothing
 
 ``:code:`` is the exit code that is expected, ``:lines:`` how many lines of the output are shown,
 ``:hidden:`` runs without showing. A block that fails stops the build.
@@ -150,8 +151,16 @@ class Python(_Running):
         return found
 
 
+class Source(_Running):
+    """``source``: words for those who read the source of a page."""
+
+    def run(self) -> list[nodes.Node]:
+        """Show nothing."""
+        return []
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Tell Sphinx the directives."""
-    for name, directive in (("file", File), ("run", Run), ("python", Python)):
-        app.add_directive(name, directive)
+    for directive in (File, Run, Python, Source):
+        app.add_directive(directive.__name__.lower(), directive)
     return {"parallel_read_safe": False, "parallel_write_safe": True}

@@ -2,6 +2,7 @@
 
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ from rotorid.experiment.columns import (
     is_excitation,
     likeness,
     role_of,
+    sensors_at_inputs,
 )
 from rotorid.experiment.draft import draft
 from rotorid.io import open_table
@@ -320,6 +322,56 @@ def test_planes_left_over_are_not_guessed() -> None:
     assert by_planes(MODEL, four, {}) == {}  # one plane, which has no name
     told = by_planes(model, columns("fxR", "fyR", "fxL", "fyL"), {})
     assert told["F_x1"][1] == "taken R for 1, L for 3, by their order: check"
+
+
+@pytest.mark.parametrize(
+    ("names", "assumed"),
+    [
+        (["V1", "W1", "V2", "W2"], "V for x, W for y, 2 for 3"),
+        (["V13 DE", "W24 DE", "V13 NDE", "W24 NDE"], "V for x, W for y, DE for 1, NDE for 3"),
+        (["V13", "W13", "V24", "W24"], "V for x, W for y, 13 for 1, 24 for 3"),
+        (["1H", "1V", "3H", "3V"], "H for x, V for y"),
+        (["y1", "x1", "y2", "x2"], "2 for 3"),
+    ],
+)
+def test_probes_at_right_angles_are_the_axes_of_the_model(names: list[str], assumed: str) -> None:
+    """Whatever their letters are: forces, currents and positions alike, and what is assumed."""
+    x1, y1 = (1, 0) if names[0] == "y1" else (0, 1)
+    model = rid.load_model("three-mass")
+    gaps = [Found(f"gap {name}", np.zeros(2), "mm", "channel") for name in names]
+    coils = [Found(f"coil_{name}", np.zeros(2), "A", "channel") for name in names]
+    told = by_planes(model, [*gaps, *coils], {})
+    want = {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
+    assert {name: column for name, (column, _) in told.items()} == want
+    assert {note for _, note in told.values()} == {f"taken {assumed}, by their order: check"}
+    flows = currents(model, [*gaps, *coils], {})
+    assert flows["F_y3"][0] is coils[2 + y1]
+    rigid = sensors_at_inputs(rid.load_model("rigid"), gaps)
+    assert rigid["F_xb"][0] is gaps[2 + x1]
+    assert by_planes(model, gaps[:3], {}) == {}
+    assert by_planes(model, [*gaps[:3], replace(gaps[3], name="gap Z2")], {}) == {}
+
+
+def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    for part in (1, 2):
+        table = np.column_stack([np.arange(400) / 1000.0, rng.normal(size=(400, 5))])
+        header = "t [s],coil a [A],coil b [A],x [um],y [um],injected [mA]"
+        path = tmp_path / f"{part}.csv"
+        np.savetxt(path, table, delimiter=",", header=header, comments="")
+    text = draft([tmp_path / "1.csv", tmp_path / "2.csv"], "jeffcott", tmp_path)
+    found = parse(text)
+    assert found["channels"]["F_x"] == {
+        "law": "linear",
+        "current": {"column": "?", "unit": "A"},
+        "position": "x",
+        "ki": "?",
+        "ks": "?",
+    }
+    assert "which column is it? coil a, coil b; F = ki i + ks x" in text
+    assert "not used: coil a [A]" in text
+    assert "not used: injected" not in text  # it stands in the references
+    assert [record.get("phase") for record in found["records"]] == [None, "unknown"]
 
 
 @pytest.mark.parametrize("name", ["Ref A X", "ref_x1", "ex1", "Exc", "Disturbance x"])

@@ -27,6 +27,10 @@ def test_zones_and_what_is_undecided():
     assert [zone_of(p) for p in (2.999, 3.0, 4.0, 5.0)] == ["A", "B", "C", "D"]
     assert of(2.5, 2.4, 2.6).verdict == "zone A"
     assert of(2.9, 2.7, 3.1).verdict == "undecided between A and B"
+    assert of(3.5, 2.9, 4.1).verdict == "undecided between A, B and C"
+    assert of(3.5, 2.9, 4.1).zone == "A, B or C"
+    assert of(3.5, 2.9, 6.0).zone == "A, B, C or D"
+    assert worst_of([of(3.5, 2.9, 4.1)]) == "undecided between A, B and C"
     assert of(10.0, 9.0, 11.0).peak_db == pytest.approx(20.0)
     assert worst_of([of(2.5, 2.4, 2.6), of(3.5, 3.3, 3.7)]) == "zone B"
     assert worst_of([of(2.9, 2.7, 3.1), of(2.5, 2.4, 2.6)]) == "undecided between A and B"

@@ -7,7 +7,7 @@ from rotorid.errors import InputError
 from rotorid.record import Channel, PeriodicRecord, Record
 from rotorid.signals import average, settling
 from rotorid.signals.detection import detect_distortion
-from rotorid.signals.settling import detect_settling
+from rotorid.signals.settling import Settling, detect_settling
 from rotorid.signals.synchronism import rotation_warnings, synchronism
 
 RATE, F0, PERIODS = 1000.0, 10.0, 60
@@ -166,3 +166,10 @@ def test_no_line_left_out_is_refused() -> None:
     found = detect_distortion(distorted(0, 0, 0), F0, [1, 3])
     with pytest.raises(InputError, match="no channel 'G'"):
         found.relative("G")
+
+
+def test_a_transient_of_one_period_is_told_as_one():
+    one, more = Settling(1, 0.2, 153.0, 1.0), Settling(3, 0.6, 153.0, 1.0)
+    scatter = "153 times the scatter of the later ones"
+    assert one.told == f"a transient in the first period, {scatter}"
+    assert more.told == f"a transient in the first 3 periods, {scatter}"

@@ -39,6 +39,11 @@ _WORDS = {
 _LIKE = 0.7  # likeness of names from which on a column is taken for a quantity
 _TIE = 0.05  # by which a name must be likelier than the next
 _PLANES = (*"ablr", "left", "right", "front", "rear", "top", "bottom", "de", "nde")
+_AXES = ("xyz", "vw", "hv")
+"""Letters of axes at right angles, in the order x, y: probes off the vertical are V and W, others
+H and V."""
+_MAGNETS = ("13", "24")
+"""Figures of V13 and W24, the axes of a bearing by the numbers of their magnets."""
 _FIRST_OF_POSITION = ("p", "s", "d", "x")
 _LAW_UNIT = "A"
 _EXCITATION = re.compile(
@@ -148,19 +153,24 @@ def _in_order(
     wanted: Mapping[tuple[str, str], str], like: Sequence[Found], planes: Sequence[str]
 ) -> dict[str, tuple[Found, str]]:
     """Return the columns of quantities by plane and axis, with what was assumed; all or none."""
-    named = {str(i): c.name for i, c in enumerate(like)}
-    theirs = _planes(named)
-    places = {key: like[int(i)] for i, name in named.items() if (key := _place(name))}
-    if len(theirs) != len(planes) or len(places) != len(like):
+    for letters in _AXES:
+        keys = [_place(c.name, letters) for c in like]
+        places = {key: column for key, column in zip(keys, like, strict=True) if key}
+        theirs = list(dict.fromkeys(plane for plane, _ in places))
+        if len(theirs) == len(planes) and len(places) == len(like):
+            break
+    else:
         return {}
-    order = dict(zip(planes, theirs, strict=True))
-    said = ", ".join(f"{c.upper()} for {m}" for m, c in order.items() if m != c)
+    order = dict(zip(planes, theirs, strict=True)) | dict(zip(_AXES[0], letters, strict=False))
+    used = [part for part in (*_AXES[0], *planes) if any(part in key for key in wanted)]
+    said = ", ".join(f"{order[m].upper()} for {m}" for m in used if order.get(m, m) != m)
     note = said and f"taken {said}, by their order: check"
-    return {
+    found = {
         name: (column, note)
         for (plane, axis), name in wanted.items()
-        if (column := places.get((order[plane], axis)))
+        if (column := places.get((order[plane], order.get(axis, ""))))
     }
+    return found if len(found) == len(like) else {}
 
 
 def _planes(names: Mapping[str, str]) -> list[str]:
@@ -168,18 +178,21 @@ def _planes(names: Mapping[str, str]) -> list[str]:
     return list(dict.fromkeys(key[0] for name in names.values() if (key := _place(name))))
 
 
-def _place(name: str) -> tuple[str, str] | None:
+def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
     """Return plane and axis of a name such as F_x1, "Pos A X", s_yb; None without just one each."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|_", " ", _leaf(name))
-    parts = [p for part in re.findall(r"[A-Za-z]+|\d+", spaced) for p in _apart(part.lower())]
-    axes = [part for part in parts if part in ("x", "y", "z")]
+    found = re.findall(r"[A-Za-z]+|\d+", spaced)
+    parts = [p for part in found for p in _apart(part.lower(), letters)]
+    axes = [part for part in parts if part in tuple(letters)]
     planes = [part for part in parts if part.isdigit() or part in _PLANES]
+    if letters != _AXES[0] and len(planes) > 1:
+        planes = [part for part in planes if part not in _MAGNETS]
     return (planes[0], axes[0]) if len(axes) == len(planes) == 1 else None
 
 
-def _apart(part: str) -> list[str]:
+def _apart(part: str, letters: str) -> list[str]:
     """Part an axis from the letter beside it: "xa", "bx", "fx"."""
-    return list(part) if len(part) == 2 and len({"x", "y", "z"} & set(part)) == 1 else [part]
+    return list(part) if len(part) == 2 and len(set(letters) & set(part)) == 1 else [part]
 
 
 def displacement(model: Model, name: str) -> str:

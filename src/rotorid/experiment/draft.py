@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,7 @@ _HELD = (
     "one of measured forces or currents: neither"
 )
 _MOST_LINES = 30  # that are listed; more make a band
+_MOST_NAMES = 8  # of columns that may be one input
 
 
 @dataclass(frozen=True)
@@ -104,9 +105,10 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
         text["model"].comment("rotorid models lists those that there are")
     records = tomlkit.aot()
     for run in runs:
-        records.append(_record(run, loaded, folder))
+        records.append(_record(run, loaded, folder, later=run is not runs[0]))
     text["records"] = records
-    text["channels"] = _channels(runs[0], loaded)
+    named = {name for entry in records for name in entry.get("references", [])}
+    text["channels"] = _channels(runs[0], loaded, named)
     if loaded is not None:
         text["parameters"] = _parameters(loaded)
     return tomlkit.dumps(text)
@@ -188,7 +190,7 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> _Clock:
     return _Clock(stated)
 
 
-def _record(run: _Run, model: Model | None, folder: Path) -> tomlkit.items.Table:
+def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> tomlkit.items.Table:
     entry = tomlkit.table()
     names = [_relative(path, folder) for path in run.files]
     if len(names) == 1:
@@ -197,6 +199,10 @@ def _record(run: _Run, model: Model | None, folder: Path) -> tomlkit.items.Table
         entry["files"] = names
     _say_clock(entry, run.clock, len(run.columns[0].values))
     _say_rotation(entry, run, model)
+    if later and "speed" in entry and (model is None or unbalanced(model)):
+        entry["phase"] = "unknown"
+        told = "nothing tells how the rotor stood when this record began; not at standstill"
+        entry["phase"].comment(told)
     _say_lines(entry, run, model)
     return entry
 
@@ -248,6 +254,11 @@ def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) ->
 def turns(model: Model) -> bool:
     """Tell whether the equations of a model hold the rotation."""
     return any("Omega" in text or "phi" in text for text in model.texts)
+
+
+def unbalanced(model: Model) -> bool:
+    """Tell whether the equations of a model hold the rotor angle."""
+    return any("phi" in text for text in model.texts)
 
 
 def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
@@ -355,52 +366,75 @@ def _band(lines: Sequence[int], period: Period, rate: float | None) -> Any:
     return [f"{lines[0] * spacing:.6g} Hz", f"{(lines[-1] + 0.5) * spacing:.6g} Hz"]
 
 
-def _channels(run: _Run, model: Model | None) -> tomlkit.items.Table:
+def _channels(run: _Run, model: Model | None, named: Collection[str]) -> tomlkit.items.Table:
+    """Write the channels, and as comments what is left over; `named` are those of the records."""
     table = tomlkit.table()
     columns = run.channels()
-    measured = [c for c in columns if not is_excitation(c)]
-    taken = {} if model is None else assign(model, measured)
-    guessed = {} if model is None else by_planes(model, measured, taken)
-    for name, (column, _) in guessed.items():
-        taken[name] = column
-    sensors = {} if model is None else sensors_at_inputs(model, measured)
-    own = [column for column, _ in sensors.values()]
-    taken = {name: column for name, column in taken.items() if column not in own}
-    laws = {} if model is None else currents(model, measured, taken)
+    used = set(named)
     if model is not None:
         table.add(tomlkit.comment(_HELD))
-    hidden = []
-    for name, unit in {} if model is None else _quantities(model):
-        if name in taken:
-            table[name] = _column(taken[name], unit)
-            if name in guessed and guessed[name][1]:
-                table[name].comment(_printable(guessed[name][1]))
-        elif model is not None and name in laws:
-            column, assumed = laws[name]
-            place = "" if model is None else displacement(model, name)
-            table[name] = _law(column, place or (_sensor_name(name) if name in sensors else OPEN))
-            told = "F = ki i + ks x; docs/experiments.md has the other laws"
-            table[name].comment(_printable(f"{told}; {assumed}" if assumed else told))
-        elif model is not None and name in model.inputs:
-            table[name] = _inline({"column": OPEN, "unit": unit})
-            table[name].comment("no column, or more than one, looks like it")
-        else:
-            hidden.append(f"{name} [{unit}]")
-    for name, (column, assumed) in sensors.items():
-        reads = {"reads": "" if model is None else displacement(model, name)}
-        table[_sensor_name(name)] = _inline({**reads, **_column(column, "m")})
-        told = "taken to be where the force acts; else write its own distance for the lever"
-        table[_sensor_name(name)].comment(f"{told}; {assumed}" if assumed else told)
-    if hidden:
-        told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
-        table.add(tomlkit.comment(_printable(f"{told} coordinate needs one")))
-    used = {c.name for c in (*taken.values(), *own)} | {c.name for c, _ in laws.values()}
+        measured = [c for c in columns if not is_excitation(c)]
+        used |= _say_channels(table, model, measured)
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
             level = f"{column.values.min():.4g} to {column.values.max():.4g}"
             table.add(tomlkit.comment(_printable(f"not used: {column.name}{unit_text}, {level}")))
     return table
+
+
+def _say_channels(table: tomlkit.items.Table, model: Model, measured: Sequence[Found]) -> set[str]:
+    """Write the channels of a model, and return the names of the columns that they have."""
+    taken = assign(model, measured)
+    guessed = by_planes(model, measured, taken)
+    taken |= {name: column for name, (column, _) in guessed.items()}
+    sensors = sensors_at_inputs(model, measured)
+    own = [column for column, _ in sensors.values()]
+    taken = {name: column for name, column in taken.items() if column not in own}
+    laws = currents(model, measured, taken)
+    used = [*taken.values(), *own, *(column for column, _ in laws.values())]
+    free = [c for c in measured if c not in used]
+    hidden = []
+    for name, unit in _quantities(model):
+        if name in taken:
+            table[name] = _column(taken[name], unit)
+            if name in guessed and guessed[name][1]:
+                table[name].comment(_printable(guessed[name][1]))
+        elif name in model.inputs:
+            column, assumed = laws.get(name, (None, ""))
+            position = displacement(model, name) or (_sensor_name(name) if name in sensors else "")
+            table[name], told = _input(unit, column, position or OPEN, free)
+            table[name].comment(_printable(f"{told}; {assumed}" if assumed else told))
+        else:
+            hidden.append(f"{name} [{unit}]")
+    for name, (column, assumed) in sensors.items():
+        reads = {"reads": displacement(model, name)}
+        table[_sensor_name(name)] = _inline({**reads, **_column(column, "m")})
+        told = "taken to be where the force acts; else write its own distance for the lever"
+        table[_sensor_name(name)].comment(_printable(f"{told}; {assumed}" if assumed else told))
+    if hidden:
+        told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
+        table.add(tomlkit.comment(_printable(f"{told} coordinate needs one")))
+    return {column.name for column in used}
+
+
+def _input(
+    unit: str, column: Found | None, position: str, free: Sequence[Found]
+) -> tuple[tomlkit.items.InlineTable, str]:
+    """Return the channel of an input without a column of forces, and what is said of it.
+
+    Where currents are there and nothing in the unit of the input, it is a force law's.
+    """
+    told = "F = ki i + ks x; docs/experiments.md has the other laws"
+    if column is not None:
+        return _law(column.name, column.unit or OPEN, position), told
+    alike = [c for c in free if c.unit and converts(c.unit, unit)]
+    flows = [c for c in free if c.unit and converts(c.unit, "A")]
+    names = ", ".join(c.name for c in (alike or flows)[:_MOST_NAMES])
+    which = f"which column is it? {names}" if names else "no column looks like it"
+    if flows and not alike:
+        return _law(OPEN, flows[0].unit or OPEN, position), f"{which}; {told}"
+    return _inline({"column": OPEN, "unit": unit}), which
 
 
 def _quantities(model: Model) -> list[tuple[str, str]]:
@@ -416,8 +450,8 @@ def _sensor_name(name: str) -> str:
     return f"s_{name.removeprefix('F_')}"
 
 
-def _law(column: Found, position: str) -> tomlkit.items.InlineTable:
-    current = {"column": column.name, "unit": column.unit or OPEN}
+def _law(column: str, unit: str, position: str) -> tomlkit.items.InlineTable:
+    current = {"column": column, "unit": unit}
     law = {"law": "linear", "current": current, "position": position, "ki": OPEN, "ks": OPEN}
     return _inline(law)
 

@@ -457,13 +457,10 @@ def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> Peri
     found = detect_settling(periods)
     warnings = []
     if found.periods:
-        lasts = (
-            f"a transient in the first {found.periods} periods, {found.excess:.3g} times the "
-            "scatter of the later ones"
-        )
         if entry.skip is None:
             periods = cut(found.drop)
-            warnings.append(f"{lasts}: the first {found.drop:g} s are dropped")
+            warnings.append(f"{found.told}: the first {found.drop:g} s are dropped")
         else:
-            warnings.append(f"{lasts}, after skip = {entry.skip:g} s: skip {found.drop:g} s more")
+            after = f"after skip = {entry.skip:g} s: skip {found.drop:g} s more"
+            warnings.append(f"{found.told}, {after}")
     return changed(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))

@@ -111,16 +111,14 @@ class AxisSensitivity:
         low, high = (zone_of(end) for end in self.interval)
         if self.doubt and low != "D":
             return f"{low} or worse"
-        return low if low == high else f"{low} or {high}"
+        return _from_to(low, high, "or")
 
     @property
     def verdict(self) -> str:
         """The zone in words."""
         if self.zone.endswith("worse"):
             return f"zone {self.zone}: {self.doubt}"
-        parts = self.zone.split(" or ")
-        told = " and ".join(parts)
-        return f"zone {told}" if len(parts) == 1 else f"undecided between {told}"
+        return _told(*(zone_of(end) for end in self.interval))
 
 
 def zone_of(peak: float) -> str:
@@ -138,7 +136,19 @@ def worst_of(found: Sequence[AxisSensitivity]) -> str:
     open_ = [each for each in found if each.zone.endswith("worse")]
     if open_ and low != "D":
         return f"zone {low} or worse ({open_[0].axis}: {open_[0].doubt})"
-    return f"zone {low}" if low == high else f"undecided between {low} and {high}"
+    return _told(low, high)
+
+
+def _told(low: str, high: str) -> str:
+    """Return the zones from one to another as a verdict."""
+    said = _from_to(low, high, "and")
+    return f"zone {said}" if low == high else f"undecided between {said}"
+
+
+def _from_to(low: str, high: str, word: str) -> str:
+    """Return the zones from one to another, as in a sentence: A, B or C."""
+    zones = "ABCD"["ABCD".index(low) : "ABCD".index(high) + 1]
+    return f" {word} ".join(filter(None, (", ".join(zones[:-1]), zones[-1])))
 
 
 def sensitivity(

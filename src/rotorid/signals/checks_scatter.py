@@ -190,10 +190,7 @@ def check_settled(periods: PeriodicRecord) -> list[Check]:
         found = detect_settling(periods)
         if not found.periods:
             return []
-        text = (
-            f"a transient in the first {found.periods} periods, {found.excess:.3g} times the "
-            f"scatter of the later ones: skip {found.drop:g} s more"
-        )
+        text = f"{found.told}: skip {found.drop:g} s more"
         return [Check("settled", "", text, "warning")]
     if periods.periods < 3:
         text = f"{periods.periods} periods cannot show a transient: record 8 or more"

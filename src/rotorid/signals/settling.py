@@ -45,6 +45,15 @@ class Settling:
     excess: float
     relative: float
 
+    @property
+    def told(self) -> str:
+        """What a warning says of it first."""
+        lasts = "period" if self.periods == 1 else f"{self.periods} periods"
+        return (
+            f"a transient in the first {lasts}, {self.excess:.3g} times the scatter of the later "
+            "ones"
+        )
+
 
 NONE = Settling(0, 0.0, 0.0, 0.0)
 """No transient."""

@@ -12,6 +12,7 @@ from rotorid.estimate import Estimate
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood.exact import KINDS, unseen_excess
 from rotorid.estimators.likelihood.inference import Expectation
+from rotorid.estimators.likelihood.verdict import STILL
 from rotorid.identify import identify
 from rotorid.models import load_model
 from rotorid.record import Floats, PeriodicRecord
@@ -140,6 +141,29 @@ def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(l
     assert abs(off) == pytest.approx(size, rel=0.06)
     # Where a deviation of it is stated it is covered.
     assert "rotor angle" not in notes(identify(model, replace(record, phase_std=0.02), estimator))
+
+
+def test_a_rotor_angle_that_nobody_asked_for_is_told_where_it_decides_the_deviations() -> None:
+    """A keyphasor's angle is known within a sample: that was most of the deviation of xi."""
+
+    def told(std: float) -> list[str]:
+        found = identify(load_model("jeffcott"), replace(disc(), phase_std=std), "ml")
+        return [c.found for c in found.checks if "angle_lag_std" in c.found]
+
+    (text,) = told(0.01)
+    assert re.match(r"known to 0\.57 deg, which is most of the deviations of xi, zeta: ", text)
+    assert told(0.0008) == []  # a correlation of .867
+    assert len(told(0.0011)) == 1  # .923
+
+
+def test_what_no_block_tells_does_not_scatter() -> None:
+    """The angle of a rejected record is as known beforehand: by 1e-14 deviations it said."""
+    record = louder("x", 0.2)(replace(disc(), phase_std=0.01))
+    found = identify(load_model("jeffcott"), record, "ml")
+    assert found.status == "rejected"
+    (text,) = [w for w in found.warnings if "scatter by" in w]
+    assert "e-" not in text
+    assert STILL == 1e-6
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.25, False)])

@@ -34,6 +34,8 @@ MATTERS = 1.0
 TAKEN_OVER = 1e-6
 """What is left of the scale's column when the parameters have taken their share, over its square,
 below which they take it over: exactly so at the corrected lines, but for rounding."""
+LED = 0.9
+"""Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
 FOLLOWS = 0.5
 """Relative change of a parameter, over that of the scale, from which it is said to follow."""
 
@@ -105,7 +107,35 @@ def exactness(fit: Fit) -> list[Check]:
         apart = told and kind.nuisance is Gain
         effects.append((kind, _differences(fit, effect, nuisances) if apart else effect))
     notes = [_note(fit, kind, moved) for kind, moved in moves_unseen(fit, effects)]
-    return [*told, *(note for note in notes if note is not None)]
+    return [*told, *_angle_note(fit), *(note for note in notes if note is not None)]
+
+
+def _angle_note(fit: Fit) -> list[Check]:
+    """Say where the stated uncertainty of the rotor angle is most of that of a parameter.
+
+    Who gave a keyphasor has asked for no unknown, and looks for where these deviations come from.
+    """
+    layout, covariance = fit.prepared.layout, fit.inference.covariance
+    unknowns = [layout.unknowns[i] for i in layout.free]
+    asked = {n.unknowns[0].name for n in layout.nuisances if isinstance(n, Phase)}
+    std = np.sqrt(np.diag(covariance).clip(0))
+    unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
+    share = np.abs(covariance / unit / unit[:, None])
+    turned = [k for k, u in enumerate(unknowns) if u.name in asked and u.std]
+    led = [
+        unknowns[j].name
+        for j, i in enumerate(layout.free)
+        if i < layout.named and turned and share[j, turned].max() > LED
+    ]
+    if not led:
+        return []
+    worst = np.degrees(max(unknowns[k].std or 0.0 for k in turned))
+    text = (
+        f"known to {worst:.2g} deg, which is most of the deviations of {', '.join(led)}: nobody "
+        "knows how much later than the mark the columns are, so within a sample, unless "
+        "angle_lag_std says it better"
+    )
+    return [Check("rotor angle", "", text, "note")]
 
 
 def _differences(fit: Fit, effect: Floats, gains: Sequence[Nuisance]) -> Floats:

@@ -30,6 +30,8 @@ MISFIT = 1e-3
 """The p-value below which what neighbouring lines have in common may be the model's error."""
 ORDERLY = 3.0
 """Deviations of a correlation from row to row beyond which rows are not independent."""
+STILL = 1e-6
+"""Scatter over a deviation below which no block tells a value: it is as known beforehand."""
 BLOCKS = 8
 """Parts of a record whose scatter is told beside the stated deviations."""
 
@@ -191,7 +193,7 @@ def block_scatter(fit: Fit) -> str | None:
     _, std = _free(fit)
     with np.errstate(over="ignore"):  # blocks of an estimate astray may end anywhere
         spread = answers.std(axis=0, ddof=1) / np.sqrt(parts)
-    stated = (std > 0) & np.isfinite(std) & np.isfinite(spread)
+    stated = (std > 0) & np.isfinite(std) & (spread > STILL * std) & np.isfinite(spread)
     ratio = spread[stated] / std[stated]
     if not ratio.size:
         return None
