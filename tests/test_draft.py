@@ -12,6 +12,7 @@ import pytest
 import rotorid as rid
 from rotorid.cli import run
 from rotorid.errors import InputError
+from rotorid.experiment import columns as columns_module
 from rotorid.experiment import draft as draft_module
 from rotorid.experiment.columns import (
     _LIKE,
@@ -443,3 +444,27 @@ def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFi
             data.create_dataset(f"x{i}", data=np.zeros(500_000), chunks=True, compression="gzip")
     assert run(["new", str(path), "--model", "jeffcott", "--out", str(tmp_path / "e.toml")]) == 2
     assert "bytes of numbers declared" in capfd.readouterr().err
+
+
+def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
+    """Names are held against those of their own figures and axes, not each against each."""
+    looked_at = []
+    alike = columns_module._alike
+    monkeypatch.setattr(
+        columns_module, "_alike", lambda *names: looked_at.append(1) or alike(*names)
+    )
+    places = [f"x{i}" for i in range(100)]
+    model = rid.parse_model(
+        'title = "many"\nequations = ['
+        + ", ".join(f"\"m*{x}'' + k*{x} = F_{x}\"" for x in places)
+        + "]\n[coordinates]\n"
+        + "".join(f'{x} = "m"\n' for x in places)
+        + "[inputs]\n"
+        + "".join(f'F_{x} = "N"\n' for x in places)
+        + '[parameters]\nm = { unit = "kg" }\nk = { unit = "N/m" }\n'
+    )
+    names = [f"{kind} x{i}" for i in range(1000) for kind in ("force", "pos")]
+    found = assign(model, [Found(n, np.zeros(0), None, "channel") for n in names])
+    assert found["F_x77"].name == "force x77"
+    assert found["x3"].name == "pos x3"
+    assert len(looked_at) < 1000

@@ -7,6 +7,7 @@ import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
+from rotorid.results import modes
 from rotorid.results.critical import Campbell, critical_speeds
 from rotorid.results.machine import machine_of
 
@@ -165,3 +166,18 @@ def test_an_undamped_critical_speed_has_no_bound():
         bare = bare.replace(f"m*Omega^2*{part}", "0")
     with pytest.raises(rid.InputError, match="without unbalance"):
         rid.unbalance_response(model_of(bare), 100.0)
+
+
+def test_what_does_not_follow_the_speed_is_solved_once(monkeypatch):
+    solved = []
+    eigenmodes = modes.eigenmodes
+
+    def counted(*matrices):
+        solved.append(matrices)
+        return eigenmodes(*matrices)
+
+    monkeypatch.setattr(modes, "eigenmodes", counted)
+    rid.campbell(rid.load_model("jeffcott"), "6000 rpm")
+    assert len(solved) == 3  # and twice for how modes part
+    rid.campbell(rid.load_model("three-mass"), "6000 rpm")
+    assert len(solved) > 60

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
+from functools import lru_cache
 from typing import Literal
 
 from rotorid.errors import InputError
@@ -90,6 +91,7 @@ def is_excitation(column: Found) -> bool:
     return _EXCITATION.match(_leaf(column.name)) is not None
 
 
+@lru_cache(maxsize=4096)
 def converts(unit: str, expected: str) -> bool:
     """Tell whether a unit is one of a quantity."""
     try:
@@ -105,28 +107,41 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
     Names must be alike, and units, where there are any, convert; each column is used once, and a
     quantity for which two are as likely gets none.
     """
-    quantities = {name: model.units[name] for name in (*model.inputs, *model.coordinates)}
-    ranked = sorted(
-        (
-            (-likeness(quantity, column.name, quantity in model.inputs), rank, quantity, place)
-            for place, column in enumerate(columns)
-            for rank, (quantity, unit) in enumerate(quantities.items())
-            if column.unit is None or converts(column.unit, unit)
-        ),
-    )
+    ranked = _ranked(model, columns)
+    rivals: dict[str, list[tuple[float, int]]] = {}
+    for score, _, quantity, place in ranked:
+        rivals.setdefault(quantity, []).append((score, place))
     found: dict[str, Found] = {}
     used: set[int] = set()
     undecided: set[str] = set()
     for score, _, quantity, place in ranked:
-        if -score < _LIKE or quantity in found or place in used or quantity in undecided:
+        if score < _LIKE or quantity in found or place in used or quantity in undecided:
             continue
-        rivals = [s for s, _, q, p in ranked if q == quantity and p != place and p not in used]
-        if score > -1 and rivals and min(rivals) <= score + _TIE:
+        others = (s for s, p in rivals[quantity] if p != place and p not in used)
+        if score < 1 and next(others, 0.0) >= score - _TIE:
             undecided.add(quantity)  # qm, qg: the name alone does not tell
             continue
         found[quantity] = columns[place]
         used.add(place)
     return found
+
+
+def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
+    """Return likeness, rank, quantity and place of what may belong together, the likest first."""
+    quantities = {name: model.units[name] for name in (*model.inputs, *model.coordinates)}
+    places: dict[tuple[str, ...], list[int]] = {}
+    for place, column in enumerate(columns):
+        for marks in {_marks(option) for option in _options(column.name, is_input=False)}:
+            places.setdefault(marks, []).append(place)
+    found = []
+    for rank, (quantity, unit) in enumerate(quantities.items()):
+        for place in places.get(_marks(_plain(quantity)), ()):
+            column = columns[place]
+            if column.unit is None or converts(column.unit, unit):
+                score = likeness(quantity, column.name, quantity in model.inputs)
+                if score >= _LIKE - _TIE:
+                    found.append((score, rank, quantity, place))
+    return sorted(found, key=lambda each: (-each[0], *each[1:]))
 
 
 def by_planes(
@@ -244,25 +259,41 @@ def currents(
 
 def likeness(quantity: str, column: str, is_input: bool) -> float:
     """Return how alike a quantity of a model and a column's name are, 1 for the same."""
-    wanted, name = _plain(quantity), _plain(_leaf(column))
-    if not wanted or not name:
+    wanted = _plain(quantity)
+    if not wanted:
         return 0.0
+    options = _options(column, is_input=is_input)
+    return max((_alike(wanted, option) for option in options), default=0.0)
+
+
+def _options(column: str, *, is_input: bool) -> list[str]:
+    """Return what a column's name may be of, in small letters and figures."""
+    name = _plain(_leaf(column))
     options = [name]
     if not is_input:
         options += [name[1:] for first in _FIRST_OF_POSITION if name.startswith(first)]
-    scores = [_alike(wanted, option) for option in options if option]
-    return max(scores, default=0.0)
+    return [option for option in options if option]
+
+
+@lru_cache(maxsize=4096)
+def _marks(name: str) -> tuple[str, ...]:
+    """Return figures and axes of a name, which tell columns apart."""
+    return tuple(re.findall(r"\d+|[xyz]", name))
 
 
 def _alike(wanted: str, name: str) -> float:
     if wanted == name:
         return 1.0
-    # Figures and axes tell columns apart: others than these must not stand in for one another.
-    if re.findall(r"\d+|[xyz]", wanted) != re.findall(r"\d+|[xyz]", name):
+    # Others than these must not stand in for one another.
+    if _marks(wanted) != _marks(name):
+        return 0.0
+    most = 2 * min(len(wanted), len(name)) / (len(wanted) + len(name))
+    if 0.95 * most < _LIKE - _TIE:
         return 0.0
     return 0.95 * SequenceMatcher(None, wanted, name).ratio()
 
 
+@lru_cache(maxsize=4096)
 def _plain(name: str) -> str:
     """Return a name in small letters and figures, its words as the models write them."""
     parts = re.findall(r"[a-z]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())

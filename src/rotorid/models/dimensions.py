@@ -25,12 +25,12 @@ def unit_faults(
     A product with a number in it other than a small whole one is passed over: 9.81 or 0.4 may have
     a unit of its own.
     """
-    symbols = _symbol_dimensions(units, coordinates)
+    symbols = symbol_dimensions(units, coordinates)
     parameters = [dimension_of(unit) for unit in parameter_units]
     faults = []
     for row in sorted({product.row for product in products}):
         plain = [p for p in products if p.row == row and _is_plain(p.coefficient)]
-        told = [_product_dimension(product, parameters, symbols) for product in plain]
+        told = [product_dimension(product, parameters, symbols) for product in plain]
         found = dict.fromkeys(unit for unit in told if unit is not None)
         if len(found) > 1:
             shown = " and in ".join(str(unit) for unit in found)
@@ -38,22 +38,8 @@ def unit_faults(
     return faults
 
 
-def product_dimensions(
-    products: Sequence[Product],
-    parameter_units: Sequence[str],
-    units: Mapping[str, str],
-    coordinates: Sequence[str],
-) -> list[Dimension]:
-    """Return the dimensions of some products, each once; nothing of those that do not tell."""
-    symbols = _symbol_dimensions(units, coordinates)
-    parameters = [dimension_of(unit) for unit in parameter_units]
-    told = [_product_dimension(product, parameters, symbols) for product in products]
-    return list(dict.fromkeys(unit for unit in told if unit is not None))
-
-
-def _symbol_dimensions(
-    units: Mapping[str, str], coordinates: Sequence[str]
-) -> dict[str, Dimension]:
+def symbol_dimensions(units: Mapping[str, str], coordinates: Sequence[str]) -> dict[str, Dimension]:
+    """Return the dimension of each name that an equation may hold besides parameters."""
     second = dimension_of("s")
     found = {name: dimension_of(unit) for name, unit in units.items()}
     for name in coordinates:
@@ -66,9 +52,10 @@ def _is_plain(coefficient: Fraction) -> bool:
     return coefficient.denominator == 1 and abs(coefficient) <= 4
 
 
-def _product_dimension(
+def product_dimension(
     product: Product, parameters: list[Dimension], symbols: Mapping[str, Dimension]
 ) -> Dimension | None:
+    """Return the dimension of a product; ``None`` where it cannot be told."""
     signal = _signal_dimension(product.signal, symbols)
     return None if signal is None else _monomial(product.monomial, parameters) * signal
 

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from rotorid.errors import InputError
-from rotorid.models.dimensions import product_dimensions
+from rotorid.models.dimensions import product_dimension, symbol_dimensions
 from rotorid.models.expression import Expression, Monomial
 from rotorid.models.linear import motion_factor
 from rotorid.models.model import Model
@@ -98,7 +98,7 @@ def force_balance(model: Model, inertia: Floats) -> ForceBalance:
         n = len(model.coordinates)
         return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
     rows, signs = equation_order(inertia)
-    equations = [_Equation.of(typed, rows, c) for c in range(len(rows))]
+    equations = _equations(typed, rows)
     links, faults = _links(equations, signs)
     scales = _spread(equations, links)
     for c, equation in enumerate(equations):
@@ -138,28 +138,6 @@ class _Equation:
     pushes: tuple[float, ...]
     levers: bool
     unit_fault: str
-
-    @classmethod
-    def of(cls, model: Model, rows: Integers, coordinate: int) -> _Equation:
-        """Gather the equation of a coordinate."""
-        row = int(rows[coordinate])
-        left = [p for p in model.equations.left if p.row == row]
-        entries: dict[Key, dict[int, float]] = {}
-        for p in left:
-            if (found := motion_factor(p.signal, model.coordinates)) is not None:
-                column, order, factor = found
-                each = entries.setdefault((order, factor, p.monomial), {})
-                each[column] = each.get(column, 0.0) + float(p.coefficient)
-        numbers = tuple(abs(float(p.coefficient)) for p in left if any(p.monomial))
-        own = tuple(
-            abs(by_column[coordinate])
-            for (order, _, monomial), by_column in entries.items()
-            if order == 2 and any(monomial) and coordinate in by_column
-        )
-        sizes = tuple(abs(float(p.coefficient)) for p in _pushes(model, rows, coordinate))
-        levers = model.units[model.coordinates[coordinate]] != "m"
-        fault = _unit_fault(model, row, coordinate)
-        return cls(row, coordinate, entries, numbers, own, sizes, levers, fault)
 
     @property
     def scale(self) -> float | None:
@@ -204,32 +182,69 @@ def _is_whole(ratio: float) -> bool:
     return ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
 
 
-def _pushes(model: Model, rows: Integers, coordinate: int) -> list[Product]:
-    """Return the terms of inputs that act on this coordinate, and on no other of its kind."""
+def _equations(model: Model, rows: Integers) -> list[_Equation]:
+    """Gather the equation of each coordinate."""
+    left, right = (
+        _by_row(side, len(rows)) for side in (model.equations.left, model.equations.right)
+    )
     units = [model.units[name] for name in model.coordinates]
-    row, unit = int(rows[coordinate]), units[coordinate]
-    kind = {int(r) for r, u in zip(rows, units, strict=True) if u == unit and r != row}
-    shared = {p.signal for p in model.equations.right if p.row in kind}
-    force = _WORK * dimension_of(unit) ** -1
-    return [
-        p
-        for p in model.equations.right
-        if p.row == row
-        and p.signal not in shared
-        and (any(p.monomial) or dimension_of(model.units[str(p.signal)]) == force)
-    ]
+    symbols = symbol_dimensions(model.units, model.coordinates)
+    parameters = [dimension_of(parameter.unit) for parameter in model.parameters]
+    kinds: dict[tuple[Expression, str], set[int]] = {}
+    for row, unit in zip(rows.tolist(), units, strict=True):
+        for p in right[row]:
+            kinds.setdefault((p.signal, unit), set()).add(row)
+    found = []
+    for c, (row, unit) in enumerate(zip(rows.tolist(), units, strict=True)):
+        force = _WORK * dimension_of(unit) ** -1
+        pushes = [
+            abs(float(p.coefficient))
+            for p in right[row]
+            if len(kinds[p.signal, unit]) == 1
+            and (any(p.monomial) or symbols[str(p.signal)] == force)
+        ]
+        told = [p for p in left[row] if any(p.monomial)] + right[row]
+        kept = (product_dimension(p, parameters, symbols) for p in told)
+        in_units = dict.fromkeys(unit for unit in kept if unit is not None)
+        fault = (
+            f"equation {row + 1}, whose terms are in {next(iter(in_units))}"
+            if in_units and force not in in_units
+            else ""
+        )
+        found.append(_equation(model, row, c, left[row], tuple(pushes), fault))
+    return found
 
 
-def _unit_fault(model: Model, row: int, coordinate: int) -> str:
-    """Say in what an equation is that is no balance of forces on a length, moments on an angle."""
-    name = model.coordinates[coordinate]
-    units = [parameter.unit for parameter in model.parameters]
-    typed = [p for side in (model.equations.left, model.equations.right) for p in side]
-    mine = [p for p in typed if p.row == row and (any(p.monomial) or str(p.signal) in model.inputs)]
-    found = product_dimensions(mine, units, model.units, model.coordinates)
-    if not found or any(unit * dimension_of(model.units[name]) == _WORK for unit in found):
-        return ""
-    return f"equation {row + 1}, whose terms are in {next(iter(found))}"
+def _by_row(products: Sequence[Product], count: int) -> list[list[Product]]:
+    found: list[list[Product]] = [[] for _ in range(count)]
+    for product in products:
+        found[product.row].append(product)
+    return found
+
+
+def _equation(
+    model: Model,
+    row: int,
+    coordinate: int,
+    left: Sequence[Product],
+    pushes: tuple[float, ...],
+    fault: str,
+) -> _Equation:
+    """Return the equation of a coordinate from its terms without inputs."""
+    entries: dict[Key, dict[int, float]] = {}
+    for p in left:
+        if (factor := motion_factor(p.signal, model.coordinates)) is not None:
+            column, order, speed = factor
+            each = entries.setdefault((order, speed, p.monomial), {})
+            each[column] = each.get(column, 0.0) + float(p.coefficient)
+    numbers = tuple(abs(float(p.coefficient)) for p in left if any(p.monomial))
+    own = tuple(
+        abs(by_column[coordinate])
+        for (order, _, monomial), by_column in entries.items()
+        if order == 2 and any(monomial) and coordinate in by_column
+    )
+    levers = model.units[model.coordinates[coordinate]] != "m"
+    return _Equation(row, coordinate, entries, numbers, own, pushes, levers, fault)
 
 
 def _links(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,12 @@ class Machine:
     _pencils: dict[float, Pencil] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
+    solutions: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    @cached_property
+    def steady(self) -> bool:
+        """Whether M, D and K are the same at every speed."""
+        return not any(factor.free_symbols for factor in self._terms[0])
 
     def pencil(self, speed: float) -> Pencil:
         """Return M, D + Omega G and K at a speed, by the unknowns."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -218,14 +218,19 @@ def eigenvalues_at(machine: Machine, speed: float) -> Complexes:
 
 
 def _solved(solve: Callable[..., Found], machine: Machine, speed: float) -> Found:
-    """Solve for the modes of a machine at a speed."""
+    """Solve for the modes of a machine at a speed; once, where these are the same at every one."""
+    if (known := machine.solutions.get(solve.__name__)) is not None:
+        return cast(Found, known)
     stiffness, damping, mass = machine.matrices(speed)
     try:
-        return solve(mass, damping, stiffness)
+        found = solve(mass, damping, stiffness)
     except np.linalg.LinAlgError as error:
         raise InputError(
             str(error), "a machine with finite values", "check the values and their units"
         ) from None
+    if machine.steady:
+        machine.solutions[solve.__name__] = found
+    return found
 
 
 def _mode(
