@@ -186,6 +186,17 @@ def _reset_peak() -> int:
     return _peak()
 
 
+def _processor() -> float:
+    """Return the seconds of the processor that this process took, with its children that read."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def _largest() -> int:
+    """Return the most memory that any of its children has held, in bytes."""
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+
+
 def _clear(folder: Path) -> None:
     for entry in folder.iterdir():
         if entry.is_dir() and not entry.is_symlink():
@@ -204,14 +215,15 @@ def run_case(case: Case, folder: Path) -> Outcome:
         (folder / name).write_bytes(content)
     if case.prepare is not None:
         case.prepare(folder)
-    before, held, started = _contents(folder), _reset_peak(), time.process_time()
+    before, held, started, largest = _contents(folder), _reset_peak(), _processor(), _largest()
     code: object = None
     with _captured(folder) as said:
         try:
             code = run(list(case.arguments))
         except BaseException:
             traceback.print_exc()
-    seconds, more = time.process_time() - started, _peak() - held
+    seconds = _processor() - started
+    more = max(_peak(), _largest() if _largest() > largest else 0) - held
     out, told = said
     faults = faults_of(case, code, out, told) + _file_faults(case, code, before, folder)
     status, wrong = _result_faults(case, folder)

@@ -21,6 +21,8 @@ from corpus import CASES
 from fuzz_harness import Case, faults_of
 from fuzz_run import SEED, seed_of_commit
 
+from rotorid.io.child import in_child
+
 RUNNER = Path(__file__).with_name("fuzz_run.py")
 FAST = ("csv", "experiment", "model", "result", "hdf5", "mat5", "mat5-packed", "uff", "parquet")
 
@@ -128,9 +130,13 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         elif what == "hang":
             os.read(os.pipe()[0], 1)
         elif what == "slow":
-            sum(range(100_000_000))
+            sum(range(50_000_000))
         elif what == "memory":
             bytearray(b"a") * (2 * harness.BYTES)
+        elif what == "slow child":
+            in_child(sum, "", range(50_000_000))
+        elif what == "memory of a child":
+            in_child(lambda: len(bytearray(b"a") * (4 * harness.BYTES)), "")
         elif what == "file":
             Path("left.part").write_text("half")
         elif what == "change":
@@ -140,7 +146,8 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         return 0
 
     monkeypatch.setattr("rotorid.cli.run", badly)
-    words = ("signal", "hang", "slow", "memory", "file", "change", "nan", "nothing")
+    words = ("signal", "hang", "slow", "memory", "slow child", "memory of a child")
+    words += ("file", "change", "nan", "nothing")
     files = {"model.toml": b"title"}
     found = outcomes(*(Case(w, (w,), files, outputs=("out.json",)) for w in words))
     told = dict(zip(words, found, strict=True))
@@ -148,6 +155,8 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told["hang"] == ("hangs",)
     assert told["slow"][0].endswith(" s")
     assert told["memory"][-1].endswith(" GB")
+    assert told["slow child"][0].endswith(" s")
+    assert told["memory of a child"][-1].endswith(" GB")
     assert told["file"] == ("changed left.part",)
     assert told["change"] == ("changed model.toml",)
     assert told["nan"] == ("ok with.parameters.value not finite",)

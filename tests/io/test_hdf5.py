@@ -1,12 +1,18 @@
+import os
+import signal
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from rotorid.errors import ReadError
+from rotorid.io import hdf5_nodes
+from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
-from rotorid.io.hdf5_nodes import opened
+from rotorid.io.hdf5_storage import bare_of
 
 
 @pytest.fixture
@@ -45,19 +51,24 @@ def test_columns(path: Path) -> None:
     assert (only.values.tolist(), only.unit) == ([1, 4, 7, 10, 13], "mm")
 
 
-def test_a_file_is_opened_once_for_each_column(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("first", "most"), [(50, 0), (2, 2)])
+def test_a_file_is_looked_at_once(
+    first: int, most: int, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """To open a file takes longer than to find a name in it: nothing else may ask for one."""
+    assert hdf5_nodes.FIRST == 50
+    monkeypatch.setattr(hdf5_nodes, "FIRST", first)
     table = open_hdf5(path)
-    count: list[str] = []
+    asked: list[Any] = []
 
-    def counted(file: str) -> object:
-        count.append(file)
-        return opened(file)
+    def counted(*arguments: Any) -> Any:
+        asked.append(arguments)
+        return in_child(*arguments)
 
-    monkeypatch.setattr("rotorid.io.hdf5_nodes.opened", counted)
+    monkeypatch.setattr(hdf5_nodes, "in_child", counted)
     for _ in range(3):
         assert [table.find(n) for n in ("force/x", "packed")] == ["force/x", "packed"]
-    assert len(count) == 2
+    assert len(asked) == most
 
 
 def test_names(path: Path) -> None:
@@ -188,3 +199,81 @@ def test_attributes_that_are_lists_are_not_read(tmp_path: Path) -> None:
         listed[0] = np.arange(3, dtype=np.int8)
         data["x"].attrs.create("units", listed, dtype=h5py.vlen_dtype(np.int8))
     assert open_hdf5(tmp_path / "run.h5").read(["x"])["x"].unit is None
+
+
+def ended(*_: object) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+@pytest.mark.parametrize(
+    ("what", "work"),
+    [
+        ("rotorid.io.hdf5_nodes._walk", open_hdf5),
+        ("rotorid.io.hdf5.check_stored", lambda path: open_hdf5(path).read(["packed"])),
+        ("rotorid.io.hdf5._numbers", lambda path: open_hdf5(path).scalar("gain")),
+        ("rotorid.io.hdf5._rows", lambda path: list(open_hdf5(path).blocks(["packed"], 2))),
+    ],
+)
+def test_what_ends_hdf5_ends_a_child(
+    what: str, work: Any, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(what, ended)
+    with pytest.raises(
+        ReadError, match=r"run\.h5: found a file that ends the program that reads it"
+    ):
+        work(path)
+
+
+def numbers(kind: str) -> np.ndarray[Any, Any]:
+    return (np.arange(24).reshape(12, 2) % 2).astype(kind)
+
+
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", ">i2", "u1", "<i8", "?", "<f2"])
+@pytest.mark.parametrize("shape", [(24,), (24, 1), (1, 24), (12, 2), (2, 12)])
+def test_bare_numbers_are_those_of_hdf5(kind: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    """What is read beside HDF5 is what HDF5 reads: after a user's block, in blocks, and whole."""
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w", userblock_size=512) as data:
+        data["before"] = np.arange(5.0)
+        data["x"] = numbers(kind).reshape(shape)
+        data["later"] = np.arange(5.0)
+        bare = bare_of(data["x"])
+    assert (bare is not None) == (kind != "?")
+    table = open_hdf5(path)
+    names = ["x"] if len(shape) == 1 or 1 in shape else ["x[1]", "x[0]"]
+    expected = {"x": numbers(kind).ravel()}
+    if len(names) > 1:
+        longer = numbers(kind).reshape(shape) if shape[0] > 2 else numbers(kind).reshape(shape).T
+        expected = {f"x[{i}]": longer[:, i] for i in range(2)}
+    for asked in (names, names[:1]):
+        found = table.read(asked)
+        blocks = list(table.blocks(asked, 5))
+        for name in asked:
+            np.testing.assert_array_equal(found[name].values, expected[name])
+            parts = [block[name].values for block in blocks]
+            assert [len(p) for p in parts] == [*[5] * (len(expected[name]) // 5), len(parts[-1])]
+            np.testing.assert_array_equal(np.concatenate(parts), expected[name])
+
+
+def test_numbers_that_hdf5_converts_do_not_lie_bare(tmp_path: Path) -> None:
+    """Numbers of an analogue converter: 12 bits of 16, from the fourth on."""
+    path = tmp_path / "run.h5"
+    stored = h5py.h5t.STD_I16LE.copy()
+    stored.set_precision(12)
+    stored.set_offset(4)
+    values = np.array([-2048, -1, 0, 1, 2047], np.int16)
+    with h5py.File(path, "w") as data:
+        made = h5py.h5d.create(data.id, b"x", stored, h5py.h5s.create_simple((5,)))
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+        assert bare_of(data["x"]) is None
+    assert open_hdf5(path).read(["x"])["x"].values.tolist() == values.tolist()
+
+
+def test_a_file_that_was_cut_beside_its_numbers(path: Path) -> None:
+    with h5py.File(path, "r") as data:
+        bare = bare_of(data["force/x"])
+    assert bare is not None
+    table = open_hdf5(path)
+    with path.open("rb") as stream, pytest.raises(ValueError, match="3 numbers beyond its end"):
+        replace(bare, offset=path.stat().st_size - 16).rows(stream)
+    assert table.read(["force/x"])["force/x"].values.tolist() == [0, 1, 2, 3, 4]

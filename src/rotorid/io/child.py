@@ -1,19 +1,34 @@
-"""Reading in a process of its own: some packages end theirs with a damaged file."""
+"""Reading in a process of its own: some packages end theirs with a damaged file.
+
+Apple's libraries do not bear a fork, and Windows has none: there a file is read where it is asked
+for.
+"""
 
 from __future__ import annotations
 
-import multiprocessing
+import faulthandler
 import os
+import pickle
+import signal
+import sys
 import warnings
-from collections.abc import Callable
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from io import BufferedReader, BufferedWriter
 from typing import Any
+
+import numpy as np
 
 from rotorid.errors import InputError, ReadError
 
-LEAST, SPEED = 5, 5e6
+LEAST, SPEED = 4, 5e6
 """Seconds of the processor that any file may take, and bytes a second beyond: packages read faster
 by ten times, and with a damaged file some never end."""
+
+FORKS = hasattr(os, "fork") and sys.platform != "darwin"
+"""Whether this system makes a process that reads by itself, in milliseconds."""
+
+_ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, the parts of an error, no more
 
 
 def in_child(work: Callable[..., Any], file: str, *arguments: Any) -> Any:
@@ -24,51 +39,103 @@ def in_child(work: Callable[..., Any], file: str, *arguments: Any) -> Any:
     ReadError
         Where the child ends without an answer, or does not end.
     """
-    kinds = multiprocessing.get_all_start_methods()
-    context: Any = multiprocessing.get_context("fork" if "fork" in kinds else "spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_answer, args=(sender, file, work, arguments), daemon=True)
+    return next(from_child(_once, file, work, arguments))
+
+
+def _once(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Iterator[Any]:
+    yield work(*arguments)
+
+
+def from_child(work: Callable[..., Iterator[Any]], file: str, *arguments: Any) -> Iterator[Any]:
+    """Yield what ``work(*arguments)`` yields in a child, which goes on reading a little ahead.
+
+    Raises
+    ------
+    ReadError
+        Where the child ends before its work does.
+    """
+    if not FORKS:
+        yield from work(*arguments)
+        return
+    receiver, sender = os.pipe()
     with warnings.catch_warnings():  # threads of numerical libraries, which the child leaves alone
         warnings.simplefilter("ignore", DeprecationWarning)
-        child.start()
-    sender.close()
+        child = os.fork()
+    if not child:
+        try:
+            os.close(receiver)
+            _answer(sender, file, work, arguments)
+        finally:  # nothing of the parent's is to be written or tidied here
+            os._exit(0)
+    os.close(sender)
     try:
-        kind, answer = receiver.recv()
-    except EOFError:
+        with open(receiver, "rb") as stream:
+            while (answer := _received(stream, file))[0] == _ANSWER:
+                yield answer[1]
+    finally:
+        with suppress(ProcessLookupError, ChildProcessError):  # where others see to its end
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+    if answer[0] == _REFUSAL:
+        kind, *parts, name, place = answer[1]
+        raise kind(*parts, file=name, place=place)
+
+
+def _answer(
+    sender: int, file: str, work: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]
+) -> None:
+    """Send what the work yields, or the parts of its `InputError`."""
+    if sender != 2:  # as where that is closed
+        _silence()
+    with open(sender, "wb") as stream:
+        try:
+            _bound(LEAST + int(os.path.getsize(file) / SPEED) if os.path.isfile(file) else LEAST)
+            for answer in work(*arguments):
+                _send(stream, (_ANSWER, answer))
+            _send(stream, (_END,))
+        except BrokenPipeError:  # no more is asked for
+            raise
+        except InputError as error:
+            parts = (type(error), error.found, error.expected, error.cure, error.file, error.place)
+            _send(stream, (_REFUSAL, parts))
+        except Exception as error:  # an end without an answer would say less
+            told = (f"{type(error).__name__}: {error}", "a whole file", "export it again", "", "")
+            _send(stream, (_REFUSAL, (ReadError, *told)))
+
+
+def _send(stream: BufferedWriter, answer: tuple[Any, ...]) -> None:
+    """Send a value: what its arrays hold goes after it as it lies in memory."""
+    arrays: list[memoryview] = []
+    head = pickle.dumps(answer, 5, buffer_callback=lambda array: arrays.append(array.raw()))
+    pickle.dump((head, [array.nbytes for array in arrays]), stream)
+    for array in arrays:
+        stream.write(array)
+    stream.flush()
+
+
+def _received(stream: BufferedReader, file: str) -> Any:
+    """Return what was sent next."""
+    try:
+        head, sizes = pickle.load(stream)
+        arrays = [np.empty(size, np.uint8) for size in sizes]
+        for array in arrays:
+            if stream.readinto(array.data) < array.size:
+                raise EOFError
+        return pickle.loads(head, buffers=arrays)
+    except (EOFError, pickle.UnpicklingError):
         raise ReadError(
             "a file that ends the program that reads it, or never lets it end",
             "a file that is whole",
             "export the record again",
             file=file,
         ) from None
-    finally:
-        receiver.close()
-        child.join()
-    if kind is None:
-        return answer
-    raise kind(*answer[:3], file=answer[3], place=answer[4])
-
-
-def _answer(
-    sender: Connection, file: str, work: Callable[..., Any], arguments: tuple[Any, ...]
-) -> None:
-    """Send what the work returns, or the parts of its `InputError`."""
-    _silence()
-    try:
-        _bound(LEAST + int(os.path.getsize(file) / SPEED) if os.path.isfile(file) else LEAST)
-        sender.send((None, work(*arguments)))
-    except InputError as error:
-        parts = (error.found, error.expected, error.cure, error.file, error.place)
-        sender.send((type(error), parts))
-    except Exception as error:  # an end without an answer would print its traceback
-        parts = (f"{type(error).__name__}: {error}", "a whole file", "export it again", "", "")
-        sender.send((ReadError, parts))
 
 
 def _silence() -> None:
     """Leave no words of this process where the answer's are: libraries write theirs as they end."""
     os.environ["LIBC_FATAL_STDERR_"] = "1"  # or glibc's go to the terminal
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    faulthandler.disable()
 
 
 def _bound(seconds: int) -> None:
@@ -77,5 +144,7 @@ def _bound(seconds: int) -> None:
         import resource
     except ImportError:  # Windows has no such limit
         return
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    allowed = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    most = seconds if allowed == resource.RLIM_INFINITY else min(seconds, allowed)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import h5py
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.files import open_regular
+from rotorid.io.child import from_child, in_child
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
-from rotorid.io.hdf5_packing import attribute, packing_of
-from rotorid.io.hdf5_storage import check_stored
+from rotorid.io.hdf5_packing import Packing, attribute, packing_of
+from rotorid.io.hdf5_storage import Bare, bare_of, check_stored
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -23,8 +26,10 @@ from rotorid.io.table import (
     check_held,
     content,
     head,
+    is_column,
     is_numeric,
     not_what_it_says,
+    reading,
 )
 from rotorid.units import si_factor
 
@@ -33,71 +38,83 @@ _INTERVAL = ("sample_interval", "wf_increment", "dt")
 
 
 @dataclass(frozen=True)
+class Told:
+    """What a file says of a column, and where its numbers lie bare in it, if they do."""
+
+    packing: Packing
+    unit: str | None
+    rate: Rate | None
+    bare: Bare | None
+
+    def column(self, stored: Any) -> Column:
+        """Return the column of numbers as they are stored."""
+        return Column(self.packing.unpacked(stored), self.unit, self.rate)
+
+
+@dataclass(frozen=True)
 class Hdf5Table(NamedArrays):
-    """An HDF5 file; its numbers are read when they are asked for."""
+    """An HDF5 file; its numbers are read when they are asked for.
+
+    A damaged one ends the process that reads it, now and then, so that a child does all that is
+    asked of HDF5. Numbers that lie bare in the file, as most loggers write them, are then read here
+    without it, others come from the child.
+
+    Parameters
+    ----------
+    known : mapping of path to Told
+        What was told of arrays of which nothing else need be asked.
+    """
+
+    known: Mapping[str, Told | None]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
         wanted = {name: self.place(name) for name in names}
-        paths = [place.path for place in wanted.values()]
-        whole: dict[str, Any] = {}
+        places, size = list(wanted.values()), self.bytes_of(list(wanted))
+        told, answers = self._asked(_arrays, places, size)
+        if all(one.bare for one in told.values()):
+            self.check_held(list(wanted))
+        stored: dict[Place, Any] = dict(answers)
+        sources = _sources(places)
+        with open_regular(self.file) as stream, reading(self.file, "HDF5 data"):
+            for place, one in told.items():
+                if one.bare is not None and sources[place] not in stored:
+                    stored[sources[place]] = one.bare.rows(stream)
         columns = {}
-        with opened(self.file) as data:
-            nodes = self._checked(data, paths)
-            held = max((held for _, held in nodes.values()), default=0)
-            check_held(self.bytes_of(list(wanted)), held, self.file)
-            for name, place in wanted.items():
-                path = place.path
-                node = nodes[path][0]
-                if path not in whole and (place.index is None or paths.count(path) > 1):
-                    whole[path] = _numbers(node)[()]
-                values = (
-                    as_column(whole[path], place) if path in whole else _part(_numbers(node), place)
-                )
-                packing = packing_of(node.dataset, self.file)
-                columns[name] = Column(packing.unpacked(values), *_stated(node, place))
+        for name, place in wanted.items():
+            source = sources[place]
+            values = as_column(stored[source], Place("") if source == place else place)
+            columns[name] = told[place].column(values)
         return columns
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
         """Yield successive rows of columns, by the names that `find` returned."""
-        places = {name: self.place(name) for name in names}
-        with opened(self.file) as data:
-            nodes = self._checked(data, [place.path for place in places.values()])
-            found = {p: nodes[p.path][0] for p in places.values()}
-            datasets = {p: _numbers(node) for p, node in found.items()}
-            stated = {name: _stated(found[p], p) for name, p in places.items()}
-            packed = {p: packing_of(node.dataset, self.file) for p, node in found.items()}
-            count = max(max(self.shapes[p.path]) for p in places.values())
-            step = _whole_chunks(found.values(), rows)
-            for begin in range(0, count, step):
-                parts: dict[tuple[str, int], Any] = {}
-                for place, dataset in datasets.items():
-                    if (place.path, place.axis) not in parts:
-                        parts[place.path, place.axis] = _rows(dataset, place, begin, step)
-                yield {
-                    name: Column(
-                        packed[p].unpacked(_picked(parts[p.path, p.axis], p)), *stated[name]
-                    )
-                    for name, p in places.items()
-                }
+        wanted = {name: self.place(name) for name in names}
+        places = list(wanted.values())
+        count = max(max(self.shapes[place.path]) for place in places)
+        told, answers = self._asked(_blocks, places, count, rows)
+        bare = {_rows_of(place): one.bare for place, one in told.items() if one.bare}
+        blocks = _bare_blocks(self.file, bare, count, rows) if bare else answers
+        for stored in blocks:
+            yield {
+                name: told[place].column(_picked(stored[_rows_of(place)], place))
+                for name, place in wanted.items()
+            }
+
+    def _asked(
+        self, work: Callable[..., Iterator[Any]], places: Sequence[Place], *arguments: Any
+    ) -> tuple[Mapping[Place, Told], Iterator[Any]]:
+        """Return what the file says of places, and the numbers of those that do not lie bare."""
+        known = {p: t for p in places if p.index is None and (t := self.known.get(p.path))}
+        if len(known) == len(set(places)):
+            return known, iter(())
+        answers = from_child(work, self.file, self.file, places, *arguments)
+        return next(answers), answers
 
     def scalar(self, name: str) -> float:
         """Return a dataset of one number."""
-        path = self.find_scalar(name)
-        with opened(self.file) as data:
-            node = self._checked(data, [path])[path][0]
-            packing = packing_of(node.dataset, self.file)
-            return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
-
-    def _checked(self, data: h5py.File, paths: Sequence[str]) -> Mapping[str, tuple[Node, int]]:
-        """Return data sets that are there whole, and the bytes of the files that hold them."""
-        nodes = {}
-        for path in dict.fromkeys(paths):
-            node = find(data, path)
-            if node is None:
-                raise ValueError(f"{path!r} is gone")
-            nodes[path] = node, check_stored(node.dataset, self.file)
-        return nodes
+        found: float = in_child(_scalar, self.file, self.file, self.find_scalar(name))
+        return found
 
 
 def open_hdf5(path: Path) -> Hdf5Table:
@@ -105,9 +122,98 @@ def open_hdf5(path: Path) -> Hdf5Table:
     start = head(path)
     if content(start) not in ("HDF5 data", "a MAT v7.3 file") and not h5py.is_hdf5(path):
         raise not_what_it_says(path, start, "HDF5 data")
-    with opened(str(path)):
-        shapes = Contents(str(path))
-    return Hdf5Table(str(path), shapes, others=shapes.others)
+    shapes = Contents(str(path), _tell)
+    return Hdf5Table(str(path), shapes, shapes.told, others=shapes.others)
+
+
+def _tell(node: Node) -> Told | None:
+    """Return what a file says of an array that is one column and lies bare in it."""
+    file, shape = node.dataset.file.filename, node.dataset.shape
+    if not is_column(shape) or (bare := bare_of(node.dataset)) is None:
+        return None
+    check_stored(node.dataset, file)
+    return Told(packing_of(node.dataset, file), *_stated(node, Place("")), bare)
+
+
+def _arrays(file: str, places: Sequence[Place], size: int) -> Iterator[Any]:
+    """Yield what the file says of places, and then the numbers of those that do not lie bare."""
+    sources = _sources(places)
+    with opened(file) as data:
+        nodes, held = _checked(data, file, places)
+        check_held(size, held, file)
+        told = {
+            place: _told(nodes[place.path], place, file, bare=source.index is None)
+            for place, source in sources.items()
+        }
+        yield told
+        for source in dict.fromkeys(s for place, s in sources.items() if not told[place].bare):
+            numbers = _numbers(nodes[source.path])
+            yield source, numbers[()] if source.index is None else _part(numbers, source)
+
+
+def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterator[Any]:
+    """Yield what the file says of places, and then their rows, if not all of them lie bare."""
+    with opened(file) as data:
+        nodes, _ = _checked(data, file, places)
+        told = {}
+        for place in places:
+            bare = place.index is None or place.axis == 1
+            told[place] = _told(nodes[place.path], place, file, bare=bare)
+        if not all(one.bare for one in told.values()):
+            told = {place: replace(one, bare=None) for place, one in told.items()}
+        yield told
+        sources = {_rows_of(place): _numbers(nodes[place.path]) for place in places}
+        if told[places[0]].bare is None:
+            step = _whole_chunks(nodes.values(), rows)
+            for begin in range(0, count, step):
+                yield {s: _rows(numbers, s, begin, step) for s, numbers in sources.items()}
+
+
+def _bare_blocks(
+    file: str, bare: Mapping[Place, Bare], count: int, rows: int
+) -> Iterator[dict[Place, Any]]:
+    """Yield rows that lie bare in the file."""
+    with open_regular(file) as stream, reading(file, "HDF5 data"):
+        for begin in range(0, count, rows):
+            yield {
+                place: (one.flat if place.index is None else one).rows(stream, begin, begin + rows)
+                for place, one in bare.items()
+            }
+
+
+def _scalar(file: str, path: str) -> float:
+    with opened(file) as data:
+        node = _checked(data, file, [Place(path)])[0][path]
+        packing = packing_of(node.dataset, file)
+        return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
+
+
+def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[str, Node], int]:
+    """Return data sets that are there whole, and the bytes of the files that hold the largest."""
+    nodes, held = {}, 0
+    for path in dict.fromkeys(place.path for place in places):
+        node = find(data, path)
+        if node is None:
+            raise ValueError(f"{path!r} is gone")
+        nodes[path], held = node, max(held, check_stored(node.dataset, file))
+    return nodes, held
+
+
+def _told(node: Node, place: Place, file: str, *, bare: bool) -> Told:
+    """Return what a file says of a column."""
+    where = bare_of(node.dataset) if bare and node.field is None else None
+    return Told(packing_of(node.dataset, file), *_stated(node, place), where)
+
+
+def _sources(places: Sequence[Place]) -> dict[Place, Place]:
+    """Return what is read for each place: an array of which several columns are asked for whole."""
+    count = Counter(place.path for place in dict.fromkeys(places))
+    return {place: Place(place.path) if count[place.path] > 1 else place for place in places}
+
+
+def _rows_of(place: Place) -> Place:
+    """Return what stands for all columns of the rows of an array."""
+    return place if place.index is None else Place(place.path, 0, place.axis)
 
 
 def _numbers(node: Node) -> Any:
@@ -137,8 +243,7 @@ def _picked(rows: Any, place: Place) -> Any:
 
 def _part(dataset: Any, place: Place) -> Any:
     """Read one column of a two-dimensional dataset."""
-    part = dataset[:, place.index] if place.axis == 1 else dataset[place.index, :]
-    return as_column(part, Place(place.path))
+    return dataset[:, place.index] if place.axis == 1 else dataset[place.index, :]
 
 
 def _stated(node: Node, place: Place) -> tuple[str | None, Rate | None]:

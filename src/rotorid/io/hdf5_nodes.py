@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import h5py
 
 from rotorid.errors import ReadError
+from rotorid.io.child import in_child
 from rotorid.io.table import is_numeric, reading
 from rotorid.limits import DEPTH, NODES
+
+FIRST = 50
+"""Groups and data sets that are looked at when a file is opened: 10 ms."""
 
 _HOPS = 16  # links that lead to links: what HDF5 itself allows
 _ELSEWHERE = "a link into another file"
@@ -33,55 +37,109 @@ class Node:
         return _kind(dtype) or (_matlab_kind(self.dataset) if self.field is None else None)
 
 
+@dataclass
+class Found:
+    """Shapes of numeric arrays by path, and what else there is.
+
+    `told` is what was asked of each array, where that could be told; `whole` says that these are
+    all of a file, `aliases` that other paths lead to them, too.
+    """
+
+    tell: Callable[[Node], Any] | None = None
+    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    others: dict[str, str] = field(default_factory=dict)
+    told: dict[str, Any] = field(default_factory=dict)
+    whole: bool = False
+    aliases: bool = False
+
+    def note(self, path: str, node: Node | None) -> None:
+        """Take up a data set, or the fields of one that is a table of records."""
+        if node is None or node.dataset.shape is None:
+            return
+        names = node.dataset.dtype.names
+        if node.field is None and names:
+            for name in names:
+                self.note(f"{path}/{name}", Node(node.dataset, name, ()))
+        elif (kind := node.kind) is None:
+            self.shapes[path] = tuple(node.dataset.shape)
+            with suppress(Exception):  # which is said where the array is asked for
+                self.told[path] = self.tell(node) if self.tell else None
+        else:
+            self.others[path] = kind
+
+
 class Contents(Mapping[str, tuple[int, ...]]):
     """Shapes of the numeric arrays of a file by path.
 
-    One that is asked for by its path is looked at by itself; all are only where names are searched.
+    Some are looked at when the file is opened. Of those of a larger file one that is asked for by
+    its path is looked at by itself; all are only where names are searched.
 
     Parameters
     ----------
     file : str
+    tell : callable
+        What else is asked of each of the first arrays, so that few are looked at again.
     """
 
-    def __init__(self, file: str) -> None:
-        self._file, self._walked = file, False
-        self._known: dict[str, tuple[int, ...]] = {}
-        self.others: dict[str, str] = {}
+    def __init__(self, file: str, tell: Callable[[Node], Any]) -> None:
+        self._file, self._asked = file, set[str]()
+        self._found: Found = in_child(_look, file, file, FIRST, tell)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What was asked of the first arrays."""
+        return self._found.told
+
+    @property
+    def others(self) -> dict[str, str]:
+        """What else there is, as far as it was looked at."""
+        return self._found.others
 
     def __getitem__(self, path: str) -> tuple[int, ...]:
-        """Return the shape of the array of a path."""
-        if path not in self._known and not self._walked and path == "/".join(_steps(path)):
-            with opened(self._file) as data:
-                self._note(path, find(data, path, self.others))
-        return self._known[path]
+        """Return the shape of the array of a path, which links may lead to."""
+        found = self._found
+        new = path not in found.shapes and path not in self._asked
+        if new and (found.aliases or not found.whole) and path == "/".join(_steps(path)):
+            self._asked.add(path)
+            there: Found = in_child(_look_at, self._file, self._file, path)
+            found.shapes |= there.shapes
+            found.others |= there.others
+        return found.shapes[path]
 
     def __iter__(self) -> Iterator[str]:
         """Go through the paths of all arrays."""
-        if not self._walked:
-            with opened(self._file) as data:
-                known: dict[str, tuple[int, ...]] = {}
-                self._known, known = known, self._known
-                for path, dataset in _walk(data, self._file):
-                    self._note(path, Node(dataset, None, ()))
-                self._known |= known  # those found behind links
-            self._walked = True
-        return iter(self._known)
+        if not self._found.whole:
+            every: Found = in_child(_look, self._file, self._file, NODES, None)
+            every.shapes |= self._found.shapes  # those found behind links
+            self._found.others.update(every.others)
+            self._found = replace(every, others=self._found.others, told=self._found.told)
+        return iter(self._found.shapes)
 
     def __len__(self) -> int:
         """Return how many arrays there are."""
         return sum(1 for _ in self)
 
-    def _note(self, path: str, node: Node | None) -> None:
-        if node is None or node.dataset.shape is None:
-            return
-        names = node.dataset.dtype.names
-        if node.field is None and names:  # a table of records
-            for name in names:
-                self._note(f"{path}/{name}", Node(node.dataset, name, ()))
-        elif (kind := node.kind) is None:
-            self._known[path] = tuple(node.dataset.shape)
-        else:
-            self.others[path] = kind
+
+def _look(file: str, most: int, tell: Callable[[Node], Any] | None) -> Found:
+    """Return what is in a file; where only some of it is asked for, up to what cannot be read."""
+    found = Found(tell)
+    with opened(file) as data:
+        try:
+            for path, node in _walk(data, file, most, found):
+                found.note(path, node)
+        except Exception:
+            if most >= NODES:
+                raise
+            return replace(found, tell=None)
+    return replace(found, whole=True, tell=None)
+
+
+def _look_at(file: str, path: str) -> Found:
+    """Return what lies at a path."""
+    found = Found()
+    with opened(file) as data:
+        found.note(path, find(data, path, found.others))
+    return found
 
 
 @contextmanager
@@ -128,39 +186,41 @@ def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> No
     return None
 
 
-def _walk(data: h5py.File, file: str) -> Iterator[tuple[str, h5py.Dataset]]:
+def _walk(data: h5py.File, file: str, most: int, found: Found) -> Iterator[tuple[str, Node]]:
     """Yield the data sets of a file with their paths, each object once."""
     seen, count = {h5py.h5o.get_info(data.id).addr}, 0
-    waiting: list[tuple[str, h5py.Group]] = [("", data["/"])]
+    waiting: list[tuple[str, tuple[h5py.Group, ...]]] = [("", (data["/"],))]
     while waiting:
-        prefix, group = waiting.pop()
-        inner: list[tuple[str, h5py.Group]] = []
-        for key in group:
+        prefix, above = waiting.pop()
+        inner: list[tuple[str, tuple[h5py.Group, ...]]] = []
+        for key in (group := above[-1]):
             key, shown = _raw(key), _shown(key)
             if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
+                found.aliases = True
                 continue  # "#refs#" holds the cells of MATLAB
-            count += 1
-            path, node = prefix + shown, _open(group, key)
-            _check_bounds(count, path, file)
+            count, path = count + 1, prefix + shown
+            _check_bounds(count, path, file, most)
+            node = _open(group, key)
             if node is None:  # a type that has a name
                 continue
             address = h5py.h5o.get_info(node.id).addr
             if address in seen:
+                found.aliases = True
                 continue
             seen.add(address)
             if isinstance(node, h5py.Group):
-                inner.append((f"{path}/", node))
+                inner.append((f"{path}/", (*above, node)))
             elif isinstance(node, h5py.Dataset):
-                yield path, node
+                yield path, Node(node, None, above)
         waiting += reversed(inner)
 
 
-def _check_bounds(count: int, path: str, file: str) -> None:
+def _check_bounds(count: int, path: str, file: str, most: int) -> None:
     """Refuse to look through more than one has patience for."""
-    if count > NODES or path.count("/") > DEPTH:
-        many = f"more than {NODES} groups and data sets"
+    if count > most or path.count("/") > DEPTH:
+        many = f"more than {most} groups and data sets"
         raise ReadError(
-            many if count > NODES else f"more than {DEPTH} groups in one another",
+            many if count > most else f"more than {DEPTH} groups in one another",
             "fewer to look through for a name",
             "write the whole path of each column, such as run1/x",
             file=file,

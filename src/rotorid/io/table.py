@@ -245,7 +245,7 @@ class NamedArrays:
     @property
     def names(self) -> list[str]:
         """Names of the one-dimensional arrays: leaf names where these are unique."""
-        paths = [p for p, shape in self.shapes.items() if _is_column(shape) and max(shape) > 1]
+        paths = [p for p, shape in self.shapes.items() if is_column(shape) and max(shape) > 1]
         leaves = [path.rsplit("/", 1)[-1] for path in paths]
         counts = Counter(leaves)
         return [
@@ -270,7 +270,7 @@ class NamedArrays:
             base = whole if whole in self.shapes else None
         path = None if base is not None else _path(name, self.shapes, self.file)
         if path is not None:
-            if _is_column(self.shapes[path]):
+            if is_column(self.shapes[path]):
                 return Place(path)
             raise _not_a_column(name, self.shapes[path], self.file)
         if indexed is not None and base is None:
@@ -348,7 +348,8 @@ def _path(name: str, paths: Mapping[str, Any], file: str) -> str | None:
     return fitting[0] if fitting else None
 
 
-def _is_column(shape: tuple[int, ...]) -> bool:
+def is_column(shape: tuple[int, ...]) -> bool:
+    """Tell whether an array of this shape is one column."""
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 
