@@ -12,14 +12,17 @@ import rotorid as rid
 import rotorid.models
 from rotorid.commands.models import run
 from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
+from rotorid.estimators.likelihood import fit as fitting
 from rotorid.estimators.likelihood import information, reduction
 from rotorid.estimators.likelihood.fit import fit
 from rotorid.estimators.likelihood.nuisances import Nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge
+from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.elements import Beam
 from rotorid.models.rotor.inertia import inertia
 from rotorid.models.rotor.mesh import bending
+from rotorid.models.rotor.reduction import Band
 from rotorid.observation import bind_all
 from rotorid.plots.rotors import drawing
 from rotorid.rig.lines import add_noise, line_record
@@ -295,9 +298,55 @@ def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
     model, record, _ = reducible
     # A hundredth of a deviation is negligible.
     seen = spied(monkeypatch, [0.0101, 0.0099])
+    shares, lines, roughs = [], [], []
+
+    def reduced(records, values, modes=(), share=None):
+        shares.append(share)
+        return reduction.reduced(records, values, modes, share)
+
+    def few(records, *count, **rest):
+        lines.extend(count)
+        return thinned(records, *count, **rest)
+
+    def approached(*rest):
+        roughs.append(fitting.approached(*rest))
+        return roughs[-1]
+
+    at = "rotorid.estimators.maximum_likelihood"
+    monkeypatch.setattr(f"{at}.reduced", reduced)
+    monkeypatch.setattr(f"{at}.approached", approached)
+    monkeypatch.setattr(fitting, "thinned", few)
     assert rid.identify(model, record, "ml").status == "ok"
     first, finer = (size for size, _ in seen)
     assert first < finer < len(model.coordinates)
+    # The way there is gone on few lines with few shapes, and ends before the last digits.
+    assert shares == pytest.approx([1e-4, 1e-6, 1e-6, 1e-8])
+    assert lines == [120, 500]
+    assert roughs[0].problem.tolerance == 1e-4
+
+
+def test_shapes_below_rounding_are_not_taken(monkeypatch, reducible):
+    model, record, _ = reducible
+    seen = []
+
+    def reduced(self, reads, omega, speed, values, share):
+        seen.append(share)
+        return self
+
+    monkeypatch.setattr(type(model), "reduced", reduced)
+    bound = bind_all(model, [record])
+    for share in (1.1e-13, 0.9e-13):
+        reduction.reduced(bound, model.nominal, share=share)
+    assert seen == [1.1e-13, 0]  # with 0 the whole rotor is solved
+
+
+def test_a_rotor_is_reduced_to_its_shapes_on_a_few_lines_of_a_few_speeds():
+    omega, speed = np.meshgrid(np.arange(10.0, 1010.0, 10.0), np.arange(0.0, 50.0, 10.0))
+    points = Band(omega.ravel(), speed.ravel(), {}).points()
+    assert {turning for _, turning in points} == {0, 20, 40}
+    assert len(points) == 3 * (24 + 1)
+    assert sorted(points)[0] == (3, 0)  # near rest
+    assert sorted(points)[-1] == (1000, 40)
 
 
 def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
