@@ -9,9 +9,16 @@ import numpy as np
 from rotor_files import random_rotor
 
 from rotorid.models import parse_model
-from rotorid.models.rotor.ross_rotor import lateral
 
 ROTORS = 20
+LATERAL = (0, 1, 3, 4)
+"""Where x, y, theta_x, theta_y stand among the six coordinates of a node of ROSS."""
+
+
+def lateral(matrix):
+    """Return what a matrix of ROSS says of x, y, theta_x and theta_y of its nodes."""
+    where = [6 * node + k for node in range(len(matrix) // 6) for k in LATERAL]
+    return matrix[np.ix_(where, where)]
 
 
 def matrices(number):

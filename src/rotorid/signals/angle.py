@@ -215,49 +215,14 @@ def _require_steady(angle: Floats, sample_rate: float, step: float, source: str)
         )
 
 
-def pulse_times(
-    samples: ArrayLike, sample_rate: float, *, threshold: float | None = None, source: str = ""
-) -> Floats:
-    """Return the times at which pulses rise, between samples where their flanks allow.
-
-    The threshold is half way between low and high. A flank that has no sample on it (a logic
-    level) is placed in the middle between the two samples beside it.
-
-    Parameters
-    ----------
-    samples : array, shape (sample,)
-    sample_rate : float
-        Hz.
-    threshold : float, optional
-    source : str
-        For messages.
-
-    Returns
-    -------
-    array, shape (pulse,)
-        s after the first sample.
-
-    Raises
-    ------
-    InputError
-        For a column without pulses.
-
-    Examples
-    --------
-    >>> pulse_times([0, 0, 0.25, 0.75, 1, 1, 0, 0], 1000.0)
-    array([0.0025])
-    """
-    rises, part, _ = _edges(samples, threshold, source)
-    return np.asarray((rises + part) / sample_rate)
-
-
 def pulse_edges(
     samples: ArrayLike, sample_rate: float, *, threshold: float | None = None, source: str = ""
 ) -> tuple[Floats, Floats]:
     """Return the times at which pulses rise, and half the time that each leaves open.
 
-    A flank with samples on it is known by interpolation, and leaves nothing open; a logic level
-    may have risen anywhere between two samples.
+    The threshold is half way between low and high. A flank with samples on it is known by
+    interpolation, and leaves nothing open; a logic level may have risen anywhere between two
+    samples, and is placed in the middle.
 
     Parameters
     ----------

@@ -92,11 +92,6 @@ class RotorModel(Model):
             for axis, own in zip(AXES, node.coordinates, strict=True)
         }
 
-    def coordinates_at(self, place: str) -> tuple[str, ...]:
-        """Return x, y, theta_x and theta_y of a named place."""
-        rotor = self.rotor
-        return rotor.nodes[rotor.node(rotor.places[place])].coordinates
-
     @property
     def used(self) -> frozenset[str]:
         """The parameters that a matrix or a load holds."""

@@ -8,14 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from rotorid.errors import ModelError
 from rotorid.models.rotor.drawing import Rotor, Support
-from rotorid.record import Floats
-
-LATERAL = (0, 1, 3, 4)
-"""Where x, y, theta_x, theta_y stand among the six coordinates of a node of ROSS."""
 
 
 def to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
@@ -61,9 +55,3 @@ def _bearing(ross: Any, rotor: Rotor, support: Support, known: Mapping[str, floa
         for axis, quantity in zip(axes, table, strict=True)
     }
     return ross.BearingElement(rotor.node(support.at), **constants)
-
-
-def lateral(matrix: Floats) -> Floats:
-    """Return what a matrix of ROSS says of x, y, theta_x and theta_y of its nodes."""
-    where = [6 * node + k for node in range(len(matrix) // 6) for k in LATERAL]
-    return np.asarray(matrix[np.ix_(where, where)])
