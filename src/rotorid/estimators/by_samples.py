@@ -186,10 +186,7 @@ def _late(posed: Posed, fit: _Fit, freed: _Fit) -> gate.Verdict:
     """
     lag = -float(freed.values[-1])
     std = float(np.sqrt(max(freed.scatter.covariance[-1, -1], 0.0)))
-    change = freed.values[:-1] - fit.values
-    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
-    known = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
-    shares = np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+    shares = _shares(fit, freed.values[:-1] - fit.values)
     if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
         return gate.Verdict()
     worst = int(shares.argmax())
@@ -208,11 +205,8 @@ def _late(posed: Posed, fit: _Fit, freed: _Fit) -> gate.Verdict:
 def _moved(posed: Posed, fit: _Fit, other: _Fit) -> gate.Verdict:
     """Judge whether a lower cut-off moves a parameter by more than its deviations."""
     change = other.values - fit.values
-    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
-    chance = _spread_of_change(fit.scatter, other.scatter)
-    clear = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
-    clear &= np.abs(change) > CLEAR * chance
-    shares = np.where(clear, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
+    clear = np.abs(change) > CLEAR * _spread_of_change(fit.scatter, other.scatter)
+    shares = np.where(clear, _shares(fit, change), 0.0)
     if not shares.size or shares.max() <= MOVED:
         return gate.Verdict()
     worst = int(shares.argmax())
@@ -225,6 +219,13 @@ def _moved(posed: Posed, fit: _Fit, other: _Fit) -> gate.Verdict:
     if shares.max() > SURE:
         return gate.Verdict(faults=(text,))
     return gate.Verdict(doubts=(text,))
+
+
+def _shares(fit: _Fit, change: Floats) -> Floats:
+    """Return a change of the values in deviations, zero for what is not known, shape (free,)."""
+    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
+    known = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
+    return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
 
 
 def _spread_of_change(first: Scatter, second: Scatter) -> Floats:

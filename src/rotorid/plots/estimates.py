@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,12 +39,17 @@ RPM = 30 / np.pi
 
 def waves(record: Shown) -> list[Panel]:
     """Return each predicted channel over time, measured and predicted, with the band of noise."""
+    return _over_time(record, wave)
+
+
+def _over_time(record: Shown, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
+    """Draw the channels that are predicted over time, in a unit of time that suits."""
     time = np.asarray(record.time_s, dtype=float)
     if not len(time):
         return []
     title, stretch = time_unit(float(time[-1]))
     shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
-    return [wave(c, stretch * time, title) for c in shown[:MOST_PANELS]]
+    return [draw(c, stretch * time, title) for c in shown[:MOST_PANELS]]
 
 
 def wave(channel: Any, time: Floats, title: str) -> Panel:
@@ -68,12 +73,7 @@ def wave(channel: Any, time: Floats, title: str) -> Panel:
 
 def differences(record: Shown) -> list[Panel]:
     """Return what is left of each predicted channel over time, and the band of its noise."""
-    time = np.asarray(record.time_s, dtype=float)
-    if not len(time):
-        return []
-    title, stretch = time_unit(float(time[-1]))
-    shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
-    return [_difference(c, stretch * time, title) for c in shown[:MOST_PANELS]]
+    return _over_time(record, _difference)
 
 
 def _difference(channel: Any, time: Floats, title: str) -> Panel:

@@ -11,7 +11,9 @@ share of line k in its square, it has nu degrees of freedom,
     1 / nu = sum_k h_k^2 / (2 (n - t + 1))
 
 (Satterthwaite), and the error over it is Student's t: damping, which few lines tell, left its 95 %
-in 7.5 % of records of ten periods. So each is widened until 1.96 of it hold what they should.
+in 7.5 % of records of ten periods. So each is widened until 1.96 of it hold what they should. Where
+one size of the noise is shared by many lines, as of whole records, nothing is widened: it is known
+far better than by one line, and the weights hold what it adds.
 """
 
 from __future__ import annotations
@@ -200,7 +202,7 @@ def _widening(point: Point, influence: Floats, left: list[Floats]) -> Floats:
         width = problem.lines * 2 * problem.equations
         parts = power[:, first : first + width].reshape(len(power), problem.lines, -1)
         first += width
-        if noise.shared > 1:  # its size is one for all lines, and the weights hold what it adds
+        if noise.shared > 1:  # one size for all lines
             continue
         freedom = problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
         unsure += (parts.sum(axis=2) ** 2 / freedom).sum(axis=1)
@@ -208,55 +210,80 @@ def _widening(point: Point, influence: Floats, left: list[Floats]) -> Floats:
     return t_limit(TAIL, freedom) / NORMAL
 
 
-def infer(point: Point, exact: Relations) -> Inference:
-    """Return covariance, null space and expected cost at a minimum."""
-    scaled, scale, basis = along_relations(point, exact)
-    left, values, right = whole_svd(scaled)
-    kept = values > RANK * values.max(initial=0.0)
-    taken_up = (left[:, kept] ** 2).sum(axis=1) + _of_ends(point)
-    leverage = _line_sums(point, taken_up)
-    means, variances, weights, free, unused = [], [], [], [], []
+@dataclass(frozen=True)
+class _Expected:
+    """What noise leaves of the cost, record by record: see `Inference`.
+
+    Parameters
+    ----------
+    means, unused : list of array, shape (line,)
+        Expected cost of each line, and t.
+    variances, left : list of float
+    weights : list of array
+        The share of the information of each real row that few periods leave.
+    """
+
+    means: list[Floats]
+    unused: list[Floats]
+    variances: list[float]
+    left: list[float]
+    weights: list[Floats]
+
+
+def _expected(point: Point, leverage: list[Floats]) -> _Expected:
+    """Return what noise leaves of each record's cost; `leverage` is what the unknowns take up."""
+    found = _Expected([], [], [], [], [])
     for at, taken in zip(point.records, leverage, strict=False):
         likelihood = at.problem
         c = likelihood.multiplicity
         t = likelihood.equations - taken / c
-        unused.append(t)
         mean, variance = line_moments(t, effective_dof(at), c)
         # What is in a line's own covariance adds its expectation and no scatter: over a window
         # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
         apart = likelihood.noise.apart
-        means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
+        found.means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
         if likelihood.noise.shared > 1:
             variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
-        variances.append(apart * float(variance.sum()))
-        free.append(float((c * np.maximum(t, 0.0)).sum()))
+        found.variances.append(apart * float(variance.sum()))
+        found.left.append(float((c * np.maximum(t, 0.0)).sum()))
         ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
-        weights.append(np.repeat(ratio, 2 * likelihood.equations))
-    rest = 1 - leverage[-1]
-    weights.append(np.ones(len(rest)))
+        found.weights.append(np.repeat(ratio, 2 * likelihood.equations))
+        found.unused.append(t)
+    return found
+
+
+def infer(point: Point, exact: Relations) -> Inference:
+    """Return covariance, null space and expected cost at a minimum."""
+    scaled, scale, basis = along_relations(point, exact)
+    left, values, right = whole_svd(scaled)
+    top = values.max(initial=0.0)
+    kept = values > RANK * top
+    leverage = _line_sums(point, (left[:, kept] ** 2).sum(axis=1) + _of_ends(point))
+    noise, rest = _expected(point, leverage), 1 - leverage[-1]
     absorbed = sum(at.absorbed for at in point.records)
     dof = point.problem.real_equations - int(kept.sum()) - absorbed
     determined = right[kept].T
-    weighted = np.concatenate(weights)[:, None] * (scaled @ determined)
-    along, spread, turned = np.linalg.svd(weighted, full_matrices=False)
+    weights = np.concatenate([*noise.weights, np.ones(len(rest))])
+    along, spread, turned = np.linalg.svd(
+        weights[:, None] * (scaled @ determined), full_matrices=False
+    )
     with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
         open_ = basis @ determined
         root = scale[:, None] * (open_ @ turned.T) / spread
-        wider = _widening(point, root @ along.T, unused)[:, None] * root / scale[:, None]
+        wider = _widening(point, root @ along.T, noise.unused)[:, None] * root / scale[:, None]
         root = scale[:, None] * (open_ @ (open_.T @ wider))  # exact relations stay exact
         covariance = root @ root.T
-    top = values.max(initial=0.0)
     return Inference(
         covariance,
         basis @ right[~kept].T,
         scale,
         Expectation(
-            max(float(sum(mean.sum() for mean in means) + rest.sum()), 0.0),
-            sum(variances) + max(2 * float(rest.sum()), 0.0),
+            max(float(sum(mean.sum() for mean in noise.means) + rest.sum()), 0.0),
+            sum(noise.variances) + max(2 * float(rest.sum()), 0.0),
             dof,
         ),
         float(top / values[kept].min()) if kept.any() else np.inf,
-        tuple(means),
-        tuple(variances),
-        tuple(free),
+        tuple(noise.means),
+        tuple(noise.variances),
+        tuple(noise.left),
     )
