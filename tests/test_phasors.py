@@ -245,6 +245,32 @@ def test_repeated_readings_tell_their_noise() -> None:
     np.testing.assert_allclose(lines.covariance.matrices, np.full((40, 2, 2), 0.5e-12 / 4 / 2))
 
 
+def readings(rng, relative: float, absolute: float, speeds: int = 60, each: int = 2):
+    """Return the lines of a resonance that was read several times at each speed, and its size."""
+    speed = np.repeat(np.linspace(0.5, 1.5, speeds), each) * 300.0
+    exact = 1e-5 * 9e4 / (9e4 - speed**2 + 10j * speed)
+    one, other = rng.standard_normal((2, len(speed), 2, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    size = np.hypot(relative * np.abs(exact), absolute)[:, None] * np.sqrt(2)
+    noisy = np.column_stack([exact, -1j * exact]) + size * (0.8 * one + 0.6 * other)
+    lines = phasor_lines([rid.Channel("x", "m"), rid.Channel("y", "m")], speed, noisy)
+    return lines, size[::each, 0] / 2
+
+
+@pytest.mark.parametrize(("relative", "absolute"), [(0.03, 0.0), (0.02, 1e-6), (0.0, 1e-6)])
+def test_noise_that_grows_with_the_amplitude_is_told(relative: float, absolute: float) -> None:
+    rng = np.random.default_rng(5)
+    ratios = []
+    for _ in range(40):
+        lines, size = readings(rng, relative, absolute)
+        assert (len(lines.warnings) == 2) == (relative > 0)
+        ratios.append(np.sqrt(2 * np.abs(lines.covariance.matrices[:, 0, 0])) / size)
+    top, end = np.abs(lines.mean[:, 0]).argmax(), 0
+    for line in (top, end):
+        assert np.mean([ratio[line] for ratio in ratios]) == pytest.approx(1, abs=0.15)
+    if relative:
+        assert "to grow with the amplitude" in lines.warnings[0]
+
+
 def test_repeated_readings_must_be_enough() -> None:
     speed = np.append(RPM, RPM[:9]) * np.pi / 30
     phasors = np.append(coast(RPM), coast(RPM[:9]) + 1e-6, axis=0)

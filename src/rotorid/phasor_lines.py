@@ -28,6 +28,12 @@ REPEATED = 5
 CONTRADICTED = 1e-4
 """Chance of the scatter of repeated readings below which the stated deviations are doubted."""
 
+CONSTANT = 1e-3
+"""Chance of scatter that grows so with the amplitude below which it is no constant's."""
+GROWING = (1e-2, 1e6, 65)
+"""Shares of the square of the largest amplitude that are tried, over the constant, and how many:
+steps of a third, which move deviations by less than they are known to."""
+
 
 @dataclass(frozen=True)
 class _Rows:
@@ -63,7 +69,8 @@ def phasor_lines(
 
     The signal of a channel is ``Re(X exp(i phi))``. Noise is told by `std`, or by repeated readings
     at the same speed: these are averaged, and their scatter, pooled over all speeds with the cross
-    terms between channels kept, is the covariance of each reading.
+    terms between channels kept, is the covariance of each reading. Where it grows with the
+    amplitude, as a gain's does, its variance is a constant and a share of the amplitude's square.
 
     Parameters
     ----------
@@ -105,7 +112,8 @@ def phasor_lines(
     as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
     rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
     if known is None:
-        rows, covariance = _repeated(rows, source)
+        rows, covariance, said = _repeated(rows, channels, source)
+        told += said
     else:
         covariance = _stated(rows)
         told += _doubted(rows)
@@ -212,8 +220,10 @@ def _scatter(rows: _Rows) -> tuple[Complexes, Integers]:
     return rows.lines - (mean / count[:, None])[groups], groups
 
 
-def _repeated(rows: _Rows, source: str) -> tuple[_Rows, LineCovariance]:
-    """Return a row per speed, with the covariance that repeated readings show."""
+def _repeated(
+    rows: _Rows, channels: Sequence[Channel], source: str
+) -> tuple[_Rows, LineCovariance, tuple[str, ...]]:
+    """Return a row per speed, with the covariance that repeated readings show, and what is said."""
     scatter, groups = _scatter(rows)
     count = np.bincount(groups)
     dof = len(groups) - len(count)
@@ -227,13 +237,51 @@ def _repeated(rows: _Rows, source: str) -> tuple[_Rows, LineCovariance]:
             file=source,
             place="std",
         )
-    reading = np.einsum("ri,rj->ij", scatter, scatter.conj()) / dof
     first = np.flatnonzero(np.diff(groups, prepend=-1))
     mean = (rows.lines - scatter)[first]
-    matrices = reading[None] / count[:, None, None]
-    return _Rows(rows.speed[first], mean, None), LineCovariance(
-        matrices, dof, "repeated", shared=len(count)
+    shares = [_share(scatter[:, c], mean[:, c], groups) for c in range(mean.shape[1])]
+    growth = np.sqrt(1 + np.array(shares) * np.abs(mean) ** 2)
+    scatter = scatter / growth[groups]
+    reading = np.einsum("ri,rj->ij", scatter, scatter.conj()) / dof
+    matrices = reading * growth[:, :, None] * growth[:, None, :] / count[:, None, None]
+    told = tuple(
+        f"repeated readings of {channel.name} scatter by {low:.3g} {channel.unit} at the smallest "
+        f"amplitude and by {high:.3g} {channel.unit} at the largest: their deviation was taken "
+        "to grow with the amplitude"
+        for c, channel in enumerate(channels)
+        if shares[c] > 0
+        for low, high in [2 * np.sqrt(reading[c, c].real / 2) * _ends(growth[:, c])]
     )
+    covariance = LineCovariance(matrices, dof, "repeated", shared=len(count))
+    return _Rows(rows.speed[first], mean, None), covariance, told
+
+
+def _ends(values: Floats) -> Floats:
+    return np.array([values.min(), values.max()])
+
+
+def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
+    """Return b / a of a variance ``a + b |X|^2`` of readings; 0 where a alone will do.
+
+    By likelihood: the scatter of n readings of one speed is a sum of 2 (n - 1) squares.
+    """
+    count, power = np.bincount(groups), np.bincount(groups, np.abs(scatter) ** 2)
+    weight, size = count - 1.0, np.abs(mean) ** 2
+    used = weight > 0
+    weight, power, size = weight[used], power[used], size[used]
+    if not power.any() or not size.any():
+        return 0.0
+
+    def cost(share: float) -> float:
+        growth = 1 + share * size
+        level = (power / growth).sum() / weight.sum()
+        return float((weight * np.log(level * growth)).sum())
+
+    grid = np.geomspace(GROWING[0], GROWING[1], GROWING[2]) / size.max()
+    costs = [cost(share) for share in grid]
+    best = int(np.argmin(costs))
+    gain = 2 * (cost(0.0) - costs[best])
+    return float(grid[best]) if gamma_tail(gain / 2, 0.5) < CONSTANT else 0.0
 
 
 def _doubted(rows: _Rows) -> tuple[str, ...]:
