@@ -185,6 +185,23 @@ def test_halves_within_six_deviations_agree():
         assert len(gate.agreement(["a", "fixed"], halves, std).faults) == faults
 
 
+@pytest.mark.parametrize("method", ["ls", "ml"])
+@pytest.mark.parametrize(("periods", "held"), [(7, False), (8, True)])
+def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method, periods, held):
+    model, values = parse_model(TOWER), [3.0, 2.0, 900.0, 2500.0]
+    record = driven(model, values, np.random.default_rng(3), periods=periods)
+    seen, agreement = [], gate.agreement
+
+    def watched(names, halves, *rest):
+        seen.append(bool(np.any(halves)))
+        return agreement(names, halves, *rest)
+
+    monkeypatch.setattr(gate, "agreement", watched)
+    start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
+    rid.identify(model, record, rid.MaximumLikelihood(start=start) if method == "ml" else method)
+    assert any(seen) == held
+
+
 def test_identical_periods_state_no_deviations():
     model = parse_model(TOWER)
     wave = np.cos(2 * np.pi * np.arange(100) / 100)

@@ -1,0 +1,57 @@
+"""Where what is said of a signal turns over, and how closely it is looked at."""
+
+import numpy as np
+import pytest
+
+from rotorid.errors import InputError
+from rotorid.record import Channel, Record
+from rotorid.signals import checks_rotation, periodicity, rotation_fit
+from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
+from rotorid.signals.average import _excerpt
+
+
+@pytest.mark.parametrize(("lost", "taken"), [(9, True), (10, False)])
+def test_a_fifth_of_the_pulses_may_be_missing(lost: int, taken: bool) -> None:
+    times = np.delete(0.01 + 0.02 * np.arange(50), 3 + 4 * np.arange(lost))
+    if taken:
+        assert keyphasor_angle(times, 1000, 1000.0).missing == lost
+    else:
+        with pytest.raises(InputError, match="10 pulses missing or too many, of 40"):
+            keyphasor_angle(times, 1000, 1000.0)
+
+
+@pytest.mark.parametrize(("lines", "left"), [(2.4, 2.4), (2.6, 0.0)])
+def test_a_counter_that_goes_off_and_comes_back(lines: float, left: float) -> None:
+    steady = np.arange(2000.0)
+    off = lines * ((steady > 900) & (steady < 960))
+    assert np.abs(_without_excursions(steady + off) - steady).max() == pytest.approx(left, abs=1e-9)
+
+
+@pytest.mark.parametrize("usual", [12, 13])
+def test_the_rhythm_is_that_of_the_first_pulses(usual: int) -> None:
+    """Of the first 25: neither that of more, nor of half of them."""
+    few, slower = np.full(usual, 1.0), np.full(50, 1.3)
+    assert _rhythm(np.concatenate([few, slower])) == (1.0 if usual == 13 else 1.3)
+    assert _rhythm(np.concatenate([few[:10], slower])) == 1.3
+
+
+@pytest.mark.parametrize(("low", "high", "half"), [(0.019, 0.97, 0.5), (0.021, 0.97, 0.0)])
+def test_a_sample_near_low_shows_no_flank(low: float, high: float, half: float) -> None:
+    pulse = np.concatenate([np.zeros(40), [low, high], np.ones(40), [0.5]])
+    _, open_ = pulse_edges(np.tile(pulse, 4), 1.0)
+    np.testing.assert_allclose(open_, half)
+
+
+@pytest.mark.parametrize(("count", "looked"), [(16384, 16384), (16500, 3 * 5400)])
+def test_a_long_record_is_looked_at_in_parts(count: int, looked: int) -> None:
+    record = Record([Channel("x", "m")], np.zeros((count, 1)), 1000.0)
+    assert len(_excerpt(record, 0, 100).samples) == looked
+
+
+def test_how_closely_a_signal_is_looked_at() -> None:
+    """What is found does not tell these from their neighbours; why they are so is said there."""
+    assert rotation_fit.KNOTS_PER_SECOND == (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    fine = rotation_fit._STEPS, rotation_fit._GRID, rotation_fit._ZOOMS, rotation_fit._RESOLVED
+    assert fine == (25, 61, 4, 8)
+    assert (periodicity._MARGIN, periodicity._OVERLAP) == (0.01, 0.25)
+    assert checks_rotation.SMALL == 1e-6
