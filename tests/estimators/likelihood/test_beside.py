@@ -80,6 +80,30 @@ def test_noise_of_the_channels_is_told_by_the_errors():
     assert 5 < found[0] / found[2] < 40
 
 
+def test_noise_of_the_channels_is_told_in_ten_rounds():
+    """Of two channels behind one equation: v + v^2 (1 - s) / s^2 from v, s the sum of both."""
+    told = np.array([3.0, 1.0])
+    for _ in range(10):
+        told = told + told**2 * (1 - told.sum()) / told.sum() ** 2
+    start = np.array([3.0, 1.0])
+    found = by_errors._channel_noise(np.ones((5, 1, 2)) + 0j, np.ones((5, 1)) + 0j, start)
+    assert found == pytest.approx(told, rel=1e-12)
+
+
+def test_some_hundreds_of_lines_tell_the_noise(monkeypatch):
+    seen, told = [], by_errors._channel_noise
+
+    def watched(rows, *rest):
+        seen.append(len(rows))
+        return told(rows, *rest)
+
+    monkeypatch.setattr(by_errors, "_channel_noise", watched)
+    number = np.arange(1600)
+    near = Beside(np.ones((1600, 1)) + 0j, number >= 0, number, number)
+    by_errors._whitened(Errors(complex_noise(np.random.default_rng(8), 1600, 2)), near, [0, 1])
+    assert seen == [400]
+
+
 def test_a_line_that_stands_out_is_in_its_own_cost_alone():
     rng = np.random.default_rng(6)
     errors = complex_noise(rng, LINES, 2)

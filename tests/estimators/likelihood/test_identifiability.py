@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.estimators.likelihood.identifiability import _exponents
+from rotorid.estimators.likelihood.identifiability import _exponents, _rotation_left_out
 from rotorid.identify import identify
+from rotorid.observation import bind
 from rotorid.rig.lines import add_noise
 
 
@@ -184,6 +185,13 @@ def test_unbalance_without_a_line_of_the_rotation(demo, bearings, rng):
     between = demo.noisy(demo.record(bearings, hertz=149.0, harmonics=(1, 3, 5, 9, 11)), rng)
     estimate = identify(demo.model, between, MaximumLikelihood(fixed={"L1": 0.3}))
     assert not any("to harmonics" in cure for cure in lines_of(estimate, "cure: "))
+
+
+@pytest.mark.parametrize(("hertz", "told"), [(140.019, 1), (140.021, 0)])
+def test_a_rotation_within_a_thousandth_of_a_line_is_on_it(demo, bearings, hertz, told):
+    """Lines stand 20 Hz apart."""
+    record = demo.record(bearings, hertz=hertz, harmonics=(1, 3, 5, 9, 11))
+    assert len(list(_rotation_left_out(bind(demo.model, record), ""))) == told
 
 
 def test_standstill(demo, bearings, rng):
