@@ -7,7 +7,8 @@ from rotorid.errors import InputError
 from rotorid.record import Channel, Record
 from rotorid.signals import checks_rotation, periodicity, rotation_fit
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
-from rotorid.signals.average import _excerpt
+from rotorid.signals.average import _excerpt, average
+from rotorid.signals.checks_samples import _flat
 
 
 @pytest.mark.parametrize(("lost", "taken"), [(9, True), (10, False)])
@@ -46,6 +47,22 @@ def test_a_sample_near_low_shows_no_flank(low: float, high: float, half: float) 
 def test_a_long_record_is_looked_at_in_parts(count: int, looked: int) -> None:
     record = Record([Channel("x", "m")], np.zeros((count, 1)), 1000.0)
     assert len(_excerpt(record, 0, 100).samples) == looked
+
+
+@pytest.mark.parametrize(("share", "flat"), [(0.49, 490), (0.51, 0)])
+def test_a_signal_of_two_levels_is_not_clipped(share: float, flat: int) -> None:
+    samples = np.linspace(0.0, 0.9, 1000)
+    samples[: round(1000 * share)] = 1.0
+    assert _flat(samples, 1.0) == flat
+
+
+@pytest.mark.parametrize(("turns", "size"), [(10.0009, 1.0), (10.0011, 0.0)])
+def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
+    wave = np.cos(2 * np.pi * 10 * np.arange(5000) / 1000)
+    record = Record([Channel("x", "m")], wave[:, None], 1000.0)
+    periods = average(record, 1.0, harmonics=[10])
+    found = checks_rotation._amplitude(record, periods, 0, turns)
+    assert abs(found) == pytest.approx(size, abs=0.01)
 
 
 def test_how_closely_a_signal_is_looked_at() -> None:
