@@ -67,8 +67,7 @@ class Batch(LinearEstimator):
             return estimate_by_samples(
                 "batch", bound, self.fixed, self.constraints, self.free_weight
             )
-        problem, solution = self.solve(model, bound)
-        return problem.summarize("batch", solution)
+        return pose(bound, self.fixed, self.constraints).summarize("batch", self._solved)
 
     def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:
         """Return the regression and its solution, without statistics.
@@ -79,11 +78,15 @@ class Batch(LinearEstimator):
             As `estimate`.
         """
         problem = pose(bind_all(model, records), self.fixed, self.constraints)
-        blocks = [
-            Block(r.record, *problem.free_equations(r), self._variance(r))
-            for r in problem.regressions
-        ]
-        return problem, solve(blocks)
+        return problem, self._solved(problem)
+
+    def _solved(self, problem: Problem) -> Solution:
+        return solve(
+            [
+                Block(r.record, *problem.free_equations(r), self._variance(r))
+                for r in problem.regressions
+            ]
+        )
 
     def _variance(self, regression: Regression) -> Floats:
         variance = force_variance(regression)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from rotorid.estimators.knowledge import (
     in_si,
 )
 from rotorid.estimators.regression import Regression, driven_rows
+from rotorid.estimators.residual import Fitted, misfit
 from rotorid.estimators.summary import describe_open_directions, summarize
 from rotorid.estimators.weighted import (
     POOLING_PERIODS,
@@ -30,9 +31,10 @@ from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
+from rotorid.signals.covariance import LineCovariance
 
 LEAST_PERIODS = 4
-"""Periods of half a record from which its halves are held against each other."""
+"""Periods from which the halves of a record have a scatter of their own, for their weights."""
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,29 @@ class Problem(Posed):
         design = regression.design @ self.elimination.basis
         return design, regression.target - regression.design @ self.elimination.origin
 
-    def summarize(self, method: str, solution: Solution) -> Estimate:
-        """Return the estimate of a solution, with the sandwich for its covariance."""
+    def halves(self) -> tuple[Problem, Problem]:
+        """Return the problems of the first and of the last half of the periods of each record.
+
+        Their answers tell a change, by how they differ; and what noise in the regressors does:
+        its power in a mean of half as many periods is twice as large, and so is the bias it leaves.
+        """
+        middles = [r.record.periods // 2 for r in self.regressions]
+        parts = [((None, middle), (middle, None)) for middle in middles]
+        first, last = (
+            tuple(replace(r, kept=part) for r, part in zip(self.regressions, half, strict=True))
+            for half in zip(*parts, strict=True)
+        )
+        return replace(self, regressions=first), replace(self, regressions=last)
+
+    def summarize(self, method: str, solve: Callable[[Problem], Solution]) -> Estimate:
+        """Return the estimate that a way of solving gives, with the sandwich for its covariance."""
+        solution = solve(self)
         values = solution.values.copy()
         values[self.unreached] = np.nan
         base = self.base(values)
         determined = np.where(np.isfinite(base), base, 0.0)
-        spreads = [r.residual_covariance(determined).matrices for r in self.regressions]
+        scatters = [r.residual_covariance(determined) for r in self.regressions]
+        spreads = [scatter.matrices for scatter in scatters]
         records = [r.record for r in self.regressions]
         if self.model.nonlinear and min(r.periods for r in records) >= POOLING_PERIODS:
             residuals = [r.period_residual(determined) for r in self.regressions]
@@ -141,9 +159,37 @@ class Problem(Posed):
         )
         verdict = gate.physical(self.full, estimate)
         verdict += gate.prediction(estimate, self._noise(spreads))
-        spread = np.sqrt(np.diag(free).clip(0))
-        verdict += gate.agreement(self.names, self._halves(solution, determined), spread)
+        verdict += gate.residual(*misfit(self._fitted(solution, determined, scatters)))
+        fewest = min(r.periods for r in records)
+        if fewest >= LEAST_PERIODS:
+            halves = np.array([solve(half).values for half in self.halves()]) - values
+            spread = np.sqrt(np.diag(free).clip(0))
+            verdict += gate.noise_bias(self.names, halves.mean(axis=0), spread)
+            if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
+                verdict += gate.agreement(self.names, halves, spread)
         return gate.passed(estimate, verdict)
+
+    def _fitted(
+        self, solution: Solution, base: Floats, scatters: Sequence[LineCovariance]
+    ) -> list[Fitted]:
+        """Return the equations of every record at an answer."""
+        fitted = []
+        for regression, gains, scatter in zip(
+            self.regressions, solution.gains, scatters, strict=True
+        ):
+            terms = np.abs(regression.design) @ np.abs(base) + np.abs(regression.target)
+            fitted.append(
+                Fitted(
+                    regression.residual(base),
+                    self.free_equations(regression)[0],
+                    gains,
+                    scatter.matrices,
+                    np.sqrt((terms**2).mean(axis=0)),
+                    regression.record.multiplicity,
+                    scatter.dof,
+                )
+            )
+        return fitted
 
     def _noise(self, spreads: Sequence[Complexes]) -> dict[str, float]:
         """Return the share of each input that the scatter of the residual explains."""
@@ -156,19 +202,6 @@ class Problem(Posed):
             size += weight @ np.abs(regression.inputs.mean(axis=0)) ** 2
         share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
         return dict(zip(self.model.inputs, share.tolist(), strict=True))
-
-    def _halves(self, solution: Solution, base: Floats) -> Floats:
-        """Return how the answers of the first and of the last periods differ from that of all."""
-        halves = np.zeros((2, len(self.names)))
-        for gain, regression in zip(solution.gains, self.regressions, strict=True):
-            residual = regression.period_residual(base)
-            middle = len(residual) // 2
-            if middle < LEAST_PERIODS:
-                continue
-            for half, part in enumerate((residual[:middle], residual[middle:])):
-                change = part.mean(axis=0) - residual.mean(axis=0)
-                halves[half] -= np.einsum("fkr,kr->f", gain, change).real
-        return halves
 
 
 def pose(

@@ -2,7 +2,8 @@
 
 An answer is turned away (``rejected``) where it is no machine (a negative mass, a polar inertia
 above the sum of the transverse ones, a negative value of what the model calls positive), where it
-does not predict its own record, and where blocks of the record contradict one another.
+does not predict its own record, where the residual of its equations is no noise, and where blocks
+of the record contradict one another.
 """
 
 from __future__ import annotations
@@ -14,11 +15,16 @@ import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import Value
+from rotorid.estimators.likelihood.inference import Expectation
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm, speed_factor
 from rotorid.record import Check, Floats
 
+REJECTED = 1e-6
+"""The p-value below which the data reject the model."""
+DOUBTFUL = 1e-3
+"""The p-value below which a warning says so."""
 SURE = 3.0
 """Deviations by which a value is beyond what a machine can have before it is turned away: nearer,
 noise alone may have put it there, and a warning says so."""
@@ -28,6 +34,10 @@ the power of a force are then explained at most."""
 APART = 6.0
 """Deviations by which halves of a record may differ: over a hundred parameters chance reaches 4,
 and deviations from a dozen periods are themselves a fifth off."""
+MOVED, BIASED = 1.0, 10.0
+"""Deviations of a bias from which on it is told, and from which on the answer is turned away: one
+leaves 83 % of intervals right where 95 % are promised; halves of one record tell a bias to a factor
+of three, and the second is beyond that."""
 CONTRADICTING = frozenset(
     {
         "drift",
@@ -272,6 +282,46 @@ def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Verdict:
                 )
             )
     return total
+
+
+def residual(cost: float, expected: Expectation) -> Verdict:
+    """Judge the residual of the equations by its scatter over periods, as a likelihood its misfit.
+
+    Deviations are made of that scatter, and hold nothing where the residual is larger.
+    """
+    chance = expected.p_value(cost)
+    if chance >= DOUBTFUL:
+        return Verdict()
+    times = np.sqrt(cost / expected.mean)
+    text = (
+        f"the equations are off by {times:.3g} times what noise leaves of them (p = {chance:.1e}): "
+    )
+    if chance >= REJECTED:
+        return Verdict(doubts=(f"{text}doubtful; see what ml says of this record",))
+    return Verdict(
+        faults=(
+            f"{text}they do not describe this record, and no deviation holds; for a linear model "
+            "ml names what is missing, for another one look at the terms (friction, a stiffening "
+            "spring, play), the units and the signs",
+        )
+    )
+
+
+def noise_bias(names: Sequence[str], bias: Floats, std: Floats) -> Verdict:
+    """Judge what noise in the measured motion does to an answer, by its deviations."""
+    known = (std > 0) & np.isfinite(bias)
+    share = np.where(known, bias, 0.0) / np.where(known, std, 1.0)
+    worst = int(np.abs(share).argmax())
+    if abs(share[worst]) <= MOVED:
+        return Verdict()
+    text = (
+        f"noise in the measured motion biases {names[worst]} by about {share[worst]:+.2g} of its "
+        "deviations, which do not hold that: use ml where the model is linear, record longer, or "
+        "excite more"
+    )
+    if abs(share[worst]) <= BIASED:
+        return Verdict(doubts=(text,))
+    return Verdict(faults=(text,))
 
 
 def agreement(

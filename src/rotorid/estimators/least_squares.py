@@ -9,8 +9,8 @@ import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimators.by_samples import estimate_by_samples, filtered_records
-from rotorid.estimators.family import LinearEstimator, pose
-from rotorid.estimators.weighted import Block, solve
+from rotorid.estimators.family import LinearEstimator, Problem, pose
+from rotorid.estimators.weighted import Block, Solution, solve
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 
@@ -51,9 +51,14 @@ class LeastSquares(LinearEstimator):
         bound = bind_all(model, records)
         if filtered_records(bound):
             return estimate_by_samples("ls", bound, self.fixed, self.constraints)
-        problem = pose(bound, self.fixed, self.constraints)
-        blocks = [
+        return pose(bound, self.fixed, self.constraints).summarize("ls", _solved)
+
+
+def _solved(problem: Problem) -> Solution:
+    """Solve with all equations alike."""
+    return solve(
+        [
             Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
             for r in problem.regressions
         ]
-        return problem.summarize("ls", solve(blocks))
+    )

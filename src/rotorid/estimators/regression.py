@@ -117,9 +117,12 @@ class Regression:
     Parameters
     ----------
     observation : Observation
+    kept : (first, last)
+        Periods that are used, as a slice takes them; all where it is not given.
     """
 
     observation: Observation
+    kept: tuple[int | None, int | None] = (None, None)
 
     @property
     def model(self) -> Model:
@@ -154,13 +157,13 @@ class Regression:
         Sensors of several coordinates are solved for them.
         """
         columns, follow = sensed(self.observation)
-        return np.asarray(self.record.spectra[..., columns] @ follow)
+        return np.asarray(self.record.spectra[slice(*self.kept)][..., columns] @ follow)
 
     @cached_property
     def inputs(self) -> Complexes:
         """Lines of every input, shape (period, line, input)."""
         check_forces(self.observation)
-        return self.record.spectra[..., list(self.observation.input_columns)]
+        return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
 
     @cached_property
     def clock(self) -> tuple[Floats, Floats]:

@@ -68,7 +68,8 @@ class Sequential(LinearEstimator):
         bound = bind_all(model, records)
         refuse_filtered(bound, "sequential")
         problem = pose(bound, self.fixed, self.constraints)
-        return problem.summarize("sequential", _solve_stages(problem, plan_stages(problem)))
+        stages = plan_stages(problem)
+        return problem.summarize("sequential", lambda part: _solve_stages(part, stages))
 
 
 def plan_stages(problem: Problem) -> list[Stage]:

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rotorid.estimators.gate import DOUBTFUL
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.inference import Expectation, along_relations
 from rotorid.estimators.likelihood.nuisances import Nuisance
@@ -24,7 +25,6 @@ from rotorid.estimators.likelihood.nuisances.phase import Phase
 from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.nuisances.scale import Scale
 from rotorid.estimators.likelihood.refits import Case
-from rotorid.estimators.likelihood.result import DOUBTFUL
 from rotorid.estimators.likelihood.tangent import tangent
 from rotorid.record import Check, Floats
 

@@ -10,6 +10,7 @@ import numpy as np
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import Alternative, LineMisfit, Misfit, ModeFit, Status, Value
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
+from rotorid.estimators.gate import DOUBTFUL, REJECTED
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
     Trial,
@@ -33,11 +34,6 @@ from rotorid.estimators.prediction import relative_errors
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
-
-REJECTED = 1e-6
-"""The p-value below which the data reject the model."""
-DOUBTFUL = 1e-3
-"""The p-value below which a warning says so."""
 
 
 def summarize(model: Model, fit: Fit) -> Estimate:
