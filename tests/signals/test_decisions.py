@@ -5,7 +5,7 @@ import pytest
 
 from rotorid.errors import InputError
 from rotorid.record import Channel, Record
-from rotorid.signals import checks_rotation, periodicity, rotation_fit
+from rotorid.signals import checks_rotation, checks_timing, periodicity, rotation_fit
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
 from rotorid.signals.average import _excerpt, average
 from rotorid.signals.checks_samples import _flat
@@ -65,9 +65,38 @@ def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
     assert abs(found) == pytest.approx(size, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("shown", "mistake"),
+    [
+        (60 / (2 * np.pi), "rad/s given as rpm"),
+        (2 * np.pi / 60, "rpm given as rad/s"),
+        (60, "Hz given as rpm"),
+        (1 / 60, "rpm given as Hz"),
+        (2 * np.pi, "Hz given as rad/s"),
+        (1 / (2 * np.pi), "rad/s given as Hz"),
+    ],
+)
+def test_a_speed_in_another_unit_is_named(shown: float, mistake: str) -> None:
+    tone = checks_rotation.Tone(140.0, 1.0, "x")
+    assert mistake in checks_rotation._told([tone], 140.0 / shown, False).found
+    tone = checks_rotation.Tone(140.0 * 1.006, 1.0, "x")
+    assert mistake not in checks_rotation._told([tone], 140.0 / shown, False).found
+
+
+@pytest.mark.parametrize(("count", "looked"), [(3, 0), (4, 1)])
+def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) -> None:
+    wave = np.cos(2 * np.pi * np.arange(100 * count) / 100)
+    periods = average(Record([Channel("x", "m")], wave[:, None], 100.0), 1.0, harmonics=[1])
+    seen: list[object] = []
+    monkeypatch.setattr(checks_timing, "_each_shift", lambda found: seen.append(found) or {})
+    checks_timing.check_timing(periods)
+    assert len(seen) == looked
+
+
 def test_how_closely_a_signal_is_looked_at() -> None:
     """What is found does not tell these from their neighbours; why they are so is said there."""
     assert rotation_fit.KNOTS_PER_SECOND == (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    assert rotation_fit.NOISES == (32.0, 8.0, 2.0, 0.5, 0.15, 0.05, 0.015, 0.004)
     fine = rotation_fit._STEPS, rotation_fit._GRID, rotation_fit._ZOOMS, rotation_fit._RESOLVED
     assert fine == (25, 61, 4, 8)
     assert (periodicity._MARGIN, periodicity._OVERLAP) == (0.01, 0.25)
