@@ -10,6 +10,7 @@ from rotorid.estimate import Estimate
 from rotorid.estimate_parts import Value
 from rotorid.estimators import gate
 from rotorid.estimators.likelihood import verdict as likelihood_verdict
+from rotorid.estimators.likelihood.inference import Expectation
 from rotorid.models import load_model, parse_model
 
 METHODS = ("ls", "batch", "sequential", "ml")
@@ -200,6 +201,28 @@ def test_halves_of_four_periods_are_held_against_each_other(monkeypatch, method,
     start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
     rid.identify(model, record, rid.MaximumLikelihood(start=start) if method == "ml" else method)
     assert any(seen) == held
+
+
+@pytest.mark.parametrize(
+    ("chance", "status", "told"),
+    [
+        (0.9e-6, "rejected", "the data reject the model"),
+        (1.1e-6, "ok", "the model is doubtful"),
+        (0.9e-3, "ok", "the model is doubtful"),
+        (1.1e-3, "ok", None),
+    ],
+)
+def test_a_misfit_that_chance_gives_once_in_a_million_is_rejected(
+    monkeypatch, chance, status, told
+):
+    model, values = parse_model(TOWER), [3.0, 2.0, 900.0, 2500.0]
+    record = driven(model, values, np.random.default_rng(3), periods=60)
+    monkeypatch.setattr(Expectation, "p_value", lambda self, cost: chance)
+    start = dict(zip(("m1", "m2", "k", "g"), values, strict=True))
+    estimate = rid.identify(model, record, rid.MaximumLikelihood(start=start))
+    assert estimate.status == status
+    for text in ("the data reject the model", "the model is doubtful"):
+        assert any(warning.startswith(text) for warning in estimate.warnings) == (text == told)
 
 
 def test_identical_periods_state_no_deviations():

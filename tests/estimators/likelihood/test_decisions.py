@@ -1,0 +1,67 @@
+"""Where maximum likelihood turns over: what it doubts, looks for again, and takes for a signal."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators.likelihood import search, verdict
+from rotorid.estimators.likelihood.scaling import find_scales
+
+
+@pytest.mark.parametrize(("periods", "told"), [(11, 1), (12, 0)])
+def test_twelve_periods_for_each_sensor_tell_a_wrong_model(periods: int, told: int) -> None:
+    assert len(list(verdict._few_periods(closed_loop(0.11, periods)))) == told
+
+
+@pytest.mark.parametrize(("coherence", "told"), [(0.09, 0), (0.11, 1)])
+def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence: float, told: int) -> None:
+    assert len(list(verdict._few_periods(closed_loop(coherence, 11)))) == told
+
+
+def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
+    """Return a fit to a record of one force and one sensor, whose noise is coherent by so much."""
+    matrix = np.array([[4.0, 2 * np.sqrt(coherence)], [2 * np.sqrt(coherence), 1.0]])
+    covariance = SimpleNamespace(kind="white", matrices=np.tile(matrix, (5, 1, 1)), dof=1e9)
+    lines = SimpleNamespace(periods=periods, scatter=np.zeros(1), covariance=covariance)
+    sensor = SimpleNamespace(column=1)
+    return SimpleNamespace(
+        records=[SimpleNamespace(lines=lines, sensors=[sensor], input_columns=(0,))]
+    )
+
+
+@pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])
+def test_a_cost_that_chance_does_not_give_is_looked_at_again(chance: float, explained: bool):
+    solution = SimpleNamespace(point=SimpleNamespace(cost=1.0))
+    expectation = SimpleNamespace(p_value=lambda cost: chance)
+    found = search.explained(solution, SimpleNamespace(expectation=expectation))
+    assert found == explained
+
+
+@pytest.mark.parametrize(("share", "gone"), [(0.9e-9, True), (1.1e-9, False)])
+def test_an_unknown_that_comes_to_nothing_has_vanished(share: float, gone: bool) -> None:
+    problem = SimpleNamespace(layout=SimpleNamespace(free=np.array([0, 1])))
+    point = SimpleNamespace(unknowns=np.array([5.0, 2.0 * share]))
+    solution = SimpleNamespace(point=point, active=())
+    assert search.vanished(problem, np.array([5.0, -2.0]), solution) == gone
+    held = SimpleNamespace(point=point, active=(0,))
+    assert not search.vanished(problem, np.array([5.0, -2.0]), held)
+
+
+@pytest.mark.parametrize(("deviations", "seen"), [(2.9, False), (3.1, True)])
+def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
+    deviations: float, seen: bool
+) -> None:
+    found = find_scales(
+        np.full((6, 1, 1), 1e6 + 0j),
+        np.zeros((6, 1), dtype=complex),
+        np.ones((1, 1)),
+        np.full((6, 1), 7e-6 + 0j),
+        reading_noise=np.array([7e-6 / deviations]),
+    )
+    assert (found.coordinates == pytest.approx([7e-6])) == seen
+
+
+def test_how_often_is_tried_and_in_how_many_parts() -> None:
+    """No answer tells these from their neighbours; why they are so is said beside them."""
+    assert (search.STARTS, verdict.BLOCKS, verdict.ORDERLY) == (8, 8, 3.0)
