@@ -49,7 +49,7 @@ def test_a_constraint_holds_exactly(method, expression, value):
             row[index[monomial]] += coefficient
         else:
             offset = coefficient
-    weights = np.linalg.lstsq(model.base.gather.T, row)[0]
+    weights = np.linalg.lstsq(model.base.gather.T, row, rcond=None)[0]
     size = np.abs(weights * base).max()
     assert weights @ base + offset == pytest.approx(value, abs=1e-12 * size)
     # ... and is known without error: the covariance has no component along it.

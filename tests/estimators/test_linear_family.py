@@ -80,7 +80,9 @@ def test_agreement_with_numpy_on_explicit_weights(problem):
         root = np.sqrt(weight * np.ones_like(variance)).reshape(-1)
         columns = design.reshape(len(root), -1) * root[:, None]
         length = np.linalg.norm(columns, axis=0)
-        expected = np.linalg.lstsq(columns / length, target.reshape(-1) * root)[0] / length
+        expected = (
+            np.linalg.lstsq(columns / length, target.reshape(-1) * root, rcond=None)[0] / length
+        )
         estimate = chosen.estimate(problem.model, [record])
         found = [v.value for v in estimate.parameters if not v.fixed]
         np.testing.assert_allclose(found, expected, rtol=1e-8)

@@ -153,14 +153,14 @@ def test_two_stages_by_hand():
     stretch = filtered(x1) - filtered(x2)
     columns = np.column_stack([filtered(x1, 2), stretch, filtered(stretch**3)])
     weight = 1 / np.sqrt(record.variance[:, record.index("F")])
-    m_1, k, k_3 = np.linalg.lstsq(columns * weight[:, None], filtered(F) * weight)[0]
+    m_1, k, k_3 = np.linalg.lstsq(columns * weight[:, None], filtered(F) * weight, rcond=None)[0]
 
     each = np.fft.irfft(_full(record.spectra, keep, grid.samples), grid.samples, axis=1)
     own = each[..., record.index("x1")] - each[..., record.index("x2")]
     transmitted = k * own + k_3 * filtered(own**3)
     weight = 1 / transmitted.std(axis=0, ddof=1)
     right = k * stretch + k_3 * filtered(stretch**3)
-    m_2 = np.linalg.lstsq((filtered(x2, 2) * weight)[:, None], right * weight)[0][0]
+    m_2 = np.linalg.lstsq((filtered(x2, 2) * weight)[:, None], right * weight, rcond=None)[0][0]
     for name, value in {"m_1": m_1, "k": k, "k_3": k_3, "m_2": m_2}.items():
         assert found.value(name) == pytest.approx(value, rel=1e-7)
 

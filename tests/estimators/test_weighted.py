@@ -56,7 +56,7 @@ def test_solution_of_the_weighted_problem(block):
     right = synthesize(block.target, block.record.harmonics, block.record.samples)
     root = 1 / np.sqrt(block.variance)
     expected = np.linalg.lstsq(
-        (matrix * root[..., None]).reshape(-1, 4), (right * root).reshape(-1)
+        (matrix * root[..., None]).reshape(-1, 4), (right * root).reshape(-1), rcond=None
     )[0]
     found = solve([block])
     np.testing.assert_allclose(found.values, expected)

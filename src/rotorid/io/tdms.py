@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from rotorid.errors import ReadError
+from rotorid.files import open_regular
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -23,7 +26,11 @@ from rotorid.io.table import (
     reading,
     silent,
 )
+from rotorid.limits import VISITS
 from rotorid.record import Floats
+
+_LEAD = struct.Struct("<4siiqq")  # of a segment: its contents as bits, its version, two sizes
+_LISTS, _ANEW, _BIG = 1 << 1, 1 << 2, 1 << 6  # objects listed, all anew, numbers of the other order
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,7 @@ def open_tdms(path: Path) -> TdmsTable:
     start = head(path)
     if content(start) != "TDMS data":
         raise not_what_it_says(path, start, "TDMS data")
+    _check_segments(path)
     channels, shapes = {}, {}
     with _opened(str(path)) as data:
         for group in data.groups():
@@ -75,6 +83,31 @@ def open_tdms(path: Path) -> TdmsTable:
                     check_size(len(channel), str(path))
                     channels[name], shapes[name] = (group.name, channel.name), (len(channel),)
     return TdmsTable(str(path), shapes, channels)
+
+
+def _check_segments(path: Path) -> None:
+    """Refuse a file of more pieces than one has patience for: each is looked at by itself."""
+    visits, listed, place, size = 0, 0, 0, path.stat().st_size
+    with open_regular(path) as stream:
+        while place + _LEAD.size <= size and visits <= VISITS:
+            stream.seek(place)
+            lead = stream.read(_LEAD.size + 4)
+            tag, contents, _version, after, _raw = _LEAD.unpack_from(lead)
+            if tag != b"TDSm" or not 0 <= after < size:  # damaged, or the last of a broken record
+                return
+            if contents & _LISTS and len(lead) > _LEAD.size:
+                order: Literal["big", "little"] = "big" if contents & _BIG else "little"
+                number = int.from_bytes(lead[_LEAD.size :], order)
+                listed = number if contents & _ANEW else max(listed, number)
+            visits += 1 + listed
+            place += _LEAD.size + after
+    if visits > VISITS:
+        raise ReadError(
+            f"more than {VISITS} pieces of channels",
+            "longer pieces",
+            "put them together: TDMS Defragment in LabVIEW",
+            file=str(path),
+        )
 
 
 @contextmanager

@@ -151,14 +151,16 @@ def test_a_rotor_that_floats_at_dc() -> None:
     for first in (0, 1):
         found = _motion(stiffness[first:], right[first:])
         for z, f, q in zip(stiffness[first:], right[first:], found, strict=True):
-            np.testing.assert_allclose(q, np.linalg.lstsq(z, f)[0], rtol=1e-9)
+            np.testing.assert_allclose(q, np.linalg.lstsq(z, f, rcond=None)[0], rtol=1e-9)
     for share, asked in ((0.5, 0), (2.0, 1)):  # of SINGULAR: |Z| |q| / |f| of a line
         with patch.object(np.linalg, "lstsq", wraps=np.linalg.lstsq) as least:
             _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.array([[0.0, 1.0 + 0j]]))
         assert least.call_count == asked
     assert SINGULAR == 1e10
     wide = _motion(stiffness[2:, :2], right[2:, :2])
-    np.testing.assert_allclose(wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2])[0])
+    np.testing.assert_allclose(
+        wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2], rcond=None)[0]
+    )
 
 
 @pytest.mark.parametrize(("gain", "hopeless"), [(-1.0, True), (1.01, False)])
