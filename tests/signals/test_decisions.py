@@ -5,7 +5,13 @@ import pytest
 
 from rotorid.errors import InputError
 from rotorid.record import Channel, Record
-from rotorid.signals import checks_rotation, checks_timing, periodicity, rotation_fit
+from rotorid.signals import (
+    checks_rotation,
+    checks_scatter,
+    checks_timing,
+    periodicity,
+    rotation_fit,
+)
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
 from rotorid.signals.average import _excerpt, average
 from rotorid.signals.checks_samples import _flat
@@ -93,6 +99,11 @@ def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) 
     assert len(seen) == looked
 
 
+@pytest.mark.parametrize(("typed", "found"), [(12.34, 12.34), (12.345, None)])
+def test_a_frequency_that_somebody_typed_has_four_digits(typed: float, found: float) -> None:
+    assert periodicity.Period(1000.0, 0.5, 1.0).fundamental(1000 * typed) == found
+
+
 def test_how_closely_a_signal_is_looked_at() -> None:
     """What is found does not tell these from their neighbours; why they are so is said there."""
     assert rotation_fit.KNOTS_PER_SECOND == (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -101,3 +112,4 @@ def test_how_closely_a_signal_is_looked_at() -> None:
     assert fine == (25, 61, 4, 8)
     assert (periodicity._MARGIN, periodicity._OVERLAP) == (0.01, 0.25)
     assert checks_rotation.SMALL == 1e-6
+    assert checks_scatter.FALSE_ALARM == 1e-7
