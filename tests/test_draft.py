@@ -27,6 +27,7 @@ from rotorid.experiment.columns import (
 )
 from rotorid.experiment.draft import draft
 from rotorid.io import open_table
+from rotorid.signals.periodicity import Period
 
 MODEL = rid.load_model("jeffcott")
 RATE, PERIOD = 2000.0, 200
@@ -468,3 +469,26 @@ def test_a_wide_table_is_read_in_time(monkeypatch) -> None:
     assert found["F_x77"].name == "force x77"
     assert found["x3"].name == "pos x3"
     assert len(looked_at) < 1000
+
+
+@pytest.mark.parametrize(("rate", "unit"), [(19.0, "ms"), (21.0, "s")])
+def test_times_that_make_a_slow_logger_are_no_seconds(rate: float, unit: str) -> None:
+    times = Found("t", np.arange(50) / rate, None, "time")
+    assert draft_module._clock([times], None).unit == unit
+
+
+@pytest.mark.parametrize(("size", "lines"), [(0.029, [3]), (0.031, [3, 7])])
+def test_a_line_that_stands_out_was_excited(size: float, lines: list[int]) -> None:
+    angle = 2 * np.pi * np.arange(500) / 100
+    wave = np.cos(3 * angle) + size * np.cos(7 * angle)
+    assert draft_module._lines([wave], Period(100.0, 0.5, 1.0)) == lines
+
+
+@pytest.mark.parametrize(("next_one", "found"), [(0.84, ["x"]), (0.86, [])])
+def test_a_name_that_is_hardly_likelier_than_the_next_does_not_tell(
+    monkeypatch, next_one: float, found: list[str]
+) -> None:
+    ranked = [(0.9, 0, "x", 0), (next_one, 0, "x", 1)]
+    monkeypatch.setattr(columns_module, "_ranked", lambda model, columns: ranked)
+    columns = [Found(name, np.zeros(3), None, "other") for name in ("qm", "qg")]
+    assert list(assign(MODEL, columns)) == found
