@@ -137,7 +137,6 @@ def test_estimate_report_shows_the_estimate(
         "What is left, frequency by frequency",
         "Correlation of the parameters",
         "Campbell diagram",
-        "Mode shapes",
         "Unbalance response",
     ]
     for value in estimate.parameters:

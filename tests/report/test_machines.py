@@ -78,14 +78,31 @@ def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
         zero = np.zeros(3)
         ahead, back = (parts.get(f"{way} part", zero) for way in ("forward", "backward"))
         assert max(np.abs(ahead).max(), np.abs(back).max()) == pytest.approx(1.0)
-        silent = {"forward": back, "backward": ahead}.get(mode.whirl)
-        if silent is None:  # planar: as much of one as of the other
-            np.testing.assert_allclose(np.abs(ahead), np.abs(back), atol=0.04)
-        else:
-            assert np.abs(silent).max() < 1e-3
+        assert np.abs({"forward": back, "backward": ahead}[mode.whirl]).max() < 1e-3
     bending = next(c.y for c in panels[2].curves if np.abs(c.y).max() > 0.5)
     assert bending[0] == pytest.approx(bending[2], rel=1e-3)
     assert bending[0] * bending[1] < 0
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.04, 0.06])
+def test_motion_in_a_plane_is_one_line(model: rid.Model, tilt: float) -> None:
+    """Of two modes of one frequency any mixture is one: a circle too is the shape in its plane."""
+    shape = np.array([1.0, -0.5, 0.8])
+    across = tilt * np.array([0.8, 0.0, -1.0]) * np.linalg.norm(shape) / np.hypot(0.8, 1.0)
+    motion = np.zeros(8, dtype=complex)
+    names = list(model.coordinates)
+    for k, place in enumerate("123"):
+        motion[names.index(f"x{place}")] = 0.6 * shape[k] - 0.8 * across[k]
+        motion[names.index(f"y{place}")] = 1j * (0.8 * shape[k] + 0.6 * across[k])
+    found = modes(model, speed=SPEED)
+    mode = replace(found.modes[0], whirl="planar", shape=tuple(motion))
+    pairs = [(names.index(f"x{k}"), names.index(f"y{k}")) for k in "123"]
+    (panel,) = shapes(replace(found, modes=(mode,)), pairs, [])
+    told = [c.label for c in panel.curves if c.label]
+    if tilt == 0:
+        np.testing.assert_allclose(panel.curves[0].y, shape, atol=1e-12)
+    assert (told == ["in a plane"]) == (tilt < 0.05)
+    assert shapes(found, pairs[:1], []) == []  # a single place has no shape
 
 
 def test_a_response_is_drawn_with_its_band(estimate: rid.Estimate, model: rid.Model) -> None:
@@ -142,7 +159,7 @@ def test_of_a_machine_in_one_plane_and_one_that_does_not_turn(tmp_path: Path) ->
     page = Page(modes_report(model, modes(model), None, []))
     check_self_contained(page)
     assert f"{np.sqrt(400 - 1) / (2 * np.pi):.6g}" in page.words
-    assert titles(page) == ["Mode shapes"]
+    assert titles(page) == []  # one place has no shape
 
 
 def test_the_page_of_a_balance(estimate: rid.Estimate, model: rid.Model) -> None:

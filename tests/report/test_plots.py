@@ -130,6 +130,29 @@ def test_misfit_is_drawn_over_its_expectation() -> None:
     np.testing.assert_allclose([second.x, second.y], [[10], [1]])
 
 
+def test_misfit_of_phasors_is_drawn_over_the_speed_with_ticks_to_read() -> None:
+    panel = misfit([0, 0], [10.0, 20.0], [12.0, 2.0], [12.0, 12.0], turning=True)
+    assert panel.x.title == "speed in rpm"
+    np.testing.assert_allclose(panel.curves[0].x, [600, 1200])
+    axis = interactive.spec(panel)["layout"]["yaxis"]
+    assert {"0.2", "0.5", "1", "2"} <= set(axis["ticktext"])
+    assert "dtick" not in axis
+    for top, told in ((3.9, None), (4.1, "tickvals"), (310.0, "tickvals"), (320.0, "dtick")):
+        axis = interactive.spec(Panel(y=Axis(log=True, ends=(1.0, top))))["layout"]["yaxis"]
+        assert [key for key in ("tickvals", "dtick") if key in axis] == ([told] if told else [])
+
+
+def test_names_of_marks_stay_in_the_picture() -> None:
+    x, y = np.array([-5.0, 9.0, 9.0]), np.array([3.0, 3.0, -3.0])
+    marks = Curve(x, y, "masses", look="named", told=("a", "b", "c"))
+    for ends, at in (
+        ((-10.0, 10.0), ["middle right", "top left", "bottom left"]),
+        (None, "middle right"),
+    ):
+        (trace,) = interactive.spec(Panel("", Axis(ends=ends), curves=(marks,)))["data"]
+        assert trace["textposition"] == at
+
+
 def test_a_spike_shows_in_a_long_record() -> None:
     values = np.zeros((100_000, 1))
     values[54_321] = 7.0

@@ -113,9 +113,13 @@ def lines(record: Shown) -> list[Panel]:
 
 
 def _abscissa(record: Shown) -> tuple[Floats, Axis]:
-    if record.kind == "phasors":
-        return 60 * np.asarray(record.frequency_hz, dtype=float), Axis("speed in rpm")
-    return np.asarray(record.frequency_hz, dtype=float), Axis("frequency in Hz")
+    return _over(record.frequency_hz, turning=record.kind == "phasors")
+
+
+def _over(hertz: Sequence[float], *, turning: bool) -> tuple[Floats, Axis]:
+    """Return what lines are drawn over, frequencies or the speeds of a rotation of these."""
+    x = np.asarray(hertz, dtype=float)
+    return (60 * x, Axis("speed in rpm")) if turning else (x, Axis("frequency in Hz"))
 
 
 def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
@@ -162,8 +166,14 @@ def misfit(
     frequency: Sequence[float],
     cost: Sequence[float],
     expected: Sequence[float],
+    *,
+    turning: bool = False,
 ) -> Panel:
-    """Return the misfit of every line over what noise leaves of it, a colour per record."""
+    """Return the misfit of every line over what noise leaves of it, a colour per record.
+
+    turning: the lines are those of the rotation, over its speed.
+    """
+    over, axis = _over(frequency, turning=turning)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.asarray(cost, dtype=float) / np.asarray(expected, dtype=float)
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
@@ -174,13 +184,13 @@ def misfit(
     for place, number in enumerate(numbers):
         own = where == number
         told = f"record {number + 1}" if len(numbers) > 1 else "misfit of a line"
-        x, colour = np.asarray(frequency, dtype=float)[own], COLOURS[place % len(COLOURS)]
+        x, colour = over[own], COLOURS[place % len(COLOURS)]
         look: Look = "dots" if own.sum() <= MOST_DOTS else "points"
         curves.append(Curve(x, ratio[own], told, colour, look))
     ends = (min(float(ratio.min()) / 1.2, 0.5), max(1.2 * float(ratio.max()), 2.0))
     return Panel(
         "",
-        Axis("frequency in Hz"),
+        axis,
         Axis("misfit / expected", log=True, ends=ends),
         tuple(curves),
         level=1.0,

@@ -27,13 +27,16 @@ _GROWING = [[0, "#f7fbff"], [0.4, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 # ColorBrewer's RdBu and Blues
 _INCH = 110
 """Pixels of an inch of a panel's height: on a screen a panel stands alone, and is larger."""
+_FEW, _MANY = 0.6, 2.5
+"""Powers of ten between which a logarithmic axis has ticks at 1, 2 and 5: above, at powers of ten;
+below, where plotly thinks best."""
 _SHARP = 5
 """Significant digits of what is drawn."""
 
 
 def spec(panel: Panel) -> dict[str, Any]:
     """Return data and layout of a panel."""
-    drawn = [_trace(curve) for curve in panel.curves]
+    drawn = [_trace(curve, panel.x.ends) for curve in panel.curves]
     if panel.matrix is not None:
         drawn.append(_heatmap(panel.matrix))
     shapes = []
@@ -88,6 +91,15 @@ def _decades(values: list[Floats], ends: tuple[float, float] | None) -> float:
     return float(np.log10(seen.max() / seen.min())) if len(seen) else 0.0
 
 
+def _ones_twos_fives(values: list[Floats], ends: tuple[float, float] | None) -> dict[str, Any]:
+    """Return ticks at 1, 2 and 5, a decade more than the numbers reach at either end."""
+    seen = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
+    seen = seen[np.isfinite(seen) & (seen > 0)]
+    low, high = math.floor(np.log10(seen.min())) - 1, math.ceil(np.log10(seen.max())) + 1
+    ticks = [n * 10.0**k for k in range(low, high + 1) for n in (1, 2, 5)]
+    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+
+
 def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
     made: dict[str, Any] = {
         "title": {"text": shown(axis.title, 60), "standoff": 6},
@@ -99,8 +111,10 @@ def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
     if axis.log:
         reach = _decades(values, axis.ends)
         made |= {"type": "log", "exponentformat": "power", "nticks": 6}
-        if reach > 1.2:  # else ticks at 1, 2 and 5 are of use
+        if reach > _MANY:
             made["dtick"] = math.ceil(reach / 6)
+        elif reach > _FEW:  # powers of ten alone would be one or two
+            made |= _ones_twos_fives(values, axis.ends)
     else:
         made |= {"exponentformat": "power", "minexponent": 6}
     if axis.ends is not None:
@@ -112,7 +126,16 @@ def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
     return made
 
 
-def _trace(curve: Curve) -> dict[str, Any]:
+def _beside(curve: Curve, ends: tuple[float, float] | None) -> str | list[str]:
+    """Return where names stand: in the right half of a picture not to the right, to be in it."""
+    if ends is None:
+        return "middle right"
+    outer = [("bottom left", "top left")[up] for up in (curve.y >= 0).tolist()]
+    right = (curve.x > sum(ends) / 2).tolist()
+    return [at if far else "middle right" for at, far in zip(outer, right, strict=True)]
+
+
+def _trace(curve: Curve, ends: tuple[float, float] | None = None) -> dict[str, Any]:
     made: dict[str, Any] = {
         "type": "scatter",
         "name": shown(curve.label, 60),
@@ -131,7 +154,7 @@ def _trace(curve: Curve) -> dict[str, Any]:
             "marker": {"color": curve.colour, "size": size, "symbol": symbol},
         }
         if curve.look == "named":  # on paper nobody points at a mark
-            made |= {"textposition": "middle right", "cliponaxis": False}
+            made |= {"textposition": _beside(curve, ends), "cliponaxis": False}
     else:
         line: dict[str, Any] = {"color": curve.colour, "width": _WIDTH.get(curve.look, 1.6)}
         if curve.look == "dashed":

@@ -17,7 +17,6 @@ from rotorid.plots.panel import (
     Axis,
     Curve,
     Floats,
-    Look,
     Panel,
     label,
     shown_unit,
@@ -31,6 +30,8 @@ RPM = 30 / np.pi
 TWO = 1.959964
 """Deviations to either side that a band holds."""
 WAYS: Mapping[str, str] = {"forward": BLUE, "backward": RED, "planar": GREEN, "mixed": PINK}
+FLAT = 0.05
+"""Share of a motion across its plane below which it is drawn as one in a plane."""
 MOST_SHAPES = 9
 """Modes whose shape is drawn: the lowest."""
 MOST_PLACES = 12
@@ -79,12 +80,14 @@ def shapes(found: Modes, pairs: Sequence[tuple[int, int]], alone: Sequence[int])
     """Return the shape of each mode: the part that whirls forward, and the part that goes back.
 
     `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
+    Motion in a plane is one line: its parts are alike, and those of two modes of one frequency any.
+    A single place has no shape.
     """
     frequency = np.array([mode.frequency_hz for mode in found.modes])
     return [
         _shape(k, mode, found.coordinates, pairs, alone, twice=_meets(frequency, k))
         for k, mode in enumerate(found.modes[:MOST_SHAPES])
-        if pairs or alone
+        if len(pairs) > 1 or len(alone) > 1
     ]
 
 
@@ -110,23 +113,30 @@ def _shape(
     }
     if twice and mode.whirl in parts:
         parts = {mode.whirl: parts[mode.whirl]}
+    if mode.whirl == "planar" and (one := _in_plane(value[x], value[y])) is not None:
+        parts = {"planar": one}
     if alone:
         parts = {"planar": value[list(alone)]}
     names = [coordinates[i] for i in (alone or x)]
     whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
     place = np.arange(len(names), dtype=float)
-    look: Look = "line" if len(names) > 1 else "dots"
     curves = []
     for way, part in parts.items():
-        told = "motion" if alone else f"{way} part"
+        told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
         shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
-        curves.append(Curve(place, shown, told, WAYS[way], look))
+        curves.append(Curve(place, shown, told, WAYS[way], "line"))
         curves.append(Curve(place, shown, "", WAYS[way], "points"))
     few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
     axis = Axis("" if few else "places along the shaft, in the model's order", names=few)
     title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
     ends = (-1.15, 1.15)
     return Panel(title, axis, Axis("share of the largest", ends=ends), tuple(curves), level=0.0)
+
+
+def _in_plane(x: Any, y: Any) -> Any:
+    """Return the shape of a motion whose directions are alike at all places; else ``None``."""
+    left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
+    return sizes[0] * left[:, 0] if sizes[1] < FLAT * sizes[0] else None
 
 
 def _signed(part: Any) -> Floats:

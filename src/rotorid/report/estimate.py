@@ -73,7 +73,7 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         exact=[note.removeprefix("note, ") for note in estimate.notes if note.startswith("note, ")],
         channels=channels_table(records),
         records=records_table(records),
-        pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate)],
+        pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate, records)],
     )
 
 
@@ -111,21 +111,23 @@ def _drawn(model: Model | None) -> Iterator[Picture]:
         )
 
 
-def _own_pictures(estimate: Estimate) -> Iterator[Picture]:
+def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Picture]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
+    turning = bool(records) and all(record.kind == "phasors" for record in records)
     if rows:
         panel = drawn.misfit(
             [row.record for row in rows],
             [row.frequency_hz for row in rows],
             [row.cost for row in rows],
             [row.expected for row in rows],
+            turning=turning,
         )
+        what, where = ("row", "speed") if turning else ("spectral line", "frequency")
         yield Picture(
-            "Misfit, frequency by frequency",
-            "Misfit of each spectral line over what noise would leave of it; 1 is right on "
-            "average. Lines that stand out together say where in frequency the model lacks "
-            "something.",
+            f"Misfit, {where} by {where}",
+            f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
+            f"Those that stand out together say at which {where} the model lacks something.",
             (panel,),
         )
     names = [value.name for value in estimate.free]
@@ -156,6 +158,7 @@ def record_pictures(
     noise = "noise and the deviations of the values make" if another else "noise makes"
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
+        each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
         yield from pictures(
             (
                 f"Measured and predicted over time{where}",
@@ -169,13 +172,13 @@ def record_pictures(
                 drawn.differences(record),
             ),
             (
-                f"Measured and predicted, frequency by frequency{where}",
+                f"Measured and predicted, {each}{where}",
                 f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
                 f"{noise}. A channel that is not predicted is shown with its own noise.",
                 drawn.lines(record),
             ),
             (
-                f"What is left, frequency by frequency{where}",
+                f"What is left, {each}{where}",
                 f"Predicted less measured of each channel over what {noise} of it. Evenly near "
                 "1 is noise; a line or a channel that stands out is none.",
                 drawn.residual(record),
@@ -210,7 +213,8 @@ def _of_waves(record: RecordEvidence) -> str:
 
 def _of_lines(record: RecordEvidence) -> str:
     """Say what the pictures on the lines show."""
-    told = f"Amplitudes of {record.lines} spectral lines"
+    what = "rows of 1x phasors" if record.kind == "phasors" else "spectral lines"
+    told = f"Amplitudes of {record.lines} {what}"
     if record.lines_per_point > 1:
         told += f", {record.lines_per_point} neighbours together as their root mean square"
     return f"{told}."
@@ -242,7 +246,8 @@ def _against_noise(channel: ChannelEvidence) -> tuple[str, ...]:
 
 def records_table(records: Sequence[RecordEvidence]) -> Table | None:
     """Return a row per record: how it was recorded and used; nothing where there are none."""
-    headings = ("record", "used as", "periods", "samples per period", "sample rate in Hz")
+    first = ("record", "used as", "periods", "samples per period", "sample rate in Hz")
+    headings = (*first, "lines", "speed in rpm", "channels")
     rows = [
         (
             f"{number}: {record.source}" if record.source else str(number),
@@ -256,7 +261,10 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
         )
         for number, record in enumerate(records, start=1)
     ]
-    return table((*headings, "lines", "speed in rpm", "channels"), rows) if rows else None
+    told = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+    if not rows:
+        return None
+    return table([headings[k] for k in told], [[row[k] for k in told] for row in rows])
 
 
 def _speeds(record: RecordEvidence) -> str:
