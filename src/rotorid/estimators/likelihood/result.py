@@ -245,20 +245,10 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
 
 
 def _warnings(fit: Fit, p_value: float) -> list[str]:
-    point, expected = fit.solution.point, fit.inference.expectation.mean
+    """Return what is said of the data, the search and the misfit."""
+    point = fit.solution.point
     found = list(dict.fromkeys(w for record in fit.records for w in record.lines.warnings))
-    kinds = {record.lines.covariance.kind for record in fit.records}
-    for number, at in enumerate(point.records):
-        noise = at.problem.noise
-        told = fit.records[number].lines.covariance.kind != "coherence"
-        if noise.shrunk > 0 and told:
-            where = f"record {number + 1}: " if len(fit.records) > 1 else ""
-            found.append(
-                f"{where}too few periods for the covariance of {at.problem.equations} equations "
-                f"per line ({noise.dof:g} degrees of freedom, {2 * at.problem.equations} needed): "
-                f"it was mixed with its diagonal ({100 * noise.shrunk:.0f} %); deviations and "
-                "p-value are rough; record more periods"
-            )
+    found += _mixed(fit)
     for bound in fit.solution.active:
         text = fit.problem.bounds.texts[bound]
         found.append(f"the bound {text} holds with equality; deviations are those without it")
@@ -275,23 +265,44 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
         )
     found += close_modes(fit.problem.known.modes, point.unknowns)
     found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
+    return [*found, *_misfit_warnings(fit, p_value)]
+
+
+def _mixed(fit: Fit) -> Iterator[str]:
+    """Say of which records the covariance was mixed with its diagonal."""
+    for number, at in enumerate(fit.solution.point.records):
+        noise = at.problem.noise
+        told = fit.records[number].lines.covariance.kind != "coherence"
+        if noise.shrunk > 0 and told:
+            where = f"record {number + 1}: " if len(fit.records) > 1 else ""
+            yield (
+                f"{where}too few periods for the covariance of {at.problem.equations} equations "
+                f"per line ({noise.dof:g} degrees of freedom, {2 * at.problem.equations} needed): "
+                f"it was mixed with its diagonal ({100 * noise.shrunk:.0f} %); deviations and "
+                "p-value are rough; record more periods"
+            )
+
+
+def _misfit_warnings(fit: Fit, p_value: float) -> Iterator[str]:
+    """Say what the misfit says of the model, or of the noise."""
+    point, expected = fit.solution.point, fit.inference.expectation.mean
+    kinds = {record.lines.covariance.kind for record in fit.records}
     if p_value < REJECTED:
-        found.append(
+        yield (
             f"the data reject the model: misfit {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); see the suspects; until the cause is "
             "found neither std nor std_inflated covers the error"
         )
     elif 1 - p_value < REJECTED and "references" in kinds:
-        found.append(
+        yield (
             f"the misfit, {point.cost:.6g}, is far below the {expected:.6g} that is expected: what "
             "counts as noise is not all noise, as where references are late or do not hold all "
             "that was added, or where a channel is cut at a limit; until that is found the "
             "deviations are not sure"
         )
     elif p_value < DOUBTFUL:
-        found.append(
+        yield (
             f"the model is doubtful: misfit {point.cost:.4g} where {expected:.4g} is expected "
             f"(p = {p_value:.1g}); record more periods, or declare gains and delays of the "
             "channels as known with a deviation"
         )
-    return found

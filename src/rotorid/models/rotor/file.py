@@ -189,8 +189,8 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
     return divided(rotor, [section.elements for section in entry.sections], MAX_ELEMENTS)
 
 
-def _section(number: int, entry: RotorFile, reader: _Reader) -> Section:
-    drawn, place = entry.sections[number], f"sections.{number}"
+def _check_section(drawn: SectionEntry, place: str, entry: RotorFile) -> None:
+    """Refuse lengths, diameters and materials that a section cannot have."""
     for name, value in (("length", drawn.length), ("outer", drawn.outer)):
         if not SMALLEST < value < LARGEST:
             raise ModelError(
@@ -213,6 +213,11 @@ def _section(number: int, entry: RotorFile, reader: _Reader) -> Section:
             "take a name from there, or add it",
             place=f"{place}.material",
         )
+
+
+def _section(number: int, entry: RotorFile, reader: _Reader) -> Section:
+    drawn, place = entry.sections[number], f"sections.{number}"
+    _check_section(drawn, place, entry)
     material, where = entry.materials[drawn.material], f"materials.{drawn.material}"
     E = reader.constant(material.E, "Pa", f"{where}.E")
     modulus = reader.at_nominal(E, f"{where}.E")
