@@ -9,6 +9,7 @@ from rotorid.signals import (
     checks_rotation,
     checks_scatter,
     checks_timing,
+    local_polynomial,
     periodicity,
     rotation_fit,
 )
@@ -112,4 +113,5 @@ def test_how_closely_a_signal_is_looked_at() -> None:
     assert fine == (25, 61, 4, 8)
     assert (periodicity._MARGIN, periodicity._OVERLAP) == (0.01, 0.25)
     assert checks_rotation.SMALL == 1e-6
+    assert local_polynomial.PROBED == 200
     assert checks_scatter.FALSE_ALARM == 1e-7
