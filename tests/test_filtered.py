@@ -23,6 +23,7 @@ from rotorid.estimators.by_samples import CLEAR, DOUBTFUL, LOWER, MOVED, SURE
 from rotorid.estimators.sampled import NOISY, SLOW, SampledRegression
 from rotorid.filtered import SPILLED
 from rotorid.observation import bind
+from rotorid.results.evidence import record_evidence
 
 
 def told(estimate: rid.Estimate, check: str) -> str:
@@ -150,6 +151,11 @@ def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
     moving = np.abs(seen.record.inner.apply(record.samples[:, 1:], 1)[low.used, 0]) > 5e-3
     assert 0.3 < seen.kept.mean() < 0.7
     assert (seen.kept & ~moving).sum() < 0.03 * seen.kept.sum()
+    # What is shown of the record stands at the times of the samples that count.
+    (shown,) = record_evidence(found, AXIS, [low])
+    number = np.rint(np.array(shown.time_s) * 1000).astype(int)
+    assert np.isin(number, low.used[seen.kept]).all()
+    assert len(shown.channels[0].wave_measured) == len(number) > 100
     # An axis that merely turns round is not at rest.
     turning = rid.identify(AXIS, rid.filtered(axis(np.random.default_rng(0)), 40.0), "ls")
     assert "at rest" not in {c.check for c in turning.checks}

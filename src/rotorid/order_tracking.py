@@ -320,8 +320,9 @@ def _told(cut: _Cut) -> Iterator[str]:
         yield (
             f"the speed changes by {np.abs(cut.rate).max():.3g} rad/s^2, too fast to settle: near "
             f"{abs(where) * 30 / np.pi:.4g} rpm phasors lag behind by {behind:.2g} of their "
-            "deviations: let it change more slowly there, or take the record as a whole (band), "
-            "whose loads follow the angle at any rate"
+            "deviations: let it change more slowly there or, where a column holds its excitation "
+            "(references), take the record as a whole (band), whose loads follow the angle at any "
+            "rate; a rotor that only its unbalance drives has none"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorid.estimate_parts import Prediction
 from rotorid.estimators.regression import Regression
-from rotorid.record import Complexes, Floats
+from rotorid.record import Complexes, Floats, Integers
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,8 @@ class Predicted:
     measured, predicted : complex array, shape (line, channel)
         In SI units; measured ones corrected for what the channel is known to do.
     multiplicity : array, shape (line,)
+    samples : int array, shape (line,), optional
+        Of a record without lines: the sample of each row.
     """
 
     names: tuple[str, ...]
@@ -29,6 +31,7 @@ class Predicted:
     measured: Complexes
     predicted: Complexes
     multiplicity: Floats
+    samples: Integers | None = None
 
     @property
     def wrong(self) -> Floats:

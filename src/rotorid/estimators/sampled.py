@@ -302,4 +302,5 @@ def predicted(regression: SampledRegression, base: Floats) -> Predicted:
     wrong = regression.residual(base)[:, driven] @ np.linalg.pinv(model.input_matrix[driven]).T
     units = tuple(model.units[name] for name in model.inputs)
     both = (measured.astype(np.complex128), (measured + wrong).astype(np.complex128))
-    return Predicted(model.inputs, units, *both, np.ones(len(measured)))
+    samples = regression.record.used[regression.kept]
+    return Predicted(model.inputs, units, *both, np.ones(len(measured)), samples)

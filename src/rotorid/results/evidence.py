@@ -255,10 +255,10 @@ def _of_samples(record: Observation, found: Predicted | None, most: int) -> Reco
         sample_rate_hz=float(filtered.record.sample_rate),
         speed_rad_s=_rounded([filtered.speed] * 2),
     )
-    if found is None:
+    if found is None or found.samples is None:
         return base
     step = -(-len(found.measured) // most) or 1
-    time = filtered.used / filtered.record.sample_rate
+    time = found.samples / filtered.record.sample_rate
     size, wrong = found.size, found.wrong
     channels = tuple(
         ChannelEvidence(
