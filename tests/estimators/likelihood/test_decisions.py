@@ -7,6 +7,7 @@ import pytest
 
 from rotorid.estimators.likelihood import search, verdict
 from rotorid.estimators.likelihood.scaling import find_scales
+from rotorid.estimators.likelihood.solver import bounds_held
 
 
 @pytest.mark.parametrize(("periods", "told"), [(11, 1), (12, 0)])
@@ -48,6 +49,34 @@ def test_an_unknown_that_comes_to_nothing_has_vanished(share: float, gone: bool)
     assert not search.vanished(problem, np.array([5.0, -2.0]), held)
 
 
+def test_further_starts_lie_about_the_given_one_and_are_the_same_ones_again() -> None:
+    unknowns = [SimpleNamespace(nuisance=False)] * 200 + [SimpleNamespace(nuisance=True)]
+    problem = SimpleNamespace(layout=SimpleNamespace(free=range(201), unknowns=unknowns))
+    starts = np.array(list(search.further_starts(problem, np.ones(201))))
+    assert len(starts) == 8
+    assert (starts[:, 200] == 1).all()
+    assert 1.39 < starts[:, :200].max() < 1.4
+    assert 1 / 1.4 < starts.min() < 1 / 1.39
+    np.testing.assert_array_equal(starts, list(search.further_starts(problem, np.ones(201))))
+
+
+def test_a_finer_homotopy_is_tried_where_two_further_starts_failed() -> None:
+    unknowns = [SimpleNamespace(nuisance=False)]
+    layout = SimpleNamespace(free=range(1), unknowns=unknowns)
+    ways = list(search._ways(SimpleNamespace(layout=layout, bounds=()), np.ones(1)))
+    assert [way.number for way in ways] == [0, 1, 2, 0, *range(3, 9)]
+    assert [way.stages is search.FINE_STAGES for way in ways] == [k == 3 for k in range(10)]
+    assert pytest.approx([*10 ** np.arange(2.0, -4.5, -0.5), 0.0]) == search.FINE_STAGES
+
+
+@pytest.mark.parametrize(("distance", "held"), [(0.9e-9, (0,)), (1.1e-9, ())])
+def test_a_bound_holds_where_it_is_reached_but_for_rounding(distance, held) -> None:
+    bounds = SimpleNamespace(
+        values=lambda x: np.array([5.0 * distance]), sizes=lambda x: np.array([5.0])
+    )
+    assert bounds_held(SimpleNamespace(bounds=bounds), np.ones(1)) == held
+
+
 @pytest.mark.parametrize(("deviations", "seen"), [(2.9, False), (3.1, True)])
 def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
     deviations: float, seen: bool
@@ -62,6 +91,6 @@ def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
     assert (found.coordinates == pytest.approx([7e-6])) == seen
 
 
-def test_how_often_is_tried_and_in_how_many_parts() -> None:
+def test_in_how_many_parts_a_record_is_looked_at() -> None:
     """No answer tells these from their neighbours; why they are so is said beside them."""
-    assert (search.STARTS, verdict.BLOCKS, verdict.ORDERLY) == (8, 8, 3.0)
+    assert (verdict.BLOCKS, verdict.ORDERLY) == (8, 3.0)
