@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from io_writers import WRITERS, write_mdf, write_tdms
+from io_writers import WRITERS, write_mdf, write_tdms, write_uff
 
 from rotorid.errors import ReadError
-from rotorid.io import open_table, open_tables, tdms
+from rotorid.io import open_table, open_tables, tdms, universal
 from rotorid.io.table import check_held
 from rotorid.limits import COLUMNS, COMPRESSION, UNPACKED_BYTES
 
@@ -110,4 +110,21 @@ def test_tdms_of_very_many_pieces(
     assert len(open_table(path).read(["x"])["x"].values) == (40 if listed else 36)
     path.write_bytes(many)
     with pytest.raises(ReadError, match=r"more than 100 pieces of channels; .*TDMS Defragment"):
+        open_table(path)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b" " * 74 + b"\n"])
+def test_universal_files_of_very_many_sets(
+    end: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyuff")
+    path = tmp_path / "run.uff"
+    write_uff(path, {"x": (np.arange(4.0), "m")})
+    one = path.read_bytes().replace(b"    -1\n", b"    -1" + end)
+    assert universal.SETS == 20_000
+    monkeypatch.setattr(universal, "SETS", 5)
+    path.write_bytes(one * 5)
+    assert len(open_table(path).names) == 5
+    path.write_bytes(one * 6)
+    with pytest.raises(ReadError, match=r"found 6 data sets; expected 5 at most"):
         open_table(path)

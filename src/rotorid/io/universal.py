@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.errors import ReadError
+from rotorid.files import open_regular
 from rotorid.io.table import (
     Column,
     LoadedArrays,
@@ -20,7 +21,9 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
+from rotorid.limits import SETS
 
+_ENDS = (b"\n", b"\r", 74 * b" ")  # of the line above and below a data set, after its number
 _FUNCTION = 58  # the data set of a function at nodal degrees of freedom
 _TIME_RESPONSE, _TIME_AXIS = 1, 17
 _EVEN = 1
@@ -57,10 +60,25 @@ def read_sets(path: Path) -> tuple[list[Any], list[int]]:
         import pyuff
     except ImportError:
         raise missing_package("pyuff", str(path)) from None
+    _check_sets(path)
     with reading(str(path), "universal file data"), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))
         types = [int(kind) for kind in np.atleast_1d(file.get_set_types())]
         return [file.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION], types
+
+
+def _check_sets(path: Path) -> None:
+    """Refuse a file of more data sets than one has patience for."""
+    with open_regular(path) as stream:
+        data = stream.read()
+    count = sum(data.count(b"    -1" + end) for end in _ENDS) // 2
+    if count > SETS:
+        raise ReadError(
+            f"{count} data sets",
+            f"{SETS} at most",
+            "export those of one measurement",
+            file=str(path),
+        )
 
 
 def _is_over_time(found: Mapping[str, Any]) -> bool:
