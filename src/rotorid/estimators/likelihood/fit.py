@@ -20,6 +20,7 @@ from rotorid.estimators.likelihood.plain import Plain, plainly
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.estimators.likelihood.problem import Lowest, Problem
 from rotorid.estimators.likelihood.search import explained, search
+from rotorid.estimators.likelihood.shared_noise import Shared, shared_noise
 from rotorid.estimators.likelihood.shown_speed import by_shown_speed
 from rotorid.estimators.likelihood.solver import Solution, solve
 from rotorid.estimators.likelihood.thinning import thinned
@@ -50,6 +51,8 @@ class Fit:
         How the rotation of each record moves against its angle.
     plain : Plain or None
         What the search itself came upon that is plainly wrong.
+    shared : Shared or None
+        Noise that sensors share, by which deviations were widened.
     """
 
     prepared: Prepared
@@ -59,6 +62,7 @@ class Fit:
     doubt: Doubt = field(default_factory=Doubt)
     creeps: tuple[Creep | None, ...] = ()
     plain: Plain | None = None
+    shared: Shared | None = None
 
     @property
     def problem(self) -> Problem:
@@ -221,7 +225,12 @@ def questioned_fit(found: Fit) -> Fit:
         solution, inference, doubt = questioned(problem, start, solution, inference)
     inference = by_equation_errors(inference, solution.point, found.records)
     inference = _by_misfit(solution, inference)
-    return replace(found, solution=solution, inference=inference, doubt=doubt)
+    common = None
+    if solution.converged and explained(solution, inference):
+        common = shared_noise(solution.point, inference, found.records)
+    if common is not None:
+        inference = replace(inference, covariance=common.covariance)
+    return replace(found, solution=solution, inference=inference, doubt=doubt, shared=common)
 
 
 def _by_misfit(solution: Solution, inference: Inference) -> Inference:

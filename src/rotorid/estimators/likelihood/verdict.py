@@ -55,7 +55,13 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
 
 
 def _alike(fit: Fit) -> Iterator[str]:
-    """Say where neighbouring lines of responses are not independent; a misfit is alike too."""
+    """Say where sensors or neighbouring lines are not independent; a misfit is alike too."""
+    if fit.shared is not None:
+        yield (
+            f"{', '.join(fit.shared.names[:8])} share noise on each line, as of a force that was "
+            "not measured, where each was stated by itself: deviations are widened by up to "
+            f"{fit.shared.factor:.2g}, to what the lines scatter by"
+        )
     point = fit.solution.point
     if fit.inference.expectation.p_value(point.cost) < MISFIT:
         return
