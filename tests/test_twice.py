@@ -13,6 +13,9 @@ import pytest
 
 import rotorid as rid
 from rotorid.errors import InputError
+from rotorid.experiment.twice import check_tables
+from rotorid.phasor_lines import phasor_lines
+from rotorid.responses import response_lines
 
 MODEL = """
 title = "a mass on a damper, shaken by two"
@@ -390,3 +393,56 @@ def test_excerpts_of_which_each_sample_counts_once(first, second, load, tmp_path
     write(tmp_path / "later.csv", {name: one[137:] for name, one in values.items()})
     lines = [LINES if "harmonics" not in more else "" for more in (first, second)]
     load(("run.csv", f"{lines[0]}\n{first}"), ("later.csv", f"{lines[1]}\n{second}")).records()
+
+
+def responses(rng: np.random.Generator, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+    hertz = np.arange(5.0, 45.0)
+    omega = 2 * np.pi * hertz
+    exact = 1 / (2e4 - omega**2 + 20j * omega)
+    return hertz, exact * (1 + noise * (rng.standard_normal((40, 2)) @ np.array([1, 1j])))
+
+
+def table_of(hertz: np.ndarray, values: np.ndarray, name: str, order: int = 0) -> rid.Lines:
+    found = values * (2j * np.pi * hertz) ** order
+    sensor = rid.Channel(name, "m")
+    std = 1e-3 * np.abs(found)[:, None]
+    return response_lines(rid.Channel("F", "N"), [sensor], hertz, found[:, None], std=std)
+
+
+def test_one_response_in_two_records() -> None:
+    """With fewer digits or lines, or as acceleration; one that was measured again is another."""
+    rng = np.random.default_rng(1)
+    hertz, values = responses(rng)
+    one = table_of(hertz, values, "x")
+    rounded = np.array([complex(f"{v.real:.5g}{v.imag:+.5g}j") for v in values])
+    for again in (
+        table_of(hertz, rounded, "x"),
+        table_of(hertz[10:], values[10:], "x"),
+        table_of(hertz[::2], values[::2], "other"),
+        table_of(hertz, values, "a", 2),
+    ):
+        with pytest.raises(InputError, match=r"the response of .*, noise and all, that"):
+            check_tables([one, again], ["F"])
+    check_tables([one, table_of(*responses(rng), "x")], ["F"])
+    check_tables([one, table_of(hertz[:7], values[:7], "x")], ["F"])  # few may be alike by chance
+    check_tables([one, table_of(hertz + 0.5, values, "x")], ["F"])
+
+
+def test_rows_of_phasors_in_two_records() -> None:
+    rng = np.random.default_rng(1)
+    speed = np.linspace(100.0, 300.0, 30)
+    exact = np.stack([1e-5 * speed**2, -1e-5j * speed**2], axis=1)
+    channels = [rid.Channel("x", "m"), rid.Channel("y", "m")]
+
+    def read() -> np.ndarray:
+        return exact + 0.01 * (rng.standard_normal((30, 2, 2)) @ np.array([1, 1j]))
+
+    values = read()
+    one = phasor_lines(channels, speed, values, 0.01)
+    for rows, told in ((slice(5, None), "25 rows"), (slice(0, 3), "3 rows")):
+        with pytest.raises(InputError, match=f"found {told} that"):
+            check_tables([one, phasor_lines(channels, speed[rows], values[rows], 0.01)], [])
+    mixed = read()
+    check_tables([one, phasor_lines(channels, speed, mixed, 0.01)], [])
+    mixed[3:5] = values[3:5]
+    check_tables([one, phasor_lines(channels, speed, mixed, 0.01)], [])

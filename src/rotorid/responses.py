@@ -161,24 +161,37 @@ def _refuse_repeated(
     sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats, source: str
 ) -> None:
     """Refuse a response that is another one, differentiated or times a number, noise and all."""
-    kept = (np.abs(responses) > 0).all(axis=1)
-    omega, found, noise = 2j * np.pi * hertz[kept], responses[kept], variance[kept]
-    if len(found) < LEAST_SAME:
-        return
-    relative = noise / np.abs(found) ** 2
     for i, j in combinations(range(len(sensors)), 2):
-        own = np.sqrt((relative[:, i] + relative[:, j]).mean())
-        for order in range(-2, 3):
-            ratio = found[:, j] / (found[:, i] * omega**order)
-            if np.std(ratio) < SAME * own * abs(ratio.mean()):
-                raise InputError(
-                    f"one response in {sensors[i].name} and {sensors[j].name}, noise and all: "
-                    f"{ratio.mean().real:.4g} times (i omega)^{order} of the first is the second",
-                    "responses that were measured apart",
-                    "keep the one that was measured, leave out what was computed from it; as "
-                    "measurements of their own they make deviations too small",
-                    file=source,
-                )
+        known = multiple_of(hertz, responses[:, [i, j]].T, variance[:, [i, j]].T)
+        if known is not None:
+            order, ratio = known
+            raise InputError(
+                f"one response in {sensors[i].name} and {sensors[j].name}, noise and all: "
+                f"{ratio.real:.4g} times (i omega)^{order} of the first is the second",
+                "responses that were measured apart",
+                "keep the one that was measured, leave out what was computed from it; as "
+                "measurements of their own they make deviations too small",
+                file=source,
+            )
+
+
+def multiple_of(
+    hertz: Floats, responses: Complexes, variance: Floats
+) -> tuple[int, complex] | None:
+    """Return n and c where one response is ``c (i omega)^n`` times another, noise and all.
+
+    `responses` and `variance` have the shape (2, line).
+    """
+    kept = (np.abs(responses) > 0).all(axis=0)
+    if kept.sum() < LEAST_SAME:
+        return None
+    omega, (one, other) = 2j * np.pi * hertz[kept], responses[:, kept]
+    own = np.sqrt((variance[:, kept] / np.abs(responses[:, kept]) ** 2).sum(axis=0).mean())
+    for order in range(-2, 3):
+        ratio = other / (one * omega**order)
+        if np.std(ratio) < SAME * own * abs(ratio.mean()):
+            return order, complex(ratio.mean())
+    return None
 
 
 def _checked_std(std: ArrayLike, responses: Complexes, source: str) -> Floats:

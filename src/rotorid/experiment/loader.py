@@ -36,6 +36,7 @@ from rotorid.experiment.twice import (
     check_measured,
     check_modes,
     check_records,
+    check_tables,
     shared_currents,
 )
 from rotorid.experiment.zero_of_angle import Wave, check_rotation, check_told, wave_of
@@ -176,6 +177,7 @@ class Experiment:
                 ) from None
         check_measured(found, self.model.inputs)
         so_far.overlaps.check()
+        check_tables(found, self.model.inputs)
         for number, text in alike(found, self.model.inputs).items():
             found[number] = replace(found[number], warnings=(*found[number].warnings, text))
         return found

@@ -19,8 +19,10 @@ from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
 from rotorid.files import is_hollow
 from rotorid.filtered import FilteredRecord
 from rotorid.limits import HASHED_BYTES
+from rotorid.lines import Lines, PhasorClock, SilentClock
 from rotorid.observation import Measured
-from rotorid.record import Channel, Floats, PeriodicRecord, Record
+from rotorid.record import Channel, Floats, Integers, PeriodicRecord, Record
+from rotorid.responses import SAME, multiple_of
 from rotorid.signals.fingerprint import Printer, Shared, candidates, shared
 
 _PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
@@ -30,6 +32,8 @@ _LATER = 0.999  # where one begins periods later: some lag or other brings any t
 _FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
 _ROUNDING = 1e-7  # of single precision: scatter below it is none
 _SHARE = 0.05  # of the shorter record: less of it twice makes no deviation 3 % too small
+_ROWS = 3  # of phasors, within a twentieth of their noise: three are by a chance of 1e-9 or less
+_DIGITS = 1e-6  # by which a frequency or a speed may differ and be the same
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
 Entries = Mapping[str, ChannelEntry]
 
@@ -260,6 +264,68 @@ class Overlaps:
         skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
         begin = max(skips[0] - both.first, skips[1] - both.second, 0)
         return both.count - begin
+
+
+def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
+    """Refuse tables of which another holds the same responses, or the same rows of phasors.
+
+    Raises
+    ------
+    InputError
+        With the file that comes second.
+    """
+    tables = [one for one in found if isinstance(one, Lines)][:_COMPARED]
+    for one, other in combinations(tables, 2):
+        told = None
+        if isinstance(one.clock, SilentClock) and isinstance(other.clock, SilentClock):
+            told = _response_again(one, other)
+        elif isinstance(one.clock, PhasorClock) and isinstance(other.clock, PhasorClock):
+            told = _rows_again(one, other, inputs)
+        if told is not None:
+            raise InputError(
+                f"{told} that {Path(one.source).name[:120]} holds too",
+                "each measurement once: twice it counts as two",
+                "leave them out of one of the two records",
+                file=other.source,
+            )
+
+
+def _response_again(one: Lines, other: Lines) -> str | None:
+    """Say which response of a table another table holds, differentiated perhaps."""
+    if one.channels[0].name != other.channels[0].name:
+        return None
+    here, there = _common(other.frequency, one.frequency)
+    for a, sensor in enumerate(other.channels[1:], start=1):
+        for b in range(1, len(one.channels)):
+            responses = np.stack([one.mean[there, b], other.mean[here, a]])
+            matrices = one.covariance.matrices[there, b, b], other.covariance.matrices[here, a, a]
+            if multiple_of(other.frequency[here], responses, np.stack(matrices).real) is not None:
+                return f"the response of {sensor.name}, noise and all,"
+    return None
+
+
+def _rows_again(one: Lines, other: Lines, inputs: Collection[str]) -> str | None:
+    """Say how many rows of phasors another table holds."""
+    names = [n for n in other.names if n in one.names and n not in inputs]
+    here, there = _common(other.speed, one.speed)
+    a, b = ([lines.names.index(n) for n in names] for lines in (other, one))
+    first, second = one.mean[there][:, b], other.mean[here][:, a]
+    spread = sum(
+        np.einsum("kii->ki", lines.covariance.matrices[rows]).real[:, columns]
+        for lines, rows, columns in ((one, there, b), (other, here, a))
+    )
+    near = np.abs(first - second) <= SAME * np.sqrt(spread)
+    same = int((near.all(axis=1) & first.any(axis=1)).sum()) if names else 0
+    if same < max(_ROWS, _SHARE * min(len(one.speed), len(other.speed))):
+        return None
+    return f"{same} rows"
+
+
+def _common(here: Floats, there: Floats) -> tuple[Integers, Integers]:
+    """Return where numbers stand that both hold, to the digits of a table."""
+    nearest = np.abs(here[:, None] - there).argmin(axis=1)
+    both = np.abs(here - there[nearest]) <= _DIGITS * np.abs(here)
+    return np.flatnonzero(both), nearest[both]
 
 
 def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
