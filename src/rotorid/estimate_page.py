@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.estimate_parts import (
+    DOUBTFUL,
     Answer,
     EquationMisfit,
     LineMisfit,
@@ -28,8 +29,16 @@ _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which 
 
 def page(estimate: Answer, *, intervals: bool = False) -> Page:
     """Return all there is to read: status, tables, and notes on them."""
-    head = f"{estimate.model}, {estimate.method}: {estimate.status}"
+    head = f"{estimate.model}, {estimate.method}: {estimate.status}{_doubt(estimate)}"
     return [head, *tables(estimate, intervals=intervals), *notes(estimate)]
+
+
+def _doubt(estimate: Answer) -> str:
+    """Say in the first line, which may be all that is read, that an answer is doubtful."""
+    misfit = estimate.misfit
+    if estimate.status != "ok" or misfit is None or not misfit.p_value < DOUBTFUL:
+        return ""
+    return f", but doubtful (p = {misfit.p_value:.1g})"
 
 
 def value_tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:

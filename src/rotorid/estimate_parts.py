@@ -47,6 +47,10 @@ class Value:
     fixed: Flag = False
 
 
+DOUBTFUL = 1e-3
+"""The p-value from which on a misfit is what noise leaves; below it the model is doubtful."""
+
+
 @dataclass(frozen=True)
 class Misfit:
     """The misfit at the estimate, against what noise alone would leave."""

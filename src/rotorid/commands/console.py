@@ -47,7 +47,8 @@ _COLOURS = {
 }
 _COLOURED = re.compile(
     r"^warning[:,] .*(?:\n  .*)*"
-    r"|(?<=: )(?:ok|rejected|not_identifiable|not_converged|predicts|fails)$",
+    r"|(?<=: )(?:ok|rejected|not_identifiable|not_converged|predicts|fails)$"
+    r"|(?<=: )ok, but doubtful\b.*$",
     re.M,
 )
 

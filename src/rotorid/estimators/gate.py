@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_parts import Value
+from rotorid.estimate_parts import DOUBTFUL, Value
 from rotorid.estimators.likelihood.inference import Expectation
 from rotorid.models import Model
 from rotorid.models.expression import symbol
@@ -23,8 +23,6 @@ from rotorid.record import Check, Floats
 
 REJECTED = 1e-6
 """The p-value below which the data reject the model."""
-DOUBTFUL = 1e-3
-"""The p-value below which a warning says so."""
 SURE = 3.0
 """Deviations by which a value is beyond what a machine can have before it is turned away: nearer,
 noise alone may have put it there, and a warning says so."""

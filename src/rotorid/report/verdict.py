@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorid.estimate import Estimate
+from rotorid.estimate_parts import DOUBTFUL
 
 OPEN, CURE = "not identifiable: ", "cure: "  # how warnings begin that an estimate states
-LIKELY = 1e-3
-"""The p-value from which on the misfit is what noise leaves; below it the model is doubtful."""
 AS_NOISE = 1.5
 """Difference over noise, root mean square, up to which a channel is predicted as well as noise
 allows: with tens of lines chance makes 1.3 of it."""
@@ -78,7 +77,7 @@ def _against_noise(estimate: Estimate) -> str:
     """Return how the misfit compares with noise, as far as anything tells."""
     if estimate.misfit is not None:
         p = estimate.misfit.p_value
-        if p >= LIKELY:
+        if p >= DOUBTFUL:
             return ", as well as the noise allows"
         return f", though not as well as the noise allows (chance {p:.1g}): read what follows"
     ratios = [ratio for _, _, ratio in channel_ratios(estimate) if np.isfinite(ratio)]

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rotorid.estimators.gate import DOUBTFUL
+from rotorid.estimate_parts import DOUBTFUL
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.inference import Expectation, along_relations
 from rotorid.estimators.likelihood.nuisances import Nuisance

@@ -8,9 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_parts import Alternative, LineMisfit, Misfit, ModeFit, Status, Value
+from rotorid.estimate_parts import (
+    DOUBTFUL,
+    Alternative,
+    LineMisfit,
+    Misfit,
+    ModeFit,
+    Status,
+    Value,
+)
 from rotorid.estimators.derived import base_from_physical, physical_from_base, physical_start
-from rotorid.estimators.gate import DOUBTFUL, REJECTED
+from rotorid.estimators.gate import REJECTED
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.identifiability import (
     Trial,
@@ -303,6 +311,7 @@ def _misfit_warnings(fit: Fit, p_value: float) -> Iterator[str]:
     elif p_value < DOUBTFUL:
         yield (
             f"the model is doubtful: misfit {point.cost:.4g} where {expected:.4g} is expected "
-            f"(p = {p_value:.1g}); record more periods, or declare gains and delays of the "
-            "channels as known with a deviation"
+            f"(p = {p_value:.1g}); where that is not chance, values may be off by more than "
+            "std_inflated says: record more periods, or declare gains and delays of the channels "
+            "as known with a deviation"
         )
