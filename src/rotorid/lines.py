@@ -305,6 +305,8 @@ class Lines(Arrays):
         What tells noise from motion, where neighbouring lines do.
     shown : float, optional
         Speed in rad/s at which the lines show a rotation, where that is not the one stated.
+    parts : callable, optional
+        Returns the lines of so many parts of the record, where it was taken whole.
     """
 
     channels: tuple[Channel, ...]
@@ -326,6 +328,7 @@ class Lines(Arrays):
     samples: Samples | None = None
     beside: Beside | None = None
     shown: float | None = None
+    parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
 
     def with_parameters(self, **parameters: Known) -> Lines:
         """Return the lines with parameters of the machine that this record has to itself.

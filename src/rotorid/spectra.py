@@ -137,6 +137,27 @@ def spectra(
         noise = _noise_beside(window, every, window.channels(references), kept, "references")
     else:
         noise = _input_noise(window, every, names, inputs, kept)
+    found = _lines_in(window, names, kept, every, noise.covariance)
+    return replace(
+        found,
+        warnings=noise.told,
+        checks=_checked(window, found.channels),
+        beside=noise.beside,
+        shown=noise.shown,
+        parts=_Parts(window, tuple(names), ends, noise.covariance, frequency),
+    )
+
+
+def _lines_in(
+    window: _Window,
+    names: Sequence[str],
+    kept: Integers,
+    every: Complexes,
+    covariance: LineCovariance,
+) -> Lines:
+    """Return the lines of a window as they are bound to a model, with the noise of the samples."""
+    record = window.record
+    frequency: Floats = np.asarray(kept * window.spacing)
     used = slice(window.first, window.first + window.count)
     angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
     speed = (
@@ -146,26 +167,47 @@ def spectra(
     )
     channels = tuple(record.channels[record.names.index(name)] for name in names)
     transfer = transfer_of_recording(channels, frequency, record.sample_rate)
-    matrices = noise.covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
+    matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     single = (kept == 0) | (2 * kept == window.count)
     return Lines(
         channels=channels,
         frequency=frequency,
         speed=np.full(len(kept), record.speed),
         mean=every[kept] * transfer,
-        covariance=replace(noise.covariance, matrices=matrices),
+        covariance=replace(covariance, matrices=matrices),
         multiplicity=np.where(single, 1.0, 2.0),
         clock=WholeClock(time[used], angle, speed, kept),
         transient=TRANSIENT,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
         source=record.source,
-        warnings=noise.told,
-        checks=_checked(window, channels),
         samples=_samples_behind(window, names, kept),
-        beside=noise.beside,
-        shown=noise.shown,
     )
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Cuts a record into parts, the noise of whose lines is that of the whole's, longer by as much.
+
+    Of each part: `covariance` at the line nearest to its own, times the number of parts.
+    """
+
+    window: _Window
+    names: tuple[str, ...]
+    band: tuple[float, float]
+    covariance: LineCovariance
+    frequency: Floats
+
+    def __call__(self, count: int) -> list[Lines]:
+        size, found = self.window.count // count, []
+        for number in range(count):
+            part = _Window(self.window.record, self.window.first + number * size, size)
+            kept = _lines(part, self.band)
+            at = np.abs(self.frequency - kept[:, None] * part.spacing).argmin(axis=1)
+            matrices = self.covariance.matrices[at] * (self.window.count / size)
+            noise = LineCovariance(matrices, self.covariance.dof, "quiet")
+            found.append(_lines_in(part, self.names, kept, part.channels(self.names), noise))
+        return found
 
 
 def _checked(window: _Window, channels: tuple[Channel, ...]) -> tuple[Check, ...]:

@@ -16,6 +16,8 @@ from rotorid.lines import PeriodicClock
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats
 
+TELLING = 1e-6
+"""Singular values of a half's scaled Jacobian below this share of the largest tell nothing."""
 LEAST_PERIODS = 4
 """Periods of a part from which it is held against others."""
 
@@ -38,6 +40,39 @@ def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -
     jacobian, scale, basis = along_relations(point, point.problem.exact)
     solved = np.linalg.lstsq(jacobian, changes, rcond=RANK)[0]
     return np.asarray(-(scale[:, None] * (basis @ solved)).T)
+
+
+def answers_of_windows(
+    point: Point, records: Sequence[Observation]
+) -> tuple[Floats, Floats] | None:
+    """Return how the free unknowns of each half of whole records differ, and how they may.
+
+    Shapes (half, free) and (free,): one step of Gauss-Newton from the answer with the lines of that
+    half alone, and the deviation that half the difference has; zero where a half does not tell it.
+    ``None`` where a record was not taken whole.
+    """
+    if not records or any(r.lines.parts is None for r in records):
+        return None
+    halves = [r.lines.parts(2) if r.lines.parts else [] for r in records]
+    steps, variances = [], []
+    for half in range(2):
+        likelihoods = []
+        for number, record in enumerate(records):
+            lines = halves[number][half]
+            if lines.names != record.lines.names:
+                return None
+            likelihoods.append(assemble(point.problem.layout, record.with_lines(lines), number))
+        here = replace(point.problem, likelihoods=tuple(likelihoods)).at(point.unknowns)
+        jacobian, scale, basis = along_relations(here, point.problem.exact)
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        told = values > TELLING * values.max(initial=0.0)
+        directions = scale[:, None] * (basis @ right.T)
+        root = directions[:, told] / values[told]
+        lost = (np.abs(directions[:, ~told]) > TELLING * scale[:, None]).any(axis=1)
+        steps.append(-root @ (left[:, told].T @ here.residual))
+        variances.append(np.where(lost, np.nan, (root**2).sum(axis=1)))
+    std = np.sqrt(sum(variances)) / 2
+    return np.array(steps), np.where(np.isfinite(std), std, 0.0)
 
 
 def _changes(record: Observation, at: Evaluation, parts: int) -> Floats:

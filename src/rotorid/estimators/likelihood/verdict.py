@@ -7,11 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
 from rotorid.estimators.gate import Verdict
 from rotorid.estimators.likelihood.fit import Fit
-from rotorid.estimators.likelihood.halves import LEAST_PERIODS, answers_of_parts
+from rotorid.estimators.likelihood.halves import (
+    LEAST_PERIODS,
+    answers_of_parts,
+    answers_of_windows,
+)
 from rotorid.estimators.likelihood.response_leads import growing_mode, lines_alike
 from rotorid.estimators.likelihood.table_leads import is_table, scale_of_time
 from rotorid.estimators.likelihood.turning import told
@@ -45,6 +50,9 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         if halves is not None:
             turning = {fit.prepared.layout.unknowns[i].name for i in fit.problem.affine}
             total += gate.agreement(free, halves, std, turning)
+        windows = None if halves is not None else _windows(fit)
+        if windows is not None:
+            total += gate.agreement(free, *windows)
     total += _time(fit) + _against_its_angle(fit)
     if fit.solution.converged and not fit.inference.null.shape[1]:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
@@ -52,6 +60,14 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         total += Verdict(faults=() if grows is None else (grows,))
     doubts = (*_too_good(fit), *_few_periods(fit), *_scattered(estimate, fit), *_alike(fit))
     return total + Verdict(doubts=tuple(doubts))
+
+
+def _windows(fit: Fit) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return how halves of whole records differ; None where a half is too short to be taken."""
+    try:
+        return answers_of_windows(fit.solution.point, fit.records)
+    except (InputError, np.linalg.LinAlgError):
+        return None
 
 
 def _alike(fit: Fit) -> Iterator[str]:
