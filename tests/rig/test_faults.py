@@ -267,7 +267,7 @@ def test_hysteresis_takes_energy_in_each_cycle() -> None:
         held = _played(held, width, i)
         seen.append(held)
     one = slice(2000, 4001)
-    area = -np.trapezoid(np.array(seen)[one], current[one])
+    area = -ode.trapezoid(np.array(seen)[one], current[one])
     assert abs(area) == pytest.approx(4 * width * (1 - width), rel=1e-3)
 
 
