@@ -238,6 +238,27 @@ def test_identical_periods_state_no_deviations():
     assert any("no deviations can be stated" in text for text in estimate.warnings)
 
 
+def test_identical_periods_hold_no_noise_that_biases(monkeypatch):
+    model = load_model("jeffcott")
+    turn = 2 * np.pi * np.arange(100) / 100
+    forces = np.column_stack([400.0 * np.cos(3 * turn), 300.0 * np.sin(5 * turn)])
+    judged: list[str] = []
+    monkeypatch.setattr(gate, "noise_bias", lambda *rest: judged.append("") or gate.Verdict())
+    for noise in ({}, {"F_x": 0.1, "F_y": 0.1, "x": 1e-8, "y": 1e-8}):
+        record = rid.simulate(
+            model,
+            model.values(model.nominal),
+            forces,
+            sample_rate=1000.0,
+            periods=8,
+            speed=2 * np.pi * 30.0,
+            noise=noise,
+            rng=np.random.default_rng(6),
+        )
+        rid.LeastSquares().estimate(model, [rid.average(record, 10.0, harmonics=[1, 3, 5])])
+        assert bool(judged) == bool(noise)
+
+
 def test_a_dead_sensor_is_refused_by_its_name():
     model = parse_model(TOWER)
     rng = np.random.default_rng(4)
