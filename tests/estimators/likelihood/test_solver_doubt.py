@@ -146,7 +146,7 @@ def test_what_the_noise_of_the_forces_informs_is_told(size, owed):
     drawn[:, :, :4] *= np.abs(clean[:, :4]).mean() / np.abs(drawn[:, :, :4].mean(axis=0)).mean()
     problem, truth = problem_of(case, replace(case.records[0], spectra=size * clean + drawn))
     names = np.array([problem.layout.unknowns[i].name for i in problem.layout.free])
-    told = information.informed_by_noise(problem, truth)[1]
+    told = information.informed_by_noise(problem.at(truth))[1]
     assert told[np.isin(names, ["m1", "k1", "I_t"])].all() == owed
     assert (information.BY_NOISE, information.OWED) == (0.3, 0.1)
 
@@ -172,10 +172,11 @@ def levitated(seed):
 def test_what_only_a_resonance_makes_of_the_noise_of_forces_is_no_information(seed):
     """Beside the modes of a rotor that floats the loop leaves hardly a force: noise is measured."""
     problem, truth = problem_of(*levitated(seed))
-    noise = information._by_noise(problem, truth)
-    assert information._owed(noise, *information._predicted_root(problem, truth)).any()
-    assert information._borne_out(problem, truth)[0].min() < 0.05
-    assert not information.informed_by_noise(problem, truth)[1].any()
+    point = problem.at(truth)
+    noise = information._by_noise(point)
+    assert information._owed(noise, *information._predicted_root(point)).any()
+    assert information._borne_out(point)[0].min() < 0.05
+    assert not information.informed_by_noise(point)[1].any()
 
 
 def test_fewer_equations_than_unknowns_leave_something_open():

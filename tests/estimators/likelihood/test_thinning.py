@@ -147,14 +147,14 @@ def test_a_rotor_that_floats_at_dc() -> None:
     stiffness = rng.standard_normal((4, 3, 3)) + 1j * rng.standard_normal((4, 3, 3))
     stiffness[0] = np.diag([1.0, 2.0, 0.0])
     stiffness[1] = np.diag([1.0, 2.0, 1e-17])
-    right = rng.standard_normal((4, 3)) + 0j
+    right = rng.standard_normal((4, 3, 2)) + 0j
     for first in (0, 1):
         found = _motion(stiffness[first:], right[first:])
         for z, f, q in zip(stiffness[first:], right[first:], found, strict=True):
             np.testing.assert_allclose(q, np.linalg.lstsq(z, f, rcond=None)[0], rtol=1e-9)
     for share, asked in ((0.5, 0), (2.0, 1)):  # of SINGULAR: |Z| |q| / |f| of a line
         with patch.object(np.linalg, "lstsq", wraps=np.linalg.lstsq) as least:
-            _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.array([[0.0, 1.0 + 0j]]))
+            _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.eye(2)[None] + 0j)
         assert least.call_count == asked
     assert SINGULAR == 1e10
     wide = _motion(stiffness[2:, :2], right[2:, :2])
@@ -184,3 +184,30 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     assert (estimate.misfit.cost > HOPELESS * 8 * 991) == hopeless
     assert (len(lines.frequency) not in steps) == hopeless
     assert HOPELESS == 10.0
+
+
+def test_from_near_the_minimum_few_lines_would_only_lead_away(
+    record: rid.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solutions, steps = [], []
+
+    def watched(*given: Any) -> Solution:
+        solutions.append(solver.solve(*given))
+        return solutions[-1]
+
+    monkeypatch.setattr(search, "solve", watched)
+    rid.identify(MODEL, lines_of(record), KNOWN)
+    minimum = solutions[0].point
+
+    def counting(point: Point, *rest: Any) -> Tangent:
+        steps.append(len(point.records[0].problem.data))
+        return tangent(point, *rest)
+
+    tangent = solver.tangent
+    monkeypatch.setattr(solver, "tangent", counting)
+    found = solver.settle(minimum.problem, minimum.unknowns * (1 + 1e-4))
+    assert set(steps) == {991}
+    assert found.converged
+    assert found.point.cost == pytest.approx(minimum.cost, rel=1e-9)
+    solver.solve(minimum.problem, minimum.unknowns, solver.STAGES[-1:])
+    assert set(steps) == {991, len(minimum.problem.sketch.likelihoods[0].data)}

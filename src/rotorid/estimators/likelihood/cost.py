@@ -37,7 +37,7 @@ import numpy as np
 from rotorid.estimators.likelihood.calibration import Calibration
 from rotorid.estimators.likelihood.noise import Noise
 from rotorid.estimators.likelihood.polynomial import Monomials
-from rotorid.estimators.likelihood.projection import projection
+from rotorid.estimators.likelihood.projection import Projection, projection
 from rotorid.estimators.likelihood.scaling import Scales
 from rotorid.estimators.likelihood.transient import Ends, Transient
 from rotorid.record import Complexes, Floats, Integers
@@ -205,10 +205,17 @@ class Likelihood:
         return _complex(self.load @ self.monomials.values(unknowns))
 
     def evaluate(
-        self, unknowns: Floats, relaxation: float = 0.0, affine: Integers | None = None
+        self,
+        unknowns: Floats,
+        relaxation: float = 0.0,
+        affine: Integers | None = None,
+        like: Evaluation | None = None,
     ) -> Evaluation:
-        """Evaluate at the unknowns, shape (unknown,)."""
-        return Evaluation(self, unknowns, relaxation, affine)
+        """Evaluate at the unknowns, shape (unknown,); `like`: of a rotor that is perhaps as stiff.
+
+        Where it is, the hidden coordinates are projected out already.
+        """
+        return Evaluation(self, unknowns, relaxation, affine, like)
 
 
 class Evaluation:
@@ -235,6 +242,7 @@ class Evaluation:
         unknowns: Floats,
         relaxation: float,
         affine: Integers | None = None,
+        like: Evaluation | None = None,
     ) -> None:
         self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
         self.mu = problem.monomials.values(unknowns)
@@ -242,7 +250,7 @@ class Evaluation:
         self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
         self._set_columns()
         self._error = self._errors_of_rows()
-        self._set_projection()
+        self._set_projection(like)
         gain = self._projected(self.columns) @ problem.factor
         root = gain.conj().transpose(0, 2, 1)
         if relaxation > 0:
@@ -305,10 +313,18 @@ class Evaluation:
         error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
         return _complex(error)
 
-    def _set_projection(self) -> None:
-        sensing = self.problem.sensing
-        self._projection = projection(self.stiffness, sensing.hidden)
+    def _set_projection(self, like: Evaluation | None) -> None:
+        self._projection: Projection | None
+        if like is not None and self._is_as_stiff(like):
+            self._projection = like._projection
+        else:
+            self._projection = projection(self.stiffness, self.problem.sensing.hidden)
         self.null_h = None if self._projection is None else self._projection.null_h
+
+    def _is_as_stiff(self, other: Evaluation) -> bool:
+        """Tell whether a rotor has this stiffness on each line, and the same is hidden of it."""
+        mine, its = self.problem.sensing.hidden, other.problem.sensing.hidden
+        return np.array_equal(mine, its) and np.array_equal(self.stiffness, other.stiffness)
 
     def _projected(self, rows: Complexes) -> Complexes:
         return rows if self.null_h is None else _complex(self.null_h @ rows)

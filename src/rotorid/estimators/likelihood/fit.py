@@ -22,7 +22,7 @@ from rotorid.estimators.likelihood.problem import Lowest, Problem
 from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.shared_noise import Shared, shared_noise
 from rotorid.estimators.likelihood.shown_speed import by_shown_speed
-from rotorid.estimators.likelihood.solver import Solution, solve
+from rotorid.estimators.likelihood.solver import Solution, settle, solve
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.turning import Creep, creeps
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
@@ -156,7 +156,7 @@ def approached(
             return None
         lowest = Lowest(found.point.unknowns, found.point.cost)
         rough = Rough(problem, found.trail, lowest, found.point.unknowns)
-        nearer = solve(posed(shapes(rough.values), NEAR), rough.unknowns, (0.0,))
+        nearer = settle(posed(shapes(rough.values), NEAR), rough.unknowns)
     except np.linalg.LinAlgError:
         return None
     return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
@@ -303,7 +303,7 @@ def _globally(
 def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:
     """Return the minimum near that of a simpler problem."""
     try:
-        found = solve(problem, rough.unknowns, (0.0,))
+        found = settle(problem, rough.unknowns)
         found = replace(found, trail=rough.trail)
         return found, infer(found.point, problem.exact)
     except np.linalg.LinAlgError:
@@ -332,7 +332,7 @@ def _solve(
     same = len(old.layout.unknowns) == len(prepared.layout.unknowns)
     if old.lowest is not None and same:
         problem = replace(problem, sketch=old.sketch, lowest=old.lowest)
-    solution = solve(problem, start, (0.0,))
+    solution = settle(problem, start)
     if same:
         solution = replace(solution, trail=before.trail)
     return solution, infer(solution.point, problem.exact)

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
 from rotorid.estimators.likelihood.problem import Point, Problem
-from rotorid.estimators.likelihood.response import respond, response
+from rotorid.estimators.likelihood.response import response, responses
 from rotorid.estimators.likelihood.search import AGREE, further_starts
-from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, solve
+from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, settle
 from rotorid.estimators.likelihood.valley import ENDLESS, Valley, explore
 from rotorid.linalg import whole_svd
 from rotorid.record import Floats
@@ -88,22 +88,21 @@ class Doubt:
         return bool(self.noise or self.bent or self.alternatives)
 
 
-def noise_free(problem: Problem, unknowns: Floats) -> Point:
+def noise_free(point: Point) -> Point:
     """Return the problem at a point where the sensors read just what the forces make of it."""
     silent = []
-    for likelihood in problem.likelihoods:
-        at, clean = likelihood.evaluate(unknowns), copy.copy(likelihood)
+    for at in point.records:
+        clean = copy.copy(at.problem)
         clean.data = response(at)
         silent.append(at.with_data(clean))
-    known = problem.known.values(unknowns, 0.0)
-    quiet = replace(problem, likelihoods=tuple(at.problem for at in silent))
-    return Point(quiet, unknowns, silent, known)
+    quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
+    return Point(quiet, point.unknowns, silent, point.known)
 
 
 def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
     """Return the deviations that the noise-free response gives, infinite where it gives none."""
     try:
-        return _deviations_of(_predicted_root(problem, unknowns)[0])
+        return _deviations_of(_predicted_root(problem.at(unknowns))[0])
     except np.linalg.LinAlgError:
         return np.full(len(problem.layout.free), np.inf)
 
@@ -115,14 +114,12 @@ def _deviations_of(root: Floats) -> Floats:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def _predicted_root(
-    problem: Problem, unknowns: Floats, weights: Sequence[Floats] = ()
-) -> tuple[Floats, Floats]:
+def _predicted_root(point: Point, weights: Sequence[Floats] = ()) -> tuple[Floats, Floats]:
     """Return a root of the covariance that the noise-free response gives, and its unit, (free,).
 
     `weights`: of the rows of each record, 1 without them.
     """
-    scaled, scale, basis = along_relations(noise_free(problem, unknowns), problem.exact)
+    scaled, scale, basis = along_relations(noise_free(point), point.problem.exact)
     rows = np.concatenate([np.zeros(0), *weights])
     scaled[: len(rows)] *= rows[:, None]
     _, values, right = whole_svd(scaled)
@@ -131,26 +128,26 @@ def _predicted_root(
         return scale[:, None] * (basis @ spread), scale
 
 
-def informed_by_noise(problem: Problem, unknowns: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def informed_by_noise(point: Point) -> tuple[Floats, NDArray[np.bool_]]:
     """Return predicted deviations, and tell which owe to noise that drives nothing, (free,).
 
     Information is quadratic in the inputs: that of the measured ones is that of the true ones and,
     on average, that of their noise by itself. Where it seems to be noise it is asked again with as
     much of each line as the readings bear out.
     """
-    none = np.zeros(len(problem.layout.free), dtype=bool)
+    none = np.zeros(len(point.problem.layout.free), dtype=bool)
     try:
-        root, scale = _predicted_root(problem, unknowns)
+        root, scale = _predicted_root(point)
     except np.linalg.LinAlgError:
         return np.full(len(none), np.inf), none
     predicted = _deviations_of(root)
     try:
-        noise = _by_noise(problem, unknowns)
+        noise = _by_noise(point)
         told = _owed(noise, root, scale)
         if told.any():
-            weights = _borne_out(problem, unknowns)
+            weights = _borne_out(point)
             weighed = [n * w[:, None] for n, w in zip(noise, weights, strict=True)]
-            told &= _owed(weighed, *_predicted_root(problem, unknowns, weights))
+            told &= _owed(weighed, *_predicted_root(point, weights))
     except np.linalg.LinAlgError:
         return predicted, none
     return predicted, told
@@ -167,49 +164,54 @@ def _owed(noise: Sequence[Floats], root: Floats, scale: Floats) -> NDArray[np.bo
     return np.asarray(owed > OWED * power.sum(axis=1))
 
 
-def _borne_out(problem: Problem, unknowns: Floats) -> list[Floats]:
+def _borne_out(point: Point) -> list[Floats]:
     """Return for each record the measured readings over the predicted ones, at most 1, (row,).
 
     Forces measured with noise, on a line beside a resonance without damping, predict a thousand
     times the motion that was there. That informs of nothing, for or against: nobody read it.
     """
     found = []
-    for likelihood in problem.likelihoods:
+    for at in point.records:
+        likelihood = at.problem
         first = likelihood.inputs - likelihood.indirect
         noise = np.maximum(np.linalg.norm(likelihood.factor, axis=2), 1e-300)
         measured, predicted = (
             np.linalg.norm((data / noise)[:, first:], axis=1)
-            for data in (likelihood.data, respond(likelihood, unknowns))
+            for data in (likelihood.data, response(at))
         )
         share = measured / np.maximum(np.maximum(predicted, measured), 1e-300)
         found.append(np.repeat(share, 2 * likelihood.equations))
     return found
 
 
-def _by_noise(problem: Problem, unknowns: Floats) -> list[Floats]:
+def _by_noise(point: Point) -> list[Floats]:
     """Return the Jacobians that the noise of the inputs would make by itself, (input, row, free).
 
     Information is quadratic in the inputs: that of true inputs and their noise is the sum of both.
     """
-    free, still = problem.layout.free, unknowns.copy()
-    still[problem.affine] = 0.0  # what turns is no noise
+    free, affine = point.problem.layout.free, point.problem.affine
+    still = point.unknowns.copy()
+    still[affine] = 0.0  # what turns is no noise
     found = []
-    for likelihood in problem.likelihoods:
-        count = likelihood.inputs - likelihood.indirect
-        idle = _idle_share(likelihood.evaluate(unknowns), count)
+    for at in point.records:
+        likelihood, count = at.problem, at.forces
         driven = copy.copy(likelihood)
         driven.load = np.zeros_like(likelihood.load)
         # What laws with other constants add comes of the samples, not of this noise.
         driven.calibration = replace(likelihood.calibration, reread=())
-        at = driven.evaluate(still)
-        parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
+        quiet, idle = driven.evaluate(still, like=at), _idle_share(at, count)
+        every = []
         for column in range(count):
             driven = copy.copy(driven)
             driven.data = np.zeros_like(likelihood.data)
             driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
-            driven.data = response(at.with_data(driven))
-            parts[column] = at.with_data(driven).jacobian()[:, free]
-        parts[:, :, np.isin(free, problem.affine)] = 0.0
+            every.append(quiet.with_data(driven))
+        parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
+        for part, pushed, data in zip(parts, every, responses(every), strict=True):
+            driven = copy.copy(pushed.problem)
+            driven.data = data
+            part[:] = quiet.with_data(driven).jacobian()[:, free]
+        parts[:, :, np.isin(free, affine)] = 0.0
         found.append(parts)
     return found
 
@@ -259,7 +261,7 @@ def _bottom(valley: Valley) -> list[Solution]:
     """Return the minimum near the lowest point of a valley."""
     lowest = valley.lowest
     try:
-        return [solve(lowest.problem, lowest.unknowns, (0.0,))] if valley.falls else []
+        return [settle(lowest.problem, lowest.unknowns)] if valley.falls else []
     except np.linalg.LinAlgError:
         return []
 
@@ -310,7 +312,7 @@ class _Asked:
     def doubt(self, wider: Floats) -> Doubt:
         """Ask whether noise was taken for information, and whether the deviations have an end."""
         problem, unknowns, stated = self.problem, self.point.unknowns, self.stated
-        (predicted, owed), free = informed_by_noise(problem, unknowns), problem.layout.free
+        (predicted, owed), free = informed_by_noise(self.point), problem.layout.free
         # A resonance beside a line may well be seen sharper than from the measured forces alone.
         slight = self.rigid & (predicted < SLIGHT * np.abs(unknowns[free]))
         taken = predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * stated

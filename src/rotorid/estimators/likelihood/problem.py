@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -47,9 +48,13 @@ class Problem:
     lowest: Lowest | None = None
     tolerance: float = 1e-10
 
-    def at(self, unknowns: Floats, relaxation: float = 0.0) -> Point:
-        """Evaluate at all unknowns, shape (unknown,)."""
-        records = [likelihood.evaluate(unknowns, relaxation) for likelihood in self.likelihoods]
+    def at(self, unknowns: Floats, relaxation: float = 0.0, like: Point | None = None) -> Point:
+        """Evaluate at all unknowns, shape (unknown,); `like`: where the same rotor was, perhaps."""
+        before = [] if like is None else like.records
+        records = [
+            likelihood.evaluate(unknowns, relaxation, like=at)
+            for likelihood, at in zip_longest(self.likelihoods, before)
+        ]
         known = self.known.values(unknowns, relaxation)
         return Point(self, unknowns, records, known, relaxation)
 

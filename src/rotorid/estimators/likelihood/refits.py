@@ -48,7 +48,7 @@ class Case:
         unknowns = np.concatenate([self.point.unknowns, starts])
         noises = [likelihood.noise for likelihood in self.point.problem.likelihoods]
         problem = assembled(prepared, self.records, noises)
-        return Case(prepared, self.records, problem.at(unknowns))
+        return Case(prepared, self.records, problem.at(unknowns, like=self.point))
 
     def freed(self, name: str) -> Case:
         """Return the case with a known value, or a measured mode, set free."""

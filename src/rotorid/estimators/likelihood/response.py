@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -29,23 +30,40 @@ def respond(likelihood: Likelihood, unknowns: Floats) -> Complexes:
 
 def response(at: Evaluation) -> Complexes:
     """Return the same as `respond`, from the machine at a point."""
-    found = at.problem.data.copy()
-    sensors = slice(at.forces, None)
-    found[:, sensors] = predicted_readings(at) / at.state.factors[:, sensors]
+    return responses([at])[0]
+
+
+def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
+    """Return the same for machines that differ in what drives them, and is read, alone."""
+    found = []
+    stiffness = -alike[0].stiffness[:, : alike[0].equations]
+    motions = _motion(stiffness, np.stack([_pushed(at) for at in alike], axis=2))
+    for at, motion in zip(alike, np.moveaxis(motions, 2, 0), strict=True):
+        lines, sensors = at.problem.data.copy(), slice(at.forces, None)
+        lines[:, sensors] = _readings(at, motion) / at.state.factors[:, sensors]
+        found.append(lines)
     return found
 
 
 def predicted_readings(at: Evaluation) -> Complexes:
     """Return what the sensors should read, ``y = C Z^-1 (B u + g) + r``, (line, sensor)."""
-    p, equations, forces = at.problem, at.equations, at.forces
-    true = at.state.factors * p.data
-    true[:, :forces] -= at.state.readings[:, :forces]
-    right = (at.inputs[:, :equations, :forces] @ true[:, :forces, None])[:, :, 0]
+    motion = _motion(-at.stiffness[:, : at.equations], _pushed(at)[:, :, None])
+    return _readings(at, motion[:, :, 0])
+
+
+def _pushed(at: Evaluation) -> Complexes:
+    """Return what acts on the equations of motion, (line, equation)."""
+    equations, forces = at.equations, at.forces
+    true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
+    true -= at.state.readings[:, :forces]
+    right = (at.inputs[:, :equations, :forces] @ true[:, :, None])[:, :, 0]
     right += (at.load @ at.mu)[:, :equations]
-    if at.ends is not None:
-        right += at.loose[:, :equations]
-    stiffness = -at.stiffness[:, :equations]
-    motion = _motion(stiffness, right)
+    return np.asarray(right if at.ends is None else right + at.loose[:, :equations])
+
+
+def _readings(at: Evaluation, motion: Complexes) -> Complexes:
+    """Return what sensors read of a motion, (line, sensor)."""
+    p, equations, forces = at.problem, at.equations, at.forces
     indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
     own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are
     indirect /= at.inputs[:, equations + own, forces + own]
@@ -54,18 +72,24 @@ def predicted_readings(at: Evaluation) -> Complexes:
 
 
 def _motion(stiffness: Complexes, right: Complexes) -> Complexes:
-    """Solve ``Z q = f`` on each line, (line, coordinate); the least q where Z is singular."""
-    found: Complexes = np.full((len(right), stiffness.shape[2]), np.nan, dtype=np.complex128)
+    """Solve ``Z q = f`` on each line, (line, coordinate, f); the least q where Z is singular."""
+    shape = (len(right), stiffness.shape[2], right.shape[2])
+    found: Complexes = np.full(shape, np.nan, dtype=np.complex128)
     if stiffness.shape[1] == stiffness.shape[2]:
         with suppress(np.linalg.LinAlgError):
-            found = np.asarray(
-                np.linalg.solve(stiffness, right[:, :, None])[:, :, 0], dtype=complex
-            )
+            found = np.asarray(np.linalg.solve(stiffness, right), dtype=complex)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion beyond all numbers is none
-        size = np.linalg.norm(stiffness, axis=(1, 2)) * np.linalg.norm(found, axis=1)
-    for line in np.flatnonzero(~(size <= SINGULAR * np.linalg.norm(right, axis=1))):
-        found[line] = np.linalg.lstsq(stiffness[line], right[line], rcond=None)[0]
+        size = _length(stiffness.reshape(len(stiffness), -1, 1)) * _length(found)
+    for line, column in np.argwhere(~(size <= SINGULAR * _length(right))):
+        least = np.linalg.lstsq(stiffness[line], right[line, :, column], rcond=None)[0]
+        found[line, :, column] = least
     return found
+
+
+def _length(columns: Complexes) -> Floats:
+    """Return the length of each column, (line, column)."""
+    parts = np.ascontiguousarray(columns).view(float).reshape(*columns.shape, 2)
+    return np.asarray(np.sqrt(np.einsum("krcp,krcp->kc", parts, parts)))
 
 
 def simulated(

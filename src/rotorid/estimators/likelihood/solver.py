@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -190,21 +191,44 @@ def solve(
         Where no point on the way has a finite cost, or no point near keeps the bounds.
     """
     with np.errstate(all="ignore"):  # what overflows on the way is refused there
-        candidates = _within(problem, start, stages, bounded, brief)
+        candidates = _within(problem, start, stages, bounded, brief=brief)
         best = _lowest(candidates)
         there = evaluated(problem, start, stages[-1])
         if there is not None and (best is None or there.cost < best.point.cost):
-            best = _lowest([*candidates, *_within(problem, start, stages[-1:], bounded, brief)])
+            again = _within(problem, start, stages[-1:], bounded, brief=brief)
+            best = _lowest([*candidates, *again])
     if best is None:
         raise np.linalg.LinAlgError("no way from this start")
     return best
 
 
+def settle(problem: Problem, near: Floats) -> Solution:
+    """Return the minimum near a point, on all lines from the first step: few would lead away.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where no point on the way has a finite cost, or no point near keeps the bounds.
+    """
+    with np.errstate(all="ignore"):
+        best = _lowest(_within(problem, near, STAGES[-1:], False, near=True))
+    if best is None:
+        raise np.linalg.LinAlgError("no way from this point")
+    return best
+
+
 def _within(
-    problem: Problem, start: Floats, stages: Sequence[float], bounded: bool, brief: bool
+    problem: Problem,
+    start: Floats,
+    stages: Sequence[float],
+    bounded: bool,
+    *,
+    brief: bool = False,
+    near: bool = False,
 ) -> list[Solution]:
     """Descend freely; where that ends outside, again from its end and from the start inside."""
-    found = None if bounded else _descended(problem, start, stages, False, brief=brief)
+    descended = partial(_descended, problem, brief=brief, near=near)
+    found = None if bounded else descended(start, stages, False)
     if found is not None and not len(outside(problem.bounds, found.point.unknowns)):
         return [found]
     ways = [(start, stages)]
@@ -212,7 +236,7 @@ def _within(
         ways.append((found.point.unknowns, stages[-1:]))
         if brief and _hopeless(found.point):  # bounds only add to that
             del ways[0]
-    inner = [_descended(problem, x, way, True, brief=brief) for x, way in ways]
+    inner = [descended(x, way, True) for x, way in ways]
     return [solution for solution in inner if solution is not None]
 
 
@@ -329,10 +353,12 @@ def _descended(
     known: Sequence[Floats] = (),
     *,
     brief: bool = False,
+    near: bool = False,
 ) -> Solution | None:
     """Go through the stages from a start; None where no finite cost is found.
 
-    Where a stage ends near the end of the same stage of a way that is known, None as well.
+    Where a stage ends near the end of the same stage of a way that is known, None as well. `near`:
+    the start is, and the last stage takes all lines at once.
     """
     walk = _walk(problem, start, bounded)
     if walk is None:
@@ -344,7 +370,7 @@ def _descended(
         trail.append(walk.unknowns)
         if stage < len(known) and _same(problem, walk.unknowns, known[stage]):
             return None
-    ended = _ended(problem, walk, stages[-1], brief)
+    ended = _ended(problem, walk, stages[-1], brief, near)
     if ended is None:
         return None
     point, converged = ended
@@ -353,12 +379,12 @@ def _descended(
 
 
 def _ended(
-    problem: Problem, walk: _Walk, relaxation: float, brief: bool
+    problem: Problem, walk: _Walk, relaxation: float, brief: bool, near: bool
 ) -> tuple[Point, bool] | None:
     """Go through the last stage; return its end and whether it converged there."""
     if brief:
         walk.effort = walk.iterations + BRIEF
-    converged = _astray(problem, walk, relaxation)
+    converged = None if near else _astray(problem, walk, relaxation)
     walk.problem = problem
     if brief:
         walk.effort = walk.iterations + BRIEF
