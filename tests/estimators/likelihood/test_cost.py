@@ -125,7 +125,7 @@ def test_corrected_lines_satisfy_the_equations_of_motion(demo, bearings):
     kernel = likelihood(record)
     at = kernel.evaluate(demo.values)
     data, motion = at.corrected()
-    force = (at.inputs @ data[:, :4, None])[:, :, 0] + at.load @ at.mu
+    force = (at.inputs @ data[:, :4, None])[:, :, 0] + at.loads
     left = (at.stiffness @ motion[:, :, None])[:, :, 0] + force
     assert np.abs(left).max() < 1e-11 * np.abs(force).max()
     np.testing.assert_allclose(motion @ kernel.sensing.reads.T, data[:, 4:], rtol=1e-9)

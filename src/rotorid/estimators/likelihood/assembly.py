@@ -360,8 +360,9 @@ def assemble(
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
-    loads = np.zeros((*load.shape[:2], rows, load.shape[3]), dtype=np.complex128)
-    loads[:, :, : load.shape[2]] = load
+    loading = np.unique(np.array([where[x.factors] for x in _loads(layout)], dtype=np.int64))
+    loads = np.zeros((*load.shape[:2], rows, len(loading)), dtype=np.complex128)
+    loads[:, :, : load.shape[2]] = load[..., loading]
     columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
         entries,
@@ -374,6 +375,7 @@ def assemble(
         scaled,
         monomials,
         np.asarray(loads / scales.rows[:, None], dtype=np.complex128),
+        loading,
         rows,
         sensing,
         _calibration(layout, observation, phase, orders),

@@ -38,15 +38,17 @@ class CalibrationState:
 class Acting(Protocol):
     """What a point of the cost says of channels and loads; `cost.Evaluation` says it.
 
-    `columns`, shape (line, row, channel), act on the measured lines, `plain` on what adds to them;
-    `mu` are the monomials that the loads are multiplied by.
+    `columns`, shape (line, row, channel), act on the measured lines, `plain` on what adds to them.
     """
 
     unknowns: Floats
-    mu: Floats
     state: CalibrationState
     plain: Complexes
     columns: Complexes
+
+    @property
+    def load_factors(self) -> Floats:
+        """The monomials that the loads are multiplied by, shape (load,)."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ class Calibration:
 
     def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
         turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)
-        jacobian[:, : turned.shape[1], unknown] += turned @ at.mu
+        jacobian[:, : turned.shape[1], unknown] += turned @ at.load_factors
         if self.readings is not None:
             cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
             moved = cos * at.unknowns[self.readings.sin] - sin * at.unknowns[self.readings.cos]

@@ -74,39 +74,77 @@ class Entries:
 
 
 @dataclass(frozen=True)
+class Group:
+    """Unknowns that stand in terms of the same kinds, and their part of all matrices."""
+
+    unknowns: Integers
+    kinds: Integers
+    part: slice
+
+
+@dataclass(frozen=True)
 class Slopes:
-    """Derivatives of ``[P, B] @ sources`` by the monomials, which are linear in the sources.
+    """Derivatives of ``[P, B] @ sources`` by the unknowns, which are linear in the sources.
+
+    By each unknown it is a real matrix times the sources, these times the weights of each kind.
 
     Parameters
     ----------
-    spread : complex array, shape (column, group)
-        A group is one row of one kind of one monomial.
-    kind : int array, shape (group,)
-    starts, targets : int array
-        Where the groups of a target begin, and its place in the flattened (row, monomial).
+    groups : sequence of Group
+        The matrices of each stand as (kind, column, unknown, row).
+    coefficient : array, shape (pair,)
+        Of the terms, for each unknown that they depend on.
+    monomial, unknown, place : int array, shape (pair,)
+        Whose derivative that is multiplied by, and where among all matrices it goes.
+    rows, size : int
+        Of one matrix, and of all.
     """
 
-    spread: Complexes
-    kind: Integers
-    starts: Integers
-    targets: Integers
+    groups: tuple[Group, ...]
+    coefficient: Floats
+    monomial: Integers
+    unknown: Integers
+    place: Integers
+    rows: int
+    size: int
 
     @classmethod
-    def of(cls, entries: Entries, live: Integers, columns: int, monomials: int) -> Slopes:
+    def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> Slopes:
         """Build from the terms whose monomial is no constant."""
-        target = entries.row[live] * monomials + entries.monomial[live]
-        kinds = entries.weights.shape[1]
-        groups, where = np.unique(target * kinds + entries.kind[live], return_inverse=True)
-        spread = np.zeros((columns, len(groups)), dtype=np.complex128)
-        np.add.at(spread, (entries.column[live], where), entries.coefficient[live])
-        targets, starts = np.unique(groups // kinds, return_index=True)
-        return cls(spread, groups % kinds, starts, targets)
+        factors, count = monomials.factors[entries.monomial], monomials.unknowns
+        term, which = np.nonzero(factors < count)
+        once = np.unique(term * count + factors[term, which])  # a power is one factor
+        term, unknown = np.divmod(once, count)
+        kind, column, row = (x[term] for x in (entries.kind, entries.column, entries.row))
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for number in np.unique(unknown).tolist():
+            used = tuple(np.unique(kind[unknown == number]).tolist())
+            alike.setdefault(used, []).append(number)
+        place, groups, first = np.zeros(len(term), dtype=np.int64), [], 0
+        for used, members in alike.items():
+            kinds, unknowns = np.array(used), np.array(members)
+            mine = np.isin(unknown, unknowns)
+            inner = np.searchsorted(kinds, kind[mine]) * columns + column[mine]
+            inner = inner * len(unknowns) + np.searchsorted(unknowns, unknown[mine])
+            place[mine] = first + inner * rows + row[mine]
+            last = first + len(kinds) * columns * len(unknowns) * rows
+            groups.append(Group(unknowns, kinds, slice(first, last)))
+            first = last
+        pairs = entries.coefficient[term], entries.monomial[term], unknown, place
+        return cls(tuple(groups), *pairs, rows, first)
 
-    def into(self, out: Complexes, sources: Complexes, weights: Complexes) -> None:
-        """Add to `out`, shape (line, flattened (row, monomial))."""
-        if len(self.starts):
-            terms = (sources @ self.spread) * weights[:, self.kind]
-            out[:, self.targets] += np.add.reduceat(terms, self.starts, axis=1)
+    def into(self, out: Complexes, sources: Complexes, weights: Complexes, slopes: Floats) -> None:
+        """Put into `out`, shape (line, unknown, row); `slopes` are those of the monomials."""
+        values = self.coefficient * slopes[self.monomial, self.unknown]
+        every = np.bincount(self.place, values, minlength=self.size)
+        weighed = weights[:, :, None] * sources[:, None, :]
+        parts = np.stack([weighed.real, weighed.imag])  # (2, line, kind, column)
+        for group in self.groups:
+            matrix = every[group.part].reshape(-1, len(group.unknowns) * self.rows)
+            moved = parts[:, :, group.kinds].reshape(2, len(sources), -1) @ matrix
+            real, imaginary = moved.reshape(2, len(sources), -1, self.rows)
+            out.real[:, group.unknowns, : self.rows] = real
+            out.imag[:, group.unknowns, : self.rows] = imaginary
 
 
 @dataclass(frozen=True)
@@ -137,8 +175,10 @@ class Likelihood:
     entries : Entries
     monomials : Monomials
         Of all unknowns.
-    load : complex array, shape (order, line, row, monomial)
+    load : complex array, shape (order, line, row, load)
         Columns of g for each order of the rotor angle, see `Calibration.phase_orders`.
+    loading : int array, shape (load,)
+        The monomials by which these are multiplied.
     rows : int
         Number of equations.
     sensing : Sensing
@@ -162,6 +202,7 @@ class Likelihood:
         entries: Entries,
         monomials: Monomials,
         load: Complexes,
+        loading: Integers,
         rows: int,
         sensing: Sensing,
         calibration: Calibration,
@@ -172,7 +213,8 @@ class Likelihood:
         indirect: int = 0,
         transient: Transient | None = None,
     ) -> None:
-        self.entries, self.monomials, self.load = entries, monomials, load
+        self.entries, self.monomials = entries, monomials
+        self.load, self.loading = load, loading
         self.sensing, self.calibration = sensing, calibration
         self.data, self.noise, self.multiplicity = data, noise, multiplicity
         self.factor, self.scales = noise.factor, scales
@@ -181,11 +223,7 @@ class Likelihood:
         self.inputs = data.shape[1] - sensing.right.shape[1]
         self.all_rows = rows + len(sensing.redundancy)
         self.equations = self.all_rows - sensing.hidden.shape[1]
-        live = np.flatnonzero(
-            np.any(monomials.factors < monomials.unknowns, axis=1)[entries.monomial]
-        )
-        width = self.coordinates + self.inputs
-        self._slopes = Slopes.of(entries, live, width, load.shape[3])
+        self._slopes = Slopes.of(entries, monomials, rows, self.coordinates + self.inputs)
         real = np.where(multiplicity == 1.0, 0.0, np.sqrt(multiplicity))
         self._parts = np.stack([np.sqrt(multiplicity), real], axis=1)
 
@@ -202,7 +240,7 @@ class Likelihood:
 
     def loads_at(self, unknowns: Floats) -> Complexes:
         """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
-        return _complex(self.load @ self.monomials.values(unknowns))
+        return _complex(self.load @ self.monomials.values(unknowns)[self.loading])
 
     def evaluate(
         self,
@@ -309,7 +347,7 @@ class Evaluation:
         """Return s, the equation error without hidden motion."""
         p = self.problem
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
-        error[:, : p.rows] += self.load @ self.mu
+        error[:, : p.rows] += self.loads
         error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
         return _complex(error)
 
@@ -345,9 +383,20 @@ class Evaluation:
         p, affine = self.problem, self._affine
         columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
         if len(affine):
-            columns[:, : p.rows] = self.load @ p.monomials.jacobian(self.unknowns)[:, affine]
+            slopes = p.monomials.jacobian(self.unknowns)[p.loading]
+            columns[:, : p.rows] = self.load @ slopes[:, affine]
             p.calibration.add_readings(columns, self, affine)
         return columns
+
+    @property
+    def load_factors(self) -> Floats:
+        """The monomials that the loads are multiplied by, shape (load,)."""
+        return np.asarray(self.mu[self.problem.loading])
+
+    @property
+    def loads(self) -> Complexes:
+        """The loads on the equations, shape (line, row)."""
+        return _complex(self.load @ self.load_factors)
 
     def errors(self) -> Complexes:
         """Return e, the equation errors that no hidden motion and no loose end explains."""
@@ -450,10 +499,12 @@ class Evaluation:
         data, motion = self.corrected()
         forces = (self.state.factors * data - self.state.readings)[:, : p.inputs]
         sources = np.concatenate([motion, forces], axis=1)
-        monomial_columns = np.zeros((p.lines, p.all_rows, p.load.shape[3]), dtype=np.complex128)
-        monomial_columns[:, : p.rows] = self.load
-        p._slopes.into(monomial_columns.reshape(p.lines, -1), sources, p.entries.weights)
-        jacobian = _complex(monomial_columns @ p.monomials.jacobian(self.unknowns))
+        slopes = p.monomials.jacobian(self.unknowns)
+        columns = np.zeros((p.lines, p.monomials.unknowns, p.all_rows), dtype=np.complex128)
+        p._slopes.into(columns, sources, p.entries.weights, slopes)
+        jacobian = columns.transpose(0, 2, 1)
+        loading = np.flatnonzero(slopes[p.loading].any(axis=0))
+        jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]
         p.calibration.add_directions(jacobian, self, data, p.load)
         return jacobian
 

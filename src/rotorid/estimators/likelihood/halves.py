@@ -102,7 +102,7 @@ def _turned(point: Point, number: int, record: Observation, parts: int) -> Float
         own = assemble(point.problem.layout, record.with_lines(lines), number)
         if own.load.shape != whole.load.shape:
             return np.zeros_like(changes)
-        moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.mu
+        moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.load_factors
         read = own.calibration.at(at.unknowns).readings - at.state.readings
         rows = -(at.plain @ read[:, :, None])[:, :, 0]
         rows[:, : whole.rows] += moved

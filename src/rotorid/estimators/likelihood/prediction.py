@@ -28,7 +28,7 @@ def _inputs(record: Observation, at: Evaluation) -> Predicted:
     true = at.state.factors * p.data - at.state.readings
     motion = true[:, p.inputs :] @ p.sensing.right.T
     left = (at.stiffness[:, :equations] @ motion[:, :, None])[:, :, 0]
-    left += (at.load @ at.mu)[:, :equations]
+    left += at.loads[:, :equations]
     if at.ends is not None:
         left += at.loose[:, :equations]
     matrix = at.inputs[:, :equations, :forces]

@@ -57,7 +57,7 @@ def _pushed(at: Evaluation) -> Complexes:
     true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
     true -= at.state.readings[:, :forces]
     right = (at.inputs[:, :equations, :forces] @ true[:, :, None])[:, :, 0]
-    right += (at.load @ at.mu)[:, :equations]
+    right += at.loads[:, :equations]
     return np.asarray(right if at.ends is None else right + at.loose[:, :equations])
 
 

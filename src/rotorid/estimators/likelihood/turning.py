@@ -130,7 +130,7 @@ def _turned(at: Evaluation, record: Observation) -> Complexes:
     """Return the derivative of the rows by the phase, (line, row, 1): the loads a quarter on."""
     rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
     moving = record.lines.frequency > 0
-    rows[moving, : at.problem.rows, 0] = 1j * (at.load @ at.mu)[moving]
+    rows[moving, : at.problem.rows, 0] = 1j * at.loads[moving]
     return rows
 
 
