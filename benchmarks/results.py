@@ -1,11 +1,14 @@
 """What the deviations of modes, critical speeds and balancing hold, record by record.
 
     OPENBLAS_NUM_THREADS=1 python benchmarks/results.py modes 500
+    OPENBLAS_NUM_THREADS=1 python benchmarks/results.py dampings 2500
     OPENBLAS_NUM_THREADS=1 python benchmarks/results.py balancing 500
     OPENBLAS_NUM_THREADS=1 python benchmarks/results.py sensitivity 500
 
 A line after every fifty records. `modes`: an anisotropic rotor whose two bounce modes lie within a
-few deviations of each other, identified from fifteen lines. `balancing`: random rigid rotors in
+few deviations of each other, identified from fifteen lines. `dampings`: damping ratios of the same
+records from the minimum next to the truth, without the search, so that chance is told from a fault
+by thousands. `balancing`: random rigid rotors in
 two planes, four sensors with runout, unknown k_i, two speeds. `sensitivity`: loops of the shipped
 rotor with controllers of peaks from 1.9 to 6.3, by lines of 5 Hz with noise, and nearly without;
 as many pairs of coupled loops by whole records of noise; a tenth as many simulations of the rig.
@@ -21,7 +24,14 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import numpy as np
 from loop_cases import by_noise, by_periods, by_the_rig
-from result_cases import balanced, covered, identified
+from result_cases import (
+    balanced,
+    close_case,
+    covered,
+    identified,
+    minimum_from_the_truth,
+    true_modes,
+)
 
 
 def modes(count: int) -> None:
@@ -49,6 +59,36 @@ def modes(count: int) -> None:
             f"rms {_rms(criticals)}",
             flush=True,
         )
+
+
+def dampings(count: int) -> None:
+    """Print what damping ratios hold in the first 500 records, which modes has, and the others."""
+    away = np.array([_ratio_errors(seed) for seed in range(count)])
+    for name, part in (("first 500", away[:500]), ("others", away[500:])):
+        if len(part):
+            rms = ", ".join(f"{v:.3f}" for v in np.sqrt((part**2).mean(axis=0)))
+            held = _percent(np.abs(part) < 1.959964)
+            print(f"{name}, {len(part)} records: cover {held}, rms {rms}", flush=True)
+
+
+def _ratio_errors(seed: int) -> np.ndarray:
+    """Return the errors of the damping ratios of a record, in deviations by the delta method."""
+
+    def ratios(values: dict[str, float]) -> np.ndarray:
+        found = true_modes(values, 800.0)
+        return -found.real / np.abs(found)
+
+    case = close_case(seed)
+    solution, inference = minimum_from_the_truth(case)
+    layout, covariance = solution.point.problem.layout, inference.covariance
+    names = [layout.unknowns[i].name for i in layout.free]
+    found = dict(case.truth) | dict(zip(names, solution.point.unknowns[layout.free], strict=True))
+    slopes = []
+    for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True):
+        sides = [ratios(found | {name: found[name] + way * 1e-4 * std}) for way in (1, -1)]
+        slopes.append((sides[0] - sides[1]) / (2e-4 * std))
+    spread = np.sqrt(np.einsum("im,ij,jm->m", slopes, covariance, slopes))
+    return (ratios(found) - ratios(dict(case.truth))) / spread
 
 
 def _rms(rows: np.ndarray) -> str:
@@ -101,6 +141,6 @@ def sensitivity(count: int) -> None:
 
 
 if __name__ == "__main__":
-    {"modes": modes, "balancing": balancing, "sensitivity": sensitivity}[sys.argv[1]](
-        int(sys.argv[2])
-    )
+    kinds = {"modes": modes, "dampings": dampings}
+    kinds |= {"balancing": balancing, "sensitivity": sensitivity}
+    kinds[sys.argv[1]](int(sys.argv[2]))
