@@ -40,3 +40,11 @@ def test_references_that_are_not_logged_to_the_end_are_told(record: rid.Record) 
     assert wrong.misfit is not None
     assert wrong.misfit.cost < 0.95 * wrong.misfit.expected
     assert any("is far below" in w and "references are late" in w for w in wrong.warnings)
+
+
+def test_one_column_for_two_sensors_is_told(record: rid.Record) -> None:
+    samples = record.samples.copy()
+    samples[:, record.names.index("y")] = -2 * samples[:, record.names.index("x")]
+    (told,) = lines_of(record, samples).checks
+    assert (told.check, told.channel, told.verdict) == ("copied", "x, y", "warning")
+    assert "y is -2 times x, noise and all" in told.found

@@ -20,7 +20,12 @@ import scipy
 from rotorid.errors import InputError
 from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record
-from rotorid.signals.checks_samples import check_clipped, check_dead, check_quantized
+from rotorid.signals.checks_samples import (
+    check_clipped,
+    check_copied,
+    check_dead,
+    check_quantized,
+)
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.rotation_line import shown_rotation
@@ -219,7 +224,10 @@ def _checked(window: _Window, channels: tuple[Channel, ...]) -> tuple[Check, ...
     columns = [record.names.index(channel.name) for channel in channels]
     used = record.samples[window.first : window.first + window.count, columns]
     part = Record(channels, used, record.sample_rate)
-    return (*check_dead(part), *check_clipped(part), *check_quantized(part))
+    # Not refused: of a simulation without noise two sensors may well be alike.
+    copied = check_copied(channels, used - used.mean(axis=0))
+    told = [replace(c, verdict="warning") for c in copied]
+    return (*check_dead(part), *check_clipped(part), *check_quantized(part), *told)
 
 
 def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:
