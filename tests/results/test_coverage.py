@@ -5,7 +5,7 @@ The whole figures, of 500 records each, are those of ``benchmarks/results.py``.
 
 import numpy as np
 import pytest
-from loop_cases import by_noise, by_periods, by_the_rig
+from loop_cases import by_few_lines, by_noise, by_periods, by_the_rig
 from result_cases import balanced, close_case, covered, errors_at_the_minimum, identified
 
 pytestmark = pytest.mark.slow
@@ -60,3 +60,11 @@ def test_peaks_of_sensitivity_and_their_zones():
     quiet = [by_periods(seed, (1e-4, 1e-3)) for seed in range(1000, 1050)]
     assert np.mean([each.held for each in quiet]) >= 0.93
     assert max(abs(each.off_db) for each in quiet) < 0.03
+
+
+def test_peaks_of_sensitivity_in_short_records():
+    """By parabolas in windows a third of these were held, and zones of the wrong side."""
+    found = [by_few_lines(seed) for seed in range(1000, 1040)]
+    assert np.mean([each.held for each in found]) >= 0.86
+    assert not any(each.wrong for each in found)
+    assert np.sqrt(np.mean([each.off_db**2 for each in found])) < 0.1

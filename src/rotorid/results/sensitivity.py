@@ -5,21 +5,24 @@ axis j the sensitivity is S_jj, with the other loops closed as they are. On line
 follows from as many records, or from as many lines, as there are axes excited at once; on a whole
 record from a polynomial in a window of lines,
 
-    e_k = (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s + a W_k,    S = G_0
+    e_k = [ (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s ] / A(k) + a W_k,    S = G_0
 
-(Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi). Between the lines the
-peak is that of a resonance fitted to the lines about it.
+(Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi), A a pair of poles where
+noise alone does not explain what they gain. The peak is that of `rotorid.results.peak`; on lines of
+periods that of a resonance fitted to the lines about it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from rotorid.errors import InputError
 from rotorid.record import Complexes, Floats, Integers, PeriodicRecord, Record
+from rotorid.results.peak import Band, Found, peak_near
 from rotorid.signals.covariance import choose_covariance
 from rotorid.spectra import whole_lines
 from rotorid.units import quantity
@@ -52,6 +55,23 @@ LEAST = 12
 """Degrees of freedom that a window leaves for its noise, at the least."""
 WEAK = 0.3
 """Deviation of S over itself above which a line says nothing: it was not excited."""
+LEAST_SETTLED = 5
+"""Lines of the last third, at the least, that tell what S comes to."""
+AWAY = 4.0
+"""Deviations from 1 from which on S does not come to it."""
+UNIT = 0.03
+"""Distance from 1 that is still called 1: a quarter of a dB."""
+FLAT = 0.25
+"""Change over the last third, beside the distance from 1, of what no longer falls: 1 / f changes
+by .4 of it."""
+POLES, RESONANT = 2, 1e-2
+"""Poles of a window, and the chance with which noise alone gives any to one of a record."""
+CANDIDATES = 3
+"""Peaks of an axis that are looked at, the highest by their windows."""
+RIVAL = 0.1
+"""Deviation over itself above which a second peak is none: noise on lines of little excitation."""
+UNTOLD = "its lines do not tell the peak: record for longer, or excite more"
+"""Caveat of a peak that no curve follows."""
 ORDERS = 3
 """Multiples of the rotation whose lines are left out: unbalance and runout answer no excitation."""
 ALONE = 1e-6
@@ -73,6 +93,8 @@ class AxisSensitivity:
     peak_hz : float
     interval : (float, float)
         Holds the peak with 95 percent.
+    caveat : str
+        Why the peak may be higher than what was measured, if anything does.
     """
 
     axis: str
@@ -82,6 +104,7 @@ class AxisSensitivity:
     peak: float
     peak_hz: float
     interval: tuple[float, float]
+    caveat: str = ""
 
     @property
     def peak_db(self) -> float:
@@ -91,6 +114,8 @@ class AxisSensitivity:
     @property
     def doubt(self) -> str:
         """Why the peak may be higher than what was measured; empty where it is not."""
+        if self.caveat:
+            return self.caveat
         if self.interval[1] < 1:
             return (
                 "it stays below 1, as no loop does (Bode): e and r are not in one unit, or the "
@@ -116,9 +141,36 @@ class AxisSensitivity:
     @property
     def verdict(self) -> str:
         """The zone in words."""
-        if self.zone.endswith("worse"):
+        if self.zone.endswith("worse") or self.caveat:
             return f"zone {self.zone}: {self.doubt}"
         return _told(*(zone_of(end) for end in self.interval))
+
+
+def settles_elsewhere(frequency: Floats, values: Complexes, std: Floats) -> str:
+    """Tell why S comes to another value than 1, where no loop has gain; empty where it does not.
+
+    Over the last third of the lines, by a parabola: the gain of a loop that is still there falls
+    over a third by 40 percent and more, so that what stays is the unit or the gain of r.
+    """
+    count = max(len(values) // 3, 1)
+    ends, last = frequency[-count:], values[-count:]
+    if count < LEAST_SETTLED:
+        return ""
+    place = 2 * (ends - ends[0]) / (ends[-1] - ends[0]) - 1
+    basis, _ = np.linalg.qr(place[:, None] ** np.arange(3))
+    curve = basis @ (basis.T @ last)
+    left = np.abs(last - curve) ** 2
+    noise = max(float(left.sum()) / (count - 3), 2 * float((std[-count:] ** 2).mean()))
+    taken = float((basis**2).sum(axis=1).max())
+    middle = last.mean()
+    change = 2 * float(np.abs(curve - middle).max()) + AT_END * np.sqrt(noise * taken)
+    away = float(abs(middle - 1))
+    if away < max(UNIT, AWAY * np.sqrt(noise / count)) or change > FLAT * away:
+        return ""
+    return (
+        f"it stays at {abs(middle):.2f} at the end of the band and not at 1: e and r are not in "
+        "one unit or gain, or the loop still has gain there: check their columns, or widen the band"
+    )
 
 
 def zone_of(peak: float) -> str:
@@ -136,6 +188,9 @@ def worst_of(found: Sequence[AxisSensitivity]) -> str:
     open_ = [each for each in found if each.zone.endswith("worse")]
     if open_ and low != "D":
         return f"zone {low} or worse ({open_[0].axis}: {open_[0].doubt})"
+    caveats = [each for each in found if each.caveat]
+    if caveats:  # even D may be but another unit
+        return f"{_told(low, high)} ({caveats[0].axis}: {caveats[0].caveat})"
     return _told(low, high)
 
 
@@ -210,6 +265,7 @@ def sensitivity(
         raise InputError("no axes", "a channel of e and one of r", 'name them: {"i_x": "r_x"}')
     for record in data:
         _check(record, pairs)
+    draws = np.random.default_rng(0) if rng is None else rng
     if all(isinstance(record, PeriodicRecord) for record in data):
         raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
     else:
@@ -217,9 +273,19 @@ def sensitivity(
             raise InputError("a whole record without a band", "a band", "give it in Hz")
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
-        raw = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-    draws = np.random.default_rng(0) if rng is None else rng
-    return [_axis(name, *found, draws) for name, found in zip(pairs, raw, strict=True)]
+        whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
+        found = [each.axis(name, draws) for name, each in zip(pairs, whole, strict=True)]
+        return [_settled(axis) for axis in found]
+    axes = [_axis(name, *each, draws) for name, each in zip(pairs, raw, strict=True)]
+    return [_settled(axis) for axis in axes]
+
+
+def _settled(axis: AxisSensitivity) -> AxisSensitivity:
+    """Return an axis with the caveat that it does not come to 1, if it does not."""
+    if axis.caveat or axis.interval[1] < 1:
+        return axis
+    why = settles_elsewhere(axis.frequency_hz, axis.sensitivity, axis.std)
+    return replace(axis, caveat=why)
 
 
 Raw = tuple[Floats, Complexes, Floats, Floats]
@@ -278,15 +344,7 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
     for name, each in zip(pairs, found, strict=True):
         if not each:
             raise _not_excited(name)
-    return [
-        (
-            np.array([row[0] for row in each]),
-            np.array([row[1] for row in each]),
-            np.array([row[2] for row in each]),
-            np.array([row[3] for row in each]),
-        )
-        for each in found
-    ]
+    return [_raw(each) for each in found]
 
 
 def _rotates(record: PeriodicRecord, hertz: float) -> bool:
@@ -327,28 +385,79 @@ def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
     return variance, freedom
 
 
+@dataclass(frozen=True)
+class _Whole:
+    """One axis of a whole record: S in windows, the lines, and where S may be highest."""
+
+    raw: Raw
+    band: Band
+    candidates: list[tuple[float, float]]
+
+    def axis(self, name: str, rng: np.random.Generator) -> AxisSensitivity:
+        """Return S with its peak: the highest of those near the highest windows."""
+        found: list[Found] = []
+        tried = 0
+        for _, hertz in sorted(self.candidates, reverse=True):
+            if _looked_at(hertz, found):
+                continue
+            peak = peak_near(self.band, hertz)
+            if peak is None or (found and peak.unsure > RIVAL):
+                break
+            if not _looked_at(peak.hertz, found):
+                found.append(peak)
+            tried += 1
+            if tried == CANDIDATES:
+                break
+        if not found:
+            axis = _axis(name, *self.raw, rng)
+            return replace(axis, caveat=UNTOLD)
+        best = max(found, key=lambda each: each.peak.size)
+        ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
+        frequency, values, variance, _ = self.raw
+        at = int(np.searchsorted(frequency, best.hertz))
+        return AxisSensitivity(
+            name,
+            np.insert(frequency, at, best.hertz),
+            np.insert(values, at, best.peak.value),
+            np.insert(np.sqrt(variance / 2), at, best.peak.std),
+            best.peak.size,
+            best.hertz,
+            (float(ends[0]), float(ends[1])),
+        )
+
+
+def _looked_at(hertz: float, found: Sequence[Found]) -> bool:
+    """Tell whether a frequency belongs to a peak that is known."""
+    return any(abs(hertz - each.hertz) < each.reach for each in found)
+
+
 def _of_whole(
     records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
-) -> list[Raw]:
-    """Return S_jj on lines of whole records, each axis from the record that tells it best."""
-    best: list[Raw | None] = [None] * len(pairs)
+) -> list[_Whole]:
+    """Return each axis of whole records from the record that tells it best."""
+    best: list[_Whole | None] = [None] * len(pairs)
     for record in records:
         groups = (list(pairs), list(pairs.values()))
         frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
-        for j, raw in enumerate(_windows(frequency, e, r, rotation)):
+        for j, (raw, candidates) in enumerate(_windows(frequency, e, r, rotation)):
             held = best[j]
-            if len(raw[0]) >= 4 and (held is None or len(raw[0]) > len(held[0])):
-                best[j] = raw
+            if len(raw[0]) >= 4 and (held is None or len(raw[0]) > len(held.raw[0])):
+                best[j] = _Whole(raw, Band(frequency, e[:, j], r, rotation, j), candidates)
     found = []
-    for name, raw_ in zip(pairs, best, strict=True):
-        if raw_ is None:
+    for name, whole in zip(pairs, best, strict=True):
+        if whole is None:
             raise _not_excited(name)
-        found.append(raw_)
+        found.append(whole)
     return found
 
 
-def _windows(frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes) -> list[Raw]:
-    """Return S_jj by the polynomial of windows, on lines so far apart that they are independent."""
+def _windows(
+    frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes
+) -> list[tuple[Raw, list[tuple[float, float]]]]:
+    """Return S_jj in windows of lines so far apart that they are independent, and candidates.
+
+    By a polynomial, or over two poles where noise alone does not explain what these gain.
+    """
     columns = (ORDER + 1) * (r.shape[1] + 1) + rotation.shape[1]
     half = -(-(columns + LEAST - 1) // 2)
     if 2 * half + 1 > len(frequency):
@@ -358,40 +467,88 @@ def _windows(frequency: Floats, e: Complexes, r: Complexes, rotation: Complexes)
             "record for longer, or widen the band",
         )
     axes: list[list[tuple[float, complex, float, float]]] = [[] for _ in range(e.shape[1])]
+    candidates: list[list[tuple[float, float]]] = [[] for _ in range(e.shape[1])]
     offset = np.arange(-half, half + 1) / half
     powers = offset[:, None] ** np.arange(ORDER + 1)
-    loud = np.abs(r).max(axis=0)
+    loud = float(np.abs(r).max())
+    chance = RESONANT * half / len(frequency)
     for k in range(half, len(frequency) - half, half):
         here = slice(k - half, k + half + 1)
         parts = [r[here, [a]] * powers for a in range(r.shape[1])]
         matrix = np.concatenate([*parts, powers + 0j, rotation[here]], axis=1)
+        for j in range(e.shape[1]):
+            window = _Window(matrix, offset, j * (ORDER + 1), loud, chance)
+            found = window.best(e[here, j])
+            if found is None:
+                continue
+            value, variance, freedom, highest, where = found
+            if np.sqrt(variance) < WEAK * abs(value):
+                axes[j].append((float(frequency[k]), value, variance, freedom))
+                sure = highest * (1 - np.sqrt(variance) / abs(value))
+                at = float(np.interp(where, offset, frequency[here]))
+                candidates[j].append((sure, at))
+    return [(_raw(rows), there) for rows, there in zip(axes, candidates, strict=True)]
+
+
+def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
+    """Return lines as arrays."""
+    return (
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows], dtype=np.complex128),
+        np.array([row[2] for row in rows]),
+        np.array([row[3] for row in rows]),
+    )
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The regression of one window; `at` is the first column of S."""
+
+    matrix: Complexes
+    offset: Floats
+    at: int
+    loud: float
+    chance: float
+
+    def _solved(self, matrix: Complexes, e: Complexes) -> tuple[Complexes, float, float, float]:
+        """Return factors, residual, variance of S over that of the noise, degrees of freedom.
+
+        The variance is inf where the lines do not tell S.
+        """
         size = np.linalg.norm(matrix, axis=0)
-        size = np.where(size > 1e-12 * max(float(loud.max()), 1e-300), size, np.inf)
+        size = np.where(size > 1e-12 * max(self.loud, 1e-300), size, np.inf)
         left, values, right = np.linalg.svd(matrix / size, full_matrices=False)
         kept = values > 1e-10 * values[0]
         root = right[kept].conj().T / values[kept]
-        solved = (root @ (left[:, kept].conj().T @ e[here])) / size[:, None]
-        freedom = len(offset) - int(kept.sum())
-        residual = e[here] - matrix @ np.where(np.isfinite(solved), solved, 0.0)
-        spread = (np.abs(root) ** 2).sum(axis=1) / size**2
-        told = (np.abs(right[~kept]) ** 2).sum(axis=0) < 1e-12
-        for j in range(e.shape[1]):
-            at = j * (ORDER + 1)
-            if not told[at] or not np.isfinite(size[at]):
-                continue
-            noise = float((np.abs(residual[:, j]) ** 2).sum()) / freedom
-            value, variance = complex(solved[at, j]), noise * float(spread[at])
-            if np.sqrt(variance) < WEAK * abs(value):
-                axes[j].append((float(frequency[k]), value, variance, float(freedom)))
-    return [
-        (
-            np.array([row[0] for row in rows]),
-            np.array([row[1] for row in rows], dtype=np.complex128),
-            np.array([row[2] for row in rows]),
-            np.array([row[3] for row in rows]),
-        )
-        for rows in axes
-    ]
+        solved = (root @ (left[:, kept].conj().T @ e)) / size
+        rest = e - matrix @ solved
+        told = float((np.abs(right[~kept][:, self.at]) ** 2).sum()) < 1e-12
+        spread = float((np.abs(root[self.at]) ** 2).sum() / size[self.at] ** 2)
+        told = told and bool(np.isfinite(size[self.at]))
+        loss = float((np.abs(rest) ** 2).sum())
+        return solved, loss, spread if told else np.inf, len(e) - float(kept.sum())
+
+    def best(self, e: Complexes) -> tuple[complex, float, float, float, float] | None:
+        """Return S in the middle, its variance and degrees of freedom, its largest size, where."""
+        plain, loss, spread, freedom = self._solved(self.matrix, e)
+        if not np.isfinite(spread):
+            return None
+        value = complex(plain[self.at])
+        held = value, loss / freedom * spread, freedom, abs(value), 0.0
+        turned = -e[:, None] * self.offset[:, None] ** np.arange(1, POLES + 1)
+        found, rest, spread, left = self._solved(np.concatenate([self.matrix, turned], axis=1), e)
+        gained = (loss - rest) / POLES * left / max(rest, 1e-300)
+        if (
+            not np.isfinite(spread)
+            or scipy.special.fdtrc(2 * POLES, 2 * left, gained) > self.chance
+        ):
+            return held
+        fine = np.linspace(-0.6, 0.6, 241)
+        above = fine[:, None] ** np.arange(ORDER + 1) @ found[self.at : self.at + ORDER + 1]
+        curve = np.abs(above / (1 + fine[:, None] ** np.arange(1, POLES + 1) @ found[-POLES:]))
+        most = min(float(curve.max()), MOST * float(np.abs(e).max() / self.loud))
+        there = float(fine[curve.argmax()])
+        return complex(found[self.at]), rest / left * spread, left, most, there
 
 
 def _axis(
