@@ -13,7 +13,7 @@ import pytest
 import rotorid as rid
 from rotorid.models.expression import MAX_TERMS
 from rotorid.models.symbolic import MAX_DEGREE, MAX_NESTING
-from rotorid.units import si_factor
+from rotorid.units import quantity, si_factor
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -88,9 +88,28 @@ def simulated(name: str) -> rid.Record:
     )
 
 
-def write(record: rid.Record, path: Path, columns: dict[str, tuple[str, float]]) -> None:
+def commanded(force: np.ndarray, rate: float, delay: float) -> np.ndarray:
+    """Return what a converter holds for a sample, logged so much late."""
+    omega = 2 * np.pi * np.fft.rfftfreq(len(force), 1 / rate)
+    half = omega / (2 * rate)
+    held = np.sinc(half / np.pi) * np.exp(-1j * half)
+    late = np.exp(-1j * omega * delay)
+    return np.fft.irfft(np.fft.rfft(force) / held * late, len(force))
+
+
+def logged(record: rid.Record, name: str, channel: dict[str, str]) -> np.ndarray:
+    """Return the column of a channel, before what the channel says that is done to it."""
+    if "hold" not in channel:
+        return record.column(name)
+    return commanded(record.column(name), record.sample_rate, quantity(channel["delay"], "s"))
+
+
+def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -> None:
     """Write a record as a logger would, each channel under a column's name and in its unit."""
-    table = {column: record.column(name) / unit for name, (column, unit) in columns.items()}
+    table = {
+        each["column"]: logged(record, name, each) / si_factor(each["unit"])
+        for name, each in channels.items()
+    }
     if path.suffix == ".csv":
         text = np.column_stack(list(table.values()))
         np.savetxt(path, text, delimiter=",", header=",".join(table), comments="", fmt="%.12g")
@@ -98,11 +117,6 @@ def write(record: rid.Record, path: Path, columns: dict[str, tuple[str, float]])
         with h5py.File(path, "w") as file:
             for column, samples in table.items():
                 file[column] = samples
-
-
-def columns_of(experiment: str) -> dict[str, tuple[str, float]]:
-    channels = tomllib.loads(experiment)["channels"]
-    return {name: (c["column"], si_factor(c["unit"])) for name, c in channels.items()}
 
 
 def test_python_of_the_readme_runs(
@@ -124,7 +138,7 @@ def test_experiment_files_of_the_pages_identify(page: str, file: str, tmp_path: 
     (text,) = (t for t in blocks(ROOT / page, "toml") if "[[records]]" in t and "model =" in t)
     name = tomllib.loads(text)["model"]
     (tmp_path / "experiment.toml").write_text(text, encoding="utf-8")
-    write(simulated(name), tmp_path / file, columns_of(text))
+    write(simulated(name), tmp_path / file, tomllib.loads(text)["channels"])
     experiment = rid.load_experiment(tmp_path / "experiment.toml")
     estimate = rid.identify(experiment.model, experiment.records(), experiment.estimator())
     assert estimate.status == "ok"

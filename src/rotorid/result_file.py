@@ -42,6 +42,7 @@ def load_estimate(path: str | Path) -> Estimate:
     Examples
     --------
     >>> import tempfile
+    >>> from rotorid import Value
     >>> path = Path(tempfile.mkdtemp()) / "run.json"
     >>> Estimate("one", "ls", "ok", (Value("m", "kg", 2.0, std=0.01),)).save(path)
     >>> load_estimate(path).value("m")

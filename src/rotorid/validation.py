@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rotorid.estimate import Estimate
-from rotorid.estimators.likelihood.inference import Expectation, line_moments
+from rotorid.estimators.expectation import Expectation, line_moments
 from rotorid.estimators.prediction import Predicted
 from rotorid.models import Model
 from rotorid.observation import Data, Observation, bind

@@ -9,8 +9,8 @@ import rotorid as rid
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import Value
 from rotorid.estimators import gate
+from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.likelihood import verdict as likelihood_verdict
-from rotorid.estimators.likelihood.inference import Expectation
 from rotorid.models import load_model, parse_model
 
 METHODS = ("ls", "batch", "sequential", "ml")

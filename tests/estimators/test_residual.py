@@ -5,7 +5,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.estimators import gate
-from rotorid.estimators.likelihood.inference import Expectation
+from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.residual import Fitted, misfit
 
 FAMILY = ("ls", "batch", "sequential")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_parts import Misfit, Prediction, Suspect, Value
+from rotorid.estimate_parts import DOUBTFUL, Misfit, Prediction, Suspect, Value
 from rotorid.evidence import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.plots import estimates, interactive, machines, panel, records
 from rotorid.plots.panel import Axis, Curve, Panel, thinned
@@ -34,7 +34,7 @@ def shown(*channels: ChannelEvidence) -> Evidence:
 
 
 def test_decisions() -> None:
-    assert (verdict.LIKELY, verdict.AS_NOISE, verdict.TOLD) == (1e-3, 1.5, 0.5)
+    assert (DOUBTFUL, verdict.AS_NOISE, verdict.TOLD) == (1e-3, 1.5, 0.5)
     assert (html.MOST_POINTS, html.FEWEST_POINTS) == (2048, 64)
     assert (html.MOST_DATA, html.WORTH) == (1_000_000, 16)
     assert (interactive._INCH, interactive._SHARP) == (110, 5)

@@ -160,7 +160,8 @@ class Problem(Posed):
         )
         verdict = gate.physical(self.full, estimate)
         verdict += gate.prediction(estimate, self._noise(spreads))
-        verdict += gate.residual(*misfit(self._fitted(solution, determined, scatters)))
+        if not verdict.faults:  # one reason is enough
+            verdict += gate.residual(*misfit(self._fitted(solution, determined, scatters)))
         fewest = min(r.periods for r in records)
         if fewest >= LEAST_PERIODS:
             halves = np.array([solve(half).values for half in self.halves()]) - values

@@ -15,7 +15,7 @@ import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import DOUBTFUL, Value
-from rotorid.estimators.likelihood.inference import Expectation
+from rotorid.estimators.expectation import Expectation
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm, speed_factor
@@ -32,6 +32,8 @@ the power of a force are then explained at most."""
 APART = 6.0
 """Deviations by which halves of a record may differ: over a hundred parameters chance reaches 4,
 and deviations from a dozen periods are themselves a fifth off."""
+COMMON = 2.0
+"""Deviations of a cost from its mean that noise leaves in some per cent of all records."""
 MOVED, BIASED = 1.0, 10.0
 """Deviations of a bias from which on it is told, and from which on the answer is turned away: one
 leaves 83 % of intervals right where 95 % are promised; halves of one record tell a bias to a factor
@@ -287,6 +289,8 @@ def residual(cost: float, expected: Expectation) -> Verdict:
 
     Deviations are made of that scatter, and hold nothing where the residual is larger.
     """
+    if cost <= expected.mean + COMMON * np.sqrt(expected.variance):
+        return Verdict()  # and nothing that knows distributions has to be loaded
     chance = expected.p_value(cost)
     if chance >= DOUBTFUL:
         return Verdict()
@@ -295,7 +299,9 @@ def residual(cost: float, expected: Expectation) -> Verdict:
         f"the equations are off by {times:.3g} times what noise leaves of them (p = {chance:.1e}): "
     )
     if chance >= REJECTED:
-        return Verdict(doubts=(f"{text}doubtful; see what ml says of this record",))
+        return Verdict(
+            doubts=(f"{text}doubtful; for a linear model see what ml says of this record",)
+        )
     return Verdict(
         faults=(
             f"{text}they do not describe this record, and no deviation holds; for a linear model "

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotorid.estimators.likelihood.inference import Expectation, line_moments
+from rotorid.estimators.expectation import Expectation, line_moments
 from rotorid.estimators.likelihood.noise import FLOOR
 from rotorid.record import Complexes, Floats
 

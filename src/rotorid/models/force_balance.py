@@ -82,9 +82,11 @@ def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
     n = len(inertia)
     size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
     scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
-    rows, columns = scipy.optimize.linear_sum_assignment(-size / np.where(scale > 0, scale, 1.0))
-    order = np.empty(n, dtype=np.int64)
-    order[columns] = rows
+    share = size / np.where(scale > 0, scale, 1.0)
+    order = np.arange(n)
+    if (np.diag(share) < share.max(axis=1, initial=0.0)).any():  # else no other order has more
+        rows, columns = scipy.optimize.linear_sum_assignment(-share)
+        order[columns] = rows
     return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
 
 

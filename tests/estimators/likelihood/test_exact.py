@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from rotorid.estimate import Estimate
 from rotorid.estimators import MaximumLikelihood
+from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.likelihood.exact import KINDS, unseen_excess
-from rotorid.estimators.likelihood.inference import Expectation
 from rotorid.estimators.likelihood.verdict import STILL
 from rotorid.identify import identify
 from rotorid.models import load_model

@@ -34,8 +34,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.likelihood.cost import Evaluation
-from rotorid.estimators.likelihood.inference import Expectation, Inference
+from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.lines import Beside
 from rotorid.observation import Observation

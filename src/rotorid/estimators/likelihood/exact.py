@@ -16,8 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from rotorid.estimate_parts import DOUBTFUL
+from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.likelihood.fit import Fit
-from rotorid.estimators.likelihood.inference import Expectation, along_relations
+from rotorid.estimators.likelihood.inference import along_relations
 from rotorid.estimators.likelihood.nuisances import Nuisance
 from rotorid.estimators.likelihood.nuisances.delay import Delay
 from rotorid.estimators.likelihood.nuisances.gain import Gain

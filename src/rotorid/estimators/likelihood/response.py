@@ -35,7 +35,9 @@ def response(at: Evaluation) -> Complexes:
 
 def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
     """Return the same for machines that differ in what drives them, and is read, alone."""
-    found = []
+    found: list[Complexes] = []
+    if not alike:
+        return found
     stiffness = -alike[0].stiffness[:, : alike[0].equations]
     motions = _motion(stiffness, np.stack([_pushed(at) for at in alike], axis=2))
     for at, motion in zip(alike, np.moveaxis(motions, 2, 0), strict=True):
