@@ -565,11 +565,11 @@ def _axis(
     noise once more is larger still.
     """
     std = np.sqrt(variance / 2)
-    about, bent = _about(frequency, found, std)
-    here, where = peak_of(frequency, found[None], about)
+    bent = _beyond_noise(frequency, found, std)
+    here, where = peak_of(frequency, found[None])
     noise = rng.standard_normal((DRAWS, len(found), 2)) @ np.array([1.0, 1j])
     chi = rng.chisquare(2 * freedom, (DRAWS, len(found))) / (2 * freedom)
-    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi), about)
+    drawn, _ = peak_of(frequency, found + std * noise / np.sqrt(chi))
     off = drawn - here[0]
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(off, [tail, 1 - tail])
@@ -578,28 +578,22 @@ def _axis(
     return AxisSensitivity(axis, frequency, found, std, peak, float(where[0]), interval)
 
 
-def _about(frequency: Floats, found: Complexes, std: Floats) -> tuple[int, float]:
-    """Return how many lines a peak is fitted to, and by how much more than noise they miss it.
+def _beyond_noise(frequency: Floats, found: Complexes, std: Floats) -> float:
+    """Return by how much more than their noise the lines about a peak miss the curve through them.
 
-    The more, the more noise alone makes leave the curve: of lines much closer to each other than
-    the peak is wide, few would be fitted with their noise.
+    They are as few as the curve asks for: more would have less noise, and a bias as large as what
+    is left of it, which no misfit shows.
     """
-    first = about = min(ABOUT, len(found))
-    chosen, bent = 0, 0.0
-    while LEAST_ABOUT <= about <= len(found):
-        at = np.array([np.abs(found).argmax()])
-        start = _starts(at, about, len(found))[0]
-        here = slice(start, start + about)
-        curve = _Curve.of(frequency[here], found[None, here])
-        off = float((np.abs(found[here] - curve.at(frequency[here])[0]) ** 2).sum())
-        dof = 2 * (about - curve.unknowns)
-        beyond = off - (std[here] ** 2).mean() * (dof + SURE * np.sqrt(2 * dof))
-        if beyond <= 0:
-            chosen = about
-        elif about == first:
-            bent = BENT * float(np.sqrt(beyond / dof))
-        about *= 2
-    return (chosen, 0.0) if chosen else (first, bent)
+    about = min(ABOUT, len(found))
+    if about < LEAST_ABOUT:
+        return 0.0
+    start = int(_starts(np.array([np.abs(found).argmax()]), about, len(found))[0])
+    here = slice(start, start + about)
+    curve = _Curve.of(frequency[here], found[None, here])
+    off = float((np.abs(found[here] - curve.at(frequency[here])[0]) ** 2).sum())
+    dof = 2 * (about - curve.unknowns)
+    beyond = off - (std[here] ** 2).mean() * (dof + SURE * np.sqrt(2 * dof))
+    return BENT * float(np.sqrt(max(beyond, 0.0) / dof))
 
 
 def _starts(at: Integers, about: int, count: int) -> Integers:
@@ -652,7 +646,7 @@ class _Curve:
         return np.asarray(above / np.where(below == 0, 1e-300, below))
 
 
-def peak_of(frequency: Floats, values: Complexes, about: int = ABOUT) -> tuple[Floats, Floats]:
+def peak_of(frequency: Floats, values: Complexes) -> tuple[Floats, Floats]:
     """Return the largest size of curves, (curve, line), and where: between the lines too.
 
     By rational functions fitted to the lines about the largest one: of three poles, since two modes
@@ -664,16 +658,15 @@ def peak_of(frequency: Floats, values: Complexes, about: int = ABOUT) -> tuple[F
     count = len(frequency)
     if count < LEAST_ABOUT:
         return best, where
-    about = min(about, count)
+    about = min(ABOUT, count)
     starts = _starts(at, about, count)
     for start in np.unique(starts):
         chosen = np.flatnonzero(starts == start)
         nodes = frequency[start : start + about]
         curve = _Curve.of(nodes, values[chosen, start : start + about])
         # Not beyond the neighbours of the largest line: there the fit is none of the lines.
-        fine = np.linspace(nodes[0], nodes[-1], (min(about, ABOUT) - 1) * FINE + 1)
-        beside = max(about // ABOUT, 1) * np.diff(nodes).max()
-        near = np.abs(fine - frequency[at[chosen], None]) <= beside
+        fine = np.linspace(nodes[0], nodes[-1], (about - 1) * FINE + 1)
+        near = np.abs(fine - frequency[at[chosen], None]) <= np.diff(nodes).max()
         fitted = np.where(near, np.abs(curve.at(fine)), 0.0)
         largest = fitted.max(axis=1)
         sane = (largest > best[chosen] / MOST) & (largest < MOST * best[chosen])
