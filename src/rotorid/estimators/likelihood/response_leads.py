@@ -55,22 +55,28 @@ def response_leads(records: Sequence[Observation]) -> Iterator[Lead]:
             "set lag = true in the channels, or take it out where it stands",
             _conjugated,
         )
+        yield Lead(
+            "sign[force]",
+            "all responses upside down, as where the force sensor or the shaker is turned about",
+            "set scale = -1 in each channel of the responses, or turn the force sensor",
+            _Shifted(0, -1.0),
+        )
 
 
 class _Shifted:
-    """Integrates or differentiates what sensors of responses read."""
+    """Integrates or differentiates what sensors of responses read, or turns it about."""
 
-    def __init__(self, order: int) -> None:
-        self.order = order
+    def __init__(self, order: int, sign: float = 1.0) -> None:
+        self.order, self.sign = order, sign
 
     def __call__(self, records: Sequence[Observation]) -> list[Observation]:
-        """Return the records with their sensors' lines times ``(i omega)^order``."""
+        """Return the records with their sensors' lines times ``sign (i omega)^order``."""
         return [self._one(record) if is_response(record) else record for record in records]
 
     def _one(self, record: Observation) -> Observation:
         factor = np.ones(record.lines.mean.shape, dtype=np.complex128)
         columns = [sensor.column for sensor in record.sensors]
-        factor[:, columns] = (1j * record.lines.omega[:, None]) ** self.order
+        factor[:, columns] = self.sign * (1j * record.lines.omega[:, None]) ** self.order
         return _times(record, factor)
 
 

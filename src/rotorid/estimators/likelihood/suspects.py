@@ -344,8 +344,11 @@ class _Search:
         options = self.options()
         scored = [*self.scored(options), *self.shifted()]
         scored.sort(key=lambda pair: -pair[1].drop)
-        # Of a table first: a negative damping may explain as well that phases count backward.
-        found = [f for lead in table_leads(self.case, self.gross) for f in self.followed(lead)]
+        # Of a table first: a negative damping may explain as well that phases count backward. Of
+        # responses likewise, which are too far off for screening at the values that were found.
+        leads = table_leads(self.case, self.gross)
+        leads += response_leads(self.case.records) if self.gross else ()
+        found = [f for lead in leads for f in self.followed(lead)]
         found += [f for option, _ in scored[:FIRST] for f in self.freed(option)]
         found += self.mistaken_modes()
         if any(self.explained(finding) for finding in found) or not self.gross:
@@ -565,7 +568,6 @@ class _Search:
                 follow = partial(self.freed, option, far=True)
                 yield option.free(self.case).prepared, records, follow
 
-        yield undone(response_leads(records))
         yield drawn()
         yield angles()
         yield undone(single)
