@@ -69,7 +69,8 @@ class Dimension:
     @classmethod
     def of(cls, powers: Mapping[str, float | Fraction]) -> Dimension:
         """Return the dimension with these powers."""
-        return cls(frozenset((name, Fraction(n)) for name, n in powers.items() if n))
+        exact = ((k, n if isinstance(n, Fraction) else Fraction(n)) for k, n in powers.items() if n)
+        return cls(frozenset(exact))
 
     def __mul__(self, other: Dimension) -> Dimension:
         mine, others = dict(self.powers), dict(other.powers)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -122,8 +123,15 @@ def open_hdf5(path: Path) -> Hdf5Table:
     start = head(path)
     if content(start) not in ("HDF5 data", "a MAT v7.3 file") and not h5py.is_hdf5(path):
         raise not_what_it_says(path, start, "HDF5 data")
-    shapes = Contents(str(path), _tell)
-    return Hdf5Table(str(path), shapes, shapes.told, others=shapes.others)
+    state = path.stat()
+    return _table(str(path), (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+
+
+@lru_cache(maxsize=1)
+def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
+    """Return what is in a file; a record is opened by blocks, and again where it is too small."""
+    shapes = Contents(file, _tell)
+    return Hdf5Table(file, shapes, shapes.told, others=shapes.others)
 
 
 def _tell(node: Node) -> Told | None:
