@@ -160,12 +160,18 @@ class _Scaled:
         companion[n:, :n], companion[n:, n:] = -k, -d
         heavy = np.zeros_like(companion)
         heavy[:n, :n], heavy[n:, n:] = np.eye(n), m
-        found = scipy.linalg.eig(companion, heavy, left=True, right=True, homogeneous_eigvals=True)
-        (over, under), left, right = found
+        left = right = none
+        if vectors:
+            found = scipy.linalg.eig(
+                companion, heavy, left=True, right=True, homogeneous_eigvals=True
+            )
+            (over, under), left, right = found
+        else:
+            over, under = scipy.linalg.eigvals(companion, heavy, homogeneous_eigvals=True)
         finite = np.abs(under) > 1e-14 * np.abs(over)
         values = np.full(2 * n, np.inf + 0j)
         values[finite] = over[finite] / under[finite]
-        return values, right[:n], left[n:]
+        return values, right[:n], left[n:] if vectors else none
 
     @cached_property
     def free(self) -> tuple[int, int]:
