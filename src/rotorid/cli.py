@@ -40,8 +40,10 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
     work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
+    # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
+    calm = import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore")
     try:
-        with silence(quiet or STDOUT in options.values()):
+        with calm, silence(quiet or STDOUT in options.values()):
             return work(**options)
     except EOFError as error:  # which click would take for an interrupt
         raise InputError(

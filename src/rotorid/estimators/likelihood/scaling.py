@@ -48,7 +48,9 @@ def find_scales(
     is driven.
     """
     rows, coordinates = stiffness.shape[1:]
-    size = np.sqrt((np.abs(stiffness) ** 2).mean(axis=0))
+    top = np.abs(stiffness).max(axis=0, initial=0.0)
+    shares = np.abs(stiffness) / np.where(top > 0, top, 1.0)  # squares of which cannot overflow
+    size = top * np.sqrt((shares**2).mean(axis=0))
     r, c = np.nonzero(size)
     fit = np.zeros((len(r), rows + coordinates))
     fit[np.arange(len(r)), r] = 1.0
