@@ -169,8 +169,23 @@ class Problem(Posed):
             if not any(c.channel == "" for r in records for c in check_identical(r)):
                 verdict += gate.noise_bias(self.names, halves.mean(axis=0), spread)
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
-                verdict += gate.agreement(self.names, halves, spread)
+                parted = self._parted(solution, determined)
+                verdict += gate.agreement(self.names, parted, spread)
         return gate.passed(estimate, verdict)
+
+    def _parted(self, solution: Solution, base: Floats) -> Floats:
+        """Return by how much the answers of both halves differ from that of all, to first order.
+
+        Of parameters that are hardly told the answers themselves differ by more than a change.
+        """
+        parted = np.zeros((2, len(self.names)))
+        for gain, regression in zip(solution.gains, self.regressions, strict=True):
+            residual = regression.period_residual(base)
+            middle = len(residual) // 2
+            for half, part in enumerate((residual[:middle], residual[middle:])):
+                change = part.mean(axis=0) - residual.mean(axis=0)
+                parted[half] -= np.einsum("fkr,kr->f", gain, change).real
+        return parted
 
     def _fitted(
         self, solution: Solution, base: Floats, scatters: Sequence[LineCovariance]
