@@ -7,18 +7,18 @@ dynamics make of the column. Constants are known, known with a deviation, or unk
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.values import Array, ByContent, read_only
 
 UNKNOWN = float("inf")
 """The deviation of a constant that nothing is known of; its value is where the search starts."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Constant:
     """A constant of a channel's dynamics: value and deviation (0: exact, `UNKNOWN`: to be found).
 
@@ -44,7 +44,7 @@ class Constant:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen(kw_only=True)
 class Dynamics(ABC):
     """What a channel does to each line.
 
@@ -88,7 +88,7 @@ class Dynamics(ABC):
         return response if self.actuator else 1 / response
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen(kw_only=True)
 class FirstOrder(Dynamics):
     """``H = 1 / (1 + i omega / omega_b)``, omega_b = 2 pi bandwidth.
 
@@ -114,7 +114,7 @@ class FirstOrder(Dynamics):
         return np.asarray((1 - self.response(omega, values)) / values[0])[:, None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen(kw_only=True)
 class SecondOrder(Dynamics):
     """``H = 1 / (1 + 2 i zeta s - s^2)``, s = omega / omega_b.
 
@@ -146,7 +146,7 @@ class SecondOrder(Dynamics):
         return np.stack([by_bandwidth, -2j * s * response], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen(kw_only=True)
 class EddyCurrents(Dynamics):
     """``H = 1 / (1 + sqrt(i omega tau))``: eddy currents in solid iron.
 
@@ -172,7 +172,7 @@ class EddyCurrents(Dynamics):
         return np.asarray(-(1 - self.response(omega, values)) / (2 * values[0]))[:, None]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(kw_only=True)
 class Measured(ByContent, Dynamics):
     """A measured response, linear between its points in amplitude and phase.
 

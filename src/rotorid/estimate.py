@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from textwrap import shorten
@@ -16,6 +16,7 @@ from pydantic_core import to_json
 from rotorid import estimate_page
 from rotorid.errors import InputError
 from rotorid.estimate_parts import Answer, Value
+from rotorid.frozen import frozen
 from rotorid.tables import Page, Table, page_html, page_text
 from rotorid.writing import write_whole
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 SCHEMA = "rotorid-estimate/2"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Estimate(Answer):
     """What an estimator found.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Strict
 
 from rotorid.errors import InputError
 from rotorid.evidence import Count, Evidence, Number
+from rotorid.frozen import frozen
 from rotorid.record import Check, Floats
 from rotorid.values import ByContent, read_only
 
@@ -20,7 +21,7 @@ Optional = Annotated[float, Strict()] | None
 Flag = Annotated[bool, Strict()]
 
 
-@dataclass(frozen=True)
+@frozen
 class Value:
     """A named quantity with its standard deviation.
 
@@ -51,7 +52,7 @@ DOUBTFUL = 1e-3
 """The p-value from which on a misfit is what noise leaves; below it the model is doubtful."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Misfit:
     """The misfit at the estimate, against what noise alone would leave."""
 
@@ -61,7 +62,7 @@ class Misfit:
     p_value: Number
 
 
-@dataclass(frozen=True)
+@frozen
 class LineMisfit:
     """The misfit of one line of one record (counted from 0), against what noise would leave."""
 
@@ -71,7 +72,7 @@ class LineMisfit:
     expected: Number
 
 
-@dataclass(frozen=True)
+@frozen
 class EquationMisfit:
     """The misfit of one equation of one record (counted from 0), against what noise would leave."""
 
@@ -81,7 +82,7 @@ class EquationMisfit:
     expected: Number
 
 
-@dataclass(frozen=True)
+@frozen
 class Suspect:
     """What the model may lack, or a channel get wrong.
 
@@ -119,7 +120,7 @@ def _rows(pairs: tuple[tuple[str, float], ...]) -> list[dict[str, Any]]:
     return [{"name": name, "value": value} for name, value in pairs]
 
 
-@dataclass(frozen=True)
+@frozen
 class Alternative:
     """Another answer that fits as well: its misfit, and ``(name, value)`` of each parameter."""
 
@@ -129,7 +130,7 @@ class Alternative:
     ]
 
 
-@dataclass(frozen=True)
+@frozen
 class ModeFit:
     """A measured natural frequency beside that of the estimate.
 
@@ -163,7 +164,7 @@ class ModeFit:
     ] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Unbalance:
     """The unbalance of one plane: what stands there too much, and in which direction.
 
@@ -188,7 +189,7 @@ class Unbalance:
     angle_std_rad: Optional = None
 
 
-@dataclass(frozen=True)
+@frozen
 class SourceFile:
     """A file that went into an estimate, and the sha256 of its content in hexadecimal.
 
@@ -199,7 +200,7 @@ class SourceFile:
     sha256: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Provenance:
     """Where an estimate comes from.
 
@@ -232,7 +233,7 @@ class Provenance:
     environment: str = ""
 
 
-@dataclass(frozen=True)
+@frozen
 class Prediction:
     """How well an estimate predicts one channel: ``|residual| / |measured|`` on the lines."""
 
@@ -263,7 +264,7 @@ else:
     ]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Answer(ByContent):
     """The fields of an `Estimate`, where each is explained, and what only they decide."""
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Strict
+
+from rotorid.frozen import frozen
 
 Kind = Literal["periods", "lines", "phasors", "responses", "samples"]
 # JSON knows no NaN: null stands for a number that is not finite, in both directions.
@@ -15,7 +16,7 @@ Numbers = tuple[Number, ...]
 Count = Annotated[int, Strict()]
 
 
-@dataclass(frozen=True)
+@frozen
 class ChannelEvidence:
     """One channel of a record: what was measured, and what the estimate predicts.
 
@@ -51,7 +52,7 @@ class ChannelEvidence:
     left_out: Count = 0
 
 
-@dataclass(frozen=True)
+@frozen
 class RecordEvidence:
     """One record as it was used.
 
@@ -99,7 +100,7 @@ class RecordEvidence:
                     raise ValueError(f"{length} numbers of each kind, or none")
 
 
-@dataclass(frozen=True)
+@frozen
 class Prior:
     """What was known of a quantity before the records: its value, and a deviation, 0 for exactly.
 
@@ -115,7 +116,7 @@ class Prior:
     std: Number
 
 
-@dataclass(frozen=True)
+@frozen
 class Evidence:
     """What a report shows besides the values.
 

@@ -12,13 +12,14 @@ L a zero-phase low-pass. The motion inside a nonlinear term is low-passed before
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Channel, Check, Integers, Known, Record
 from rotorid.signals.checks import check_record
 from rotorid.signals.conditions import Condition, read_condition
@@ -32,7 +33,7 @@ PASSED = 0.8
 """Of half the rate that decimation leaves, what its low-pass lets pass: the published rule."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class FilteredRecord(Arrays):
     """A record to be low-passed and differentiated, and which of its samples are used.
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.lines import Lines, PhasorClock
 from rotorid.record import Check
 from rotorid.signals.inspection import Judged
 
 
-@dataclass(frozen=True)
+@frozen
 class LineFacts:
     """What one channel of a table holds.
 
@@ -34,7 +33,7 @@ class LineFacts:
     snr_db: float | None
 
 
-@dataclass(frozen=True)
+@frozen
 class LineInspection(Judged):
     """What is in a table.
 

@@ -7,12 +7,13 @@ covariance, and the lines that any function of time and rotor angle has on the s
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Protocol
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import (
     Booleans,
     Channel,
@@ -56,7 +57,7 @@ class Clock(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class PeriodicClock(Arrays):
     """The clock of a record of periods: lines of the mean period.
 
@@ -112,7 +113,7 @@ class PeriodicClock(Arrays):
         return changed(self, speed=speed, angle=angle)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class WholeClock(Arrays):
     """The clock of a whole record: lines of all its samples.
 
@@ -140,7 +141,7 @@ class WholeClock(Arrays):
         return replace(self, speed=np.asarray(speed), angle=speed * self.time)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class PhasorClock(Arrays):
     """The clock of a table of 1x phasors: each line turns at a speed of its own.
 
@@ -176,7 +177,7 @@ class PhasorClock(Arrays):
         return PhasorClock(np.full(len(self.speed), speed))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Samples(Arrays):
     """The samples behind the lines: of a mean period, or of a whole record.
 
@@ -206,7 +207,7 @@ class Samples(Arrays):
         return line_spectra(signals, self.lines_kept)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Beside(Arrays):
     """Lines on which noise shows, one beside the other, and what motion follows there.
 
@@ -232,7 +233,7 @@ class Beside(Arrays):
     noise: Complexes | None = None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class SilentClock(Arrays):
     """The clock of frequency responses: what does not come from the input averages out of them.
 
@@ -261,7 +262,7 @@ def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
     return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Lines(Arrays):
     """Mean lines of a record with their covariance and the loads on the same lines.
 

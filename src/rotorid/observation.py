@@ -7,13 +7,14 @@ the kind again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.filtered import FilteredRecord
+from rotorid.frozen import frozen
 from rotorid.linalg import null_space, sensor_rank
 from rotorid.lines import Lines, SilentClock, WholeClock
 from rotorid.models import Model
@@ -27,7 +28,7 @@ HIDDEN = 1e-6
 """A coordinate with more than this share in a combination that no sensor reads is hidden."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Sensor:
     """What a sensor is: a channel with ``y = sum coefficient * parameters * d^n q / dt^n``.
 
@@ -54,7 +55,7 @@ class Sensor:
         return max(term.order for term in self.terms)
 
 
-@dataclass(frozen=True)
+@frozen
 class Observation:
     """One record bound to a model.
 

@@ -18,11 +18,12 @@ amplitude decays with sigma. No segment is short enough to mend that; it is told
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.lines import Lines
 from rotorid.phasor_lines import lines_at_speeds
 from rotorid.record import Complexes, Floats, Integers, Record
@@ -48,7 +49,7 @@ BEHIND = 1.0
 """Deviations by which phasors may lag behind a changing speed before it is told."""
 
 
-@dataclass(frozen=True)
+@frozen
 class _Cut:
     """A record cut into segments of whole revolutions.
 
@@ -249,7 +250,7 @@ def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
             yield edges
 
 
-@dataclass(frozen=True)
+@frozen
 class _Segment:
     """What one segment tells: middle, phasor, bending, scatter of its revolutions."""
 

@@ -8,13 +8,14 @@ the line is the conjugate of the phasor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.distributions import gamma_tail
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.limits import MAGNITUDE
 from rotorid.lines import Lines, PhasorClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers
@@ -35,7 +36,7 @@ GROWING = (1e-2, 1e6, 65)
 steps of a third, which move deviations by less than they are known to."""
 
 
-@dataclass(frozen=True)
+@frozen
 class _Rows:
     """Rows of a table, sorted by speed: phasors as lines, and what is stated of their noise."""
 

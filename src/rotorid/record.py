@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.steady import WhenRead, changed, first_of, mean_of
 from rotorid.units import quantity
 from rotorid.values import Arrays, read_only
@@ -33,7 +34,7 @@ Known = float | str | tuple[float | str, float | str]
 """A parameter that is known: its value in SI or a text with a unit, or that and its deviation."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Check:
     """What the data showed of one thing, before any model.
 
@@ -67,7 +68,7 @@ class Check:
 _LARGEST = 1e100  # in SI; the squares of larger numbers, and sums of them, may overflow
 
 
-@dataclass(frozen=True)
+@frozen
 class Drive:
     """Says that an input's channel holds the current of a bearing: F = ki i + ks x.
 
@@ -119,7 +120,7 @@ class ForceLaw(Protocol):
         """Return the force with some constants changed by so much."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Channel:
     """One measured quantity.
 
@@ -204,7 +205,7 @@ def check_samples(
             )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class Record(Arrays):
     """Samples as measured, in SI units.
 
@@ -347,7 +348,7 @@ class Record(Arrays):
         return np.asarray(self.speed * time, dtype=float)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class PeriodicRecord(Arrays):
     """A record cut into whole periods, with its lines period by period.
 

@@ -12,12 +12,13 @@ comes from references, from a quiet record, or from the measured inputs in place
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record
 from rotorid.signals.checks_samples import (
@@ -36,7 +37,7 @@ TRANSIENT = 2
 """R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
 
 
-@dataclass(frozen=True)
+@frozen
 class _Window:
     """The samples of a record that are used, and all their lines."""
 
@@ -190,7 +191,7 @@ def _lines_in(
     )
 
 
-@dataclass(frozen=True)
+@frozen
 class _Parts:
     """Cuts a record into parts, the noise of whose lines is that of the whole's, longer by as much.
 
@@ -328,7 +329,7 @@ def _local(
     return local_covariance(every, references, rotation, lines)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Noise:
     """The noise of a record, what is to be said of it, and where else it shows."""
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.frozen import frozen
+
 Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@frozen
 class Steady:
     """A quantity that grows evenly from sample to sample, over whole periods.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 from textwrap import fill
 
+from rotorid.frozen import frozen
 from rotorid.screen import CELL, SENTENCE, one_line, printable, shortened
 
 GAP = "  "
@@ -18,7 +18,7 @@ _NUMBER = re.compile(
 )
 
 
-@dataclass(frozen=True)
+@frozen
 class Table:
     """Headings and rows of text; the first column names the rows.
 

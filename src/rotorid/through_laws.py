@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.lines import Lines, Samples
 from rotorid.record import Floats, ForceLaw
 
@@ -14,7 +14,7 @@ NEAR = 1e-8
 """Displacement in m over which the slope of a law is taken: a hundred thousandth of any gap."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Passed:
     """What went through the law of an input.
 

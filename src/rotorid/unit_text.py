@@ -10,10 +10,11 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING, Any
+
+from rotorid.frozen import frozen
 
 if TYPE_CHECKING:
     import pint
@@ -60,7 +61,7 @@ _COUNTS = re.compile(r"[kKMG]?i?(?:bits?|bytes?|B|baud|Bd|Bq|becquerel)")
 they make angles of gigaradians. Counts, of bits or decays, are no quantity of a rotor either."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Dimension:
     """Powers of kg, m, s, A and K; an angle is a number."""
 
@@ -84,7 +85,7 @@ class Dimension:
         return " ".join(parts) or "plain numbers"
 
 
-@dataclass(frozen=True)
+@frozen
 class Unit:
     """A unit: what turns a value into SI, and SI symbols with their powers.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimators.expectation import Expectation, line_moments
 from rotorid.estimators.prediction import Predicted
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, Observation, bind
 from rotorid.predict import predict_lines
@@ -29,7 +30,7 @@ CHIRP = (5**0.5 - 1) / 2
 data: the loose ends of a whole record take up any smooth step, and follow none that turns so."""
 
 
-@dataclass(frozen=True)
+@frozen
 class ChannelError:
     """How far the prediction of one channel is off.
 
@@ -231,7 +232,7 @@ def _chance(
     return Expectation(float(mean.sum()), float(spread.sum()), dof).p_value(cost)
 
 
-@dataclass(frozen=True)
+@frozen
 class Validated:
     """Whether a result predicts some records.
 

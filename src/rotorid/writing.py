@@ -14,11 +14,11 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 
 Content = Callable[[], bytes]
 Seen = tuple[int, int, int, int] | None
@@ -26,7 +26,7 @@ Seen = tuple[int, int, int, int] | None
 _HEAD = 4096  # bytes at the beginning of a file that say who wrote it
 
 
-@dataclass(frozen=True)
+@frozen
 class Kind:
     """A kind of file that a command writes, and how a file of it is known again.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,11 @@ from rotorid.actuators.constants import (
     require_constants,
 )
 from rotorid.actuators.laws import Differential
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Flux:
     """Force from the flux densities under opposed poles.
 

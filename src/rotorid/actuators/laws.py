@@ -9,7 +9,6 @@ s0, alpha half the angle between the poles, K the constant of a magnet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -23,6 +22,7 @@ from rotorid.actuators.constants import (
     require_constants,
 )
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 
@@ -40,7 +40,7 @@ class CurrentLaw(Protocol):
         """Return the slopes k_i and k_s at a point."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Linear:
     """The linear law, F = k_i i + k_s x.
 
@@ -125,7 +125,7 @@ def bent(flux: Any, knee: Any) -> Any:
 _CONSTANTS = ("constant", "bias", "gap", "angle", "bias_difference", "iron", "saturation")
 
 
-@dataclass(frozen=True)
+@frozen
 class Differential:
     """Two opposed magnets driven by bias plus and minus current.
 

@@ -25,7 +25,7 @@ by its square.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import CurrentLaw, Differential, Linear
 from rotorid.actuators.source import ForceSource
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Channel, Floats, Record
 from rotorid.signals.recorded import quantity
 from rotorid.signals.shift import shifted
@@ -41,7 +42,7 @@ _NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
 _NODES = _NODES + 0.5
 
 
-@dataclass(frozen=True)
+@frozen
 class ForceReading:
     """How the force of one input follows from channels of a record.
 
@@ -180,7 +181,7 @@ def as_channels(sensors: Sequence[Channel], position: Mapping[str, float]) -> di
     return {sensor.name: float(f"{weight:.12g}") for sensor, weight in named if weight}
 
 
-@dataclass(frozen=True)
+@frozen
 class _Reader:
     """Columns of a record, shifted in time."""
 

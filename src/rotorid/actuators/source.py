@@ -8,7 +8,7 @@ it is found again, by inverting the law, and goes through the law with the other
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from rotorid.actuators.constants import with_moved
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import KNEE, Differential, bent
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, LawConstant
 
 KNEE_CONSTANT = "knee"
@@ -38,7 +39,7 @@ _STEPS = 50
 """Newton's steps at most; four or five are taken, a dozen where the iron is near saturation."""
 
 
-@dataclass(frozen=True)
+@frozen
 class ForceSource:
     """The law of a channel's force, as `rotorid.record.ForceLaw` asks.
 

@@ -8,12 +8,13 @@ and start some per cent off.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.frozen import frozen
 from rotorid.identify import identify
 from rotorid.models import Model
 from rotorid.record import Drive, PeriodicRecord
@@ -31,7 +32,7 @@ WEIGHED = 0.005  # kg, deviation of the scale
 MASS = "m1 + m2 + m3"
 
 
-@dataclass(frozen=True)
+@frozen
 class MachineResult:
     """A machine, what its record showed, and what came out beside the truth.
 

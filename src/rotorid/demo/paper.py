@@ -5,7 +5,7 @@ The units are corrected (the paper prints N m, N m^2 and N m^3 for the stiffness
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from rotorid.frozen import frozen
 
 # Columns of the paper's table and the estimators here that they correspond to.
 COLUMNS = {
@@ -16,7 +16,7 @@ COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
+@frozen
 class PaperRow:
     """A row of the paper's Table 1.
 

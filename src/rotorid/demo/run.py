@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from rotorid.estimators import (
     Sequential,
     predict_accuracy,
 )
+from rotorid.frozen import frozen
 from rotorid.identify import identify
 from rotorid.models import Model, load_model
 from rotorid.record import Floats, PeriodicRecord, Record
@@ -57,7 +57,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
 }
 
 
-@dataclass(frozen=True)
+@frozen
 class Example:
     """The first of the records, with its estimates: what the pictures show."""
 
@@ -67,7 +67,7 @@ class Example:
     estimates: Mapping[str, Estimate]
 
 
-@dataclass(frozen=True)
+@frozen
 class DemoResult:
     """Estimates over all runs beside the truth.
 

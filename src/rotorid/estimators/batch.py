@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,12 +12,13 @@ from rotorid.estimators.by_samples import estimate_by_samples, filtered_records
 from rotorid.estimators.family import LinearEstimator, Problem, force_variance, pose
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block, Solution, solve
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Batch(LinearEstimator):
     """``min (F theta - b)' Sigma^-1 (F theta - b)``, Sigma diagonal, all rows at once.
 

@@ -8,12 +8,12 @@ it scatter on their own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Floats, Integers
 
 BLOCKS = 32
@@ -31,7 +31,7 @@ MEMORY = 1.0
 """Deviations of the correlation of neighbours, 1 / sqrt(blocks), from which they are merged."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Scatter:
     """What blocks of the record say of the answer.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from rotorid.estimators.prediction import relative_errors
 from rotorid.estimators.sampled import SampledRegression, predicted
 from rotorid.estimators.summary import Findings, result
 from rotorid.estimators.weighted import Solution, solve
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Check, Floats
 
@@ -36,7 +36,7 @@ what the gate is sure of. Deviations from 32 blocks are an eighth off, from eigh
 cut-off that moves a parameter by the second turns the answer away too: the bias is larger still."""
 
 
-@dataclass(frozen=True)
+@frozen
 class SampleBlock:
     """Equations of one record: ``design @ free = target`` at samples, a deviation per row.
 
@@ -108,7 +108,7 @@ def estimate_by_samples(
     return _summary(method, posed, regressions, fit, _moved(posed, fit, other) + late)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Fit:
     """A solution, with what its deviations come from."""
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rotorid.distributions import f_tail, gamma_tail
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Expectation:
     """Mean and variance of a cost, and the chance of one at least as large."""
 

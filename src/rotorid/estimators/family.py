@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from rotorid.estimators.weighted import (
     sandwich,
     scatter_of_answers,
 )
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.observation import Observation
@@ -38,7 +39,7 @@ LEAST_PERIODS = 4
 """Periods from which the halves of a record have a scatter of their own, for their weights."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Posed:
     """A model in the unknowns that fixed values and exact constraints leave.
 
@@ -100,7 +101,7 @@ class Posed:
         return [*self.full.unit_faults, *unreached, *opened, *cures]
 
 
-@dataclass(frozen=True)
+@frozen
 class Problem(Posed):
     """Regressions of all records, in the unknowns that exact constraints leave.
 
@@ -279,7 +280,7 @@ def force_variance(regression: Regression) -> Floats:
     return np.asarray(variance @ (model.input_matrix.T**2))
 
 
-@dataclass(frozen=True)
+@frozen
 class LinearEstimator:
     """What every estimator of the family takes.
 

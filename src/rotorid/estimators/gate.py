@@ -9,13 +9,14 @@ of the record contradict one another.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import DOUBTFUL, Value
 from rotorid.estimators.expectation import Expectation
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm, speed_factor
@@ -59,7 +60,7 @@ ROUNDING = 1e-9
 """Share of its terms below which a balance of inertias is rounding."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Verdict:
     """What the gate says: reasons to turn an estimate away, and mere doubts."""
 

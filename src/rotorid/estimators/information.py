@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimators.family import force_variance
 from rotorid.estimators.regression import Regression
 from rotorid.estimators.weighted import Block
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, bind
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Information:
     """Information of the rows with a measured force.
 

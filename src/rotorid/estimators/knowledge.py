@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 import scipy
 
 from rotorid.errors import InputError, ModelError
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.terms import polynomial
 from rotorid.observation import Observation
@@ -55,7 +55,7 @@ def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
     return found
 
 
-@dataclass(frozen=True)
+@frozen
 class Constraint:
     """``expression = value``, exactly or with a standard deviation.
 
@@ -168,7 +168,7 @@ def constraint_polynomial(
     return {m: float(c) for m, c in found.items() if c} or {(0,) * len(model.parameter_names): 0.0}
 
 
-@dataclass(frozen=True)
+@frozen
 class Elimination:
     """Base parameters written with fewer unknowns: ``base = origin + basis @ free``.
 

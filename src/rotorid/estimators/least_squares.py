@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,11 +10,12 @@ from rotorid.estimate import Estimate
 from rotorid.estimators.by_samples import estimate_by_samples, filtered_records
 from rotorid.estimators.family import LinearEstimator, Problem, pose
 from rotorid.estimators.weighted import Block, Solution, solve
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 
 
-@dataclass(frozen=True)
+@frozen
 class LeastSquares(LinearEstimator):
     """``min |F theta - b|^2`` over all rows and samples alike.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Literal
 
@@ -29,11 +29,12 @@ from rotorid.estimators.likelihood.result import nothing_found, summarize
 from rotorid.estimators.likelihood.unknowns import linear_form
 from rotorid.estimators.likelihood.verdict import block_scatter, verdict
 from rotorid.estimators.modes import Mode, in_units_of
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, Observation, bind_all
 
 
-@dataclass(frozen=True)
+@frozen
 class MaximumLikelihood:
     """``min sum_k c_k e_k^H V_k^-1 e_k`` over the lines: efficient, with error bars that hold.
 

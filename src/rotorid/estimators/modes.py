@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.knowledge import in_si
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.units import quantity
 
 
-@dataclass(frozen=True)
+@frozen
 class Mode:
     """A natural frequency, and perhaps a damping ratio, that a test gave.
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.estimate_parts import Prediction
 from rotorid.estimators.regression import Regression
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Predicted:
     """Lines of some channels of a record, measured and predicted.
 

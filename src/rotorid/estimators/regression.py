@@ -9,12 +9,12 @@ motion read, on line k and in row r,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.lines import PeriodicClock, PhasorClock
 from rotorid.models import Model, Motion
 from rotorid.models.evaluation import is_usable
@@ -110,7 +110,7 @@ def check_forces(seen: Observation) -> None:
             )
 
 
-@dataclass(frozen=True)
+@frozen
 class Regression:
     """The equations of motion of one record, on its lines.
 

@@ -13,16 +13,16 @@ is the smallest there is, this takes any weights: what they leave is in the mean
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.estimators.expectation import Expectation, line_moments
 from rotorid.estimators.likelihood.noise import FLOOR
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Fitted:
     """Equations of one record at the answer, on its lines.
 

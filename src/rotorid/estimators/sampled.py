@@ -8,7 +8,7 @@ filtered once, exactly; others are computed from the low-passed motion, then fil
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from rotorid.errors import InputError
 from rotorid.estimators.prediction import Predicted
 from rotorid.estimators.regression import check_forces, sensed
 from rotorid.filtered import SPILLED, FilteredRecord, told_of
+from rotorid.frozen import frozen
 from rotorid.models import Model, Motion
 from rotorid.models.evaluation import evaluate, is_usable
 from rotorid.models.expression import Expression, symbol
@@ -32,7 +33,7 @@ SLOW = 0.005
 of an axis that is held leaves more than its noise; an axis that turns is through in no time."""
 
 
-@dataclass(frozen=True)
+@frozen
 class SampledRegression:
     """The equations of motion of one record at the samples that are used.
 
@@ -157,7 +158,7 @@ class SampledRegression:
         )
 
 
-@dataclass(frozen=True)
+@frozen
 class Stretch:
     """A part of a record without samples that must not enter the filter.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,13 +11,14 @@ from rotorid.estimators.by_samples import refuse_filtered
 from rotorid.estimators.family import LinearEstimator, Problem, force_variance, pose
 from rotorid.estimators.regression import Regression, driven_rows
 from rotorid.estimators.weighted import Block, Solution, pooled, solve
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Data, bind_all
 from rotorid.record import Booleans, Complexes, Floats, Integers
 from rotorid.signals.spectrum import synthesize
 
 
-@dataclass(frozen=True)
+@frozen
 class Stage:
     """Rows that are solved together, and the unknowns that they determine."""
 
@@ -26,7 +26,7 @@ class Stage:
     unknowns: tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Sequential(LinearEstimator):
     """Weighted least squares in stages, no weight to choose.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from rotorid.estimate_parts import Prediction, Value
 from rotorid.estimators.derived import physical_from_base
 from rotorid.estimators.prediction import by_regression, relative_errors
 from rotorid.estimators.regression import Regression
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Booleans, Complexes, Floats
 
@@ -44,7 +45,7 @@ def summarize(
     return result(method, full, fixed, model, findings)
 
 
-@dataclass(frozen=True)
+@frozen
 class Findings:
     """What a regression found, as an `Estimate` states it.
 

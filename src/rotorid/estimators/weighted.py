@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.covariance import choose_covariance
 from rotorid.signals.spectrum import synthesize
@@ -31,7 +31,7 @@ def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
     return np.asarray(np.maximum(raised, floor))
 
 
-@dataclass(frozen=True)
+@frozen
 class Block:
     """Equations of one record: ``design @ free = target`` on lines, weighted by sample.
 
@@ -85,7 +85,7 @@ class Equations(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@frozen
 class Solution:
     """What least squares gives.
 

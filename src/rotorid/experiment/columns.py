@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import lru_cache
 from typing import Literal
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.record import Floats
@@ -54,7 +54,7 @@ _EXCITATION = re.compile(
 _NO_PATH = re.compile(r"\b([A-Za-z0-9])/([xyzXYZ])\b")  # plane and axis
 
 
-@dataclass(frozen=True)
+@frozen
 class Found:
     """A column of a file.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from rotorid.experiment.columns import (
     sensors_at_inputs,
 )
 from rotorid.experiment.schema import OPEN
+from rotorid.frozen import frozen
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.reading import check_magnitude, largest_of
@@ -49,7 +49,7 @@ _MOST_LINES = 30  # that are listed; more make a band
 _MOST_NAMES = 8  # of columns that may be one input
 
 
-@dataclass(frozen=True)
+@frozen
 class _Clock:
     """What is known of the sample times of a record."""
 
@@ -59,7 +59,7 @@ class _Clock:
     note: str = ""
 
 
-@dataclass(frozen=True)
+@frozen
 class _Run:
     """The files of one record, and what is in them."""
 

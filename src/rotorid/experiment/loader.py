@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -40,6 +40,7 @@ from rotorid.experiment.twice import (
     shared_currents,
 )
 from rotorid.experiment.zero_of_angle import Wave, check_rotation, check_told, wave_of
+from rotorid.frozen import frozen
 from rotorid.io import READERS
 from rotorid.models import Model, load_model
 from rotorid.observation import Measured
@@ -49,7 +50,7 @@ from rotorid.signals.period_lines import KEYS
 from rotorid.toml import read_toml
 
 
-@dataclass(frozen=True)
+@frozen
 class Experiment:
     """What an experiment file says; its records are read when they are asked for.
 
@@ -280,7 +281,7 @@ class Experiment:
             raise error.at(file=self.file) from None
 
 
-@dataclass(frozen=True)
+@frozen
 class _SoFar:
     """What records that were read are held against."""
 

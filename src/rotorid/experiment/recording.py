@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from rotorid.errors import InputError
 from rotorid.experiment.names import combination_of, dynamics_of, source, timing
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
 from rotorid.filtered import FilteredRecord, filtered
+from rotorid.frozen import frozen
 from rotorid.io import Source, read_record
 from rotorid.io.blocks import RecordBlocks, open_blocks
 from rotorid.lines import Lines
@@ -35,7 +36,7 @@ _MARK = "the mark of the rotor angle"
 _REFERENCE = "reference "
 
 
-@dataclass(frozen=True)
+@frozen
 class InputLaw:
     """How an input's force follows from columns.
 
@@ -56,7 +57,7 @@ class InputLaw:
     shared: Mapping[str, str]
 
 
-@dataclass(frozen=True)
+@frozen
 class Recording:
     """Where the columns of a record come from, and what is made of them.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from rotorid.experiment.table_columns import (
     complex_column,
     std_column,
 )
+from rotorid.frozen import frozen
 from rotorid.io import open_tables
 from rotorid.io.reading import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
@@ -30,7 +31,7 @@ from rotorid.responses import response_lines
 from rotorid.units import multiply_units, si_factor, to_si
 
 
-@dataclass(frozen=True)
+@frozen
 class _Response:
     """One response in SI, with what is told of its noise."""
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.experiment.schema import ChannelEntry
+from rotorid.frozen import frozen
 from rotorid.io.reading import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
 from rotorid.record import Complexes, Floats
 from rotorid.units import si_factor, to_si
 
 
-@dataclass(frozen=True)
+@frozen
 class Columns:
     """The columns of a table, in SI."""
 

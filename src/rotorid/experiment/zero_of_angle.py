@@ -9,12 +9,12 @@ same but a hundred times as large is one in another unit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.experiment.schema import RecordEntry
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Complexes, Record
 
@@ -28,7 +28,7 @@ LARGE = 100.0
 """Factor from which on a line as a whole is in another unit, mm for um: no balancing does that."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Wave:
     """The rotation's line of the sensors of a record; `told`: where its angle begins is said."""
 

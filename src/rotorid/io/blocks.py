@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.opening import open_tables
 from rotorid.io.reading import (
     Source,
@@ -43,7 +43,7 @@ class BlockedTable(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@frozen
 class RecordBlocks:
     """What a `Record` says of itself, and its samples in blocks.
 

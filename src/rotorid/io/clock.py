@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import ReadError
+from rotorid.frozen import frozen
 from rotorid.io.table import Rate
 from rotorid.record import Complexes, Floats
 
@@ -34,7 +34,7 @@ _TAPS = 12  # of the interpolation: 1e-4 at a quarter of the sample rate, for a 
 _BLOCK = 1 << 16
 
 
-@dataclass(frozen=True)
+@frozen
 class Clock:
     """What sample times tell.
 

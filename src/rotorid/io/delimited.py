@@ -6,7 +6,6 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.dialect import CLOCK, COMMENTS, Dialect, find_dialect, split
 from rotorid.io.table import Column, content, head, no_column, not_what_it_says, too_large
 from rotorid.limits import DIGITS, LINE_CHARACTERS, SMALL_TEXT
@@ -27,7 +27,7 @@ _FAST = 32_000_000  # bytes from which on pyarrow, where it is installed, saves 
 _DAY = 86400.0
 
 
-@dataclass(frozen=True)
+@frozen
 class DelimitedTable:
     """An open text table; its numbers are read when they are asked for."""
 

@@ -6,9 +6,9 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.preamble import stated_rate
 from rotorid.io.table import Rate
 from rotorid.limits import COLUMNS, DIGITS, UNIT_CHARACTERS
@@ -27,7 +27,7 @@ _DELIMITERS = ("\t", ";", ",", " ")
 _BODY = 12  # rows from which the delimiter is judged
 
 
-@dataclass(frozen=True)
+@frozen
 class Dialect:
     """How a text table is written.
 

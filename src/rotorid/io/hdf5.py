@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.files import open_regular
+from rotorid.frozen import frozen
 from rotorid.io.child import from_child, in_child
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
 from rotorid.io.hdf5_packing import Packing, attribute, packing_of
@@ -38,7 +39,7 @@ _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
 
 
-@dataclass(frozen=True)
+@frozen
 class Told:
     """What a file says of a column, and where its numbers lie bare in it, if they do."""
 
@@ -52,7 +53,7 @@ class Told:
         return Column(self.packing.unpacked(stored), self.unit, self.rate)
 
 
-@dataclass(frozen=True)
+@frozen
 class Hdf5Table(NamedArrays):
     """An HDF5 file; its numbers are read when they are asked for.
 

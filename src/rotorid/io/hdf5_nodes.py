@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 
 from rotorid.errors import ReadError
+from rotorid.frozen import frozen
 from rotorid.io.child import in_child
 from rotorid.io.table import is_numeric, reading
 from rotorid.limits import DEPTH, NODES
@@ -22,7 +23,7 @@ _ELSEWHERE = "a link into another file"
 _TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
 
 
-@dataclass(frozen=True)
+@frozen
 class Node:
     """A data set, the field of it where it is a table of records, and the groups above it."""
 

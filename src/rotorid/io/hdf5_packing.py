@@ -5,18 +5,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import h5py
 import numpy as np
 
 from rotorid.errors import ReadError
+from rotorid.frozen import frozen
 from rotorid.io.table import is_numeric
 from rotorid.limits import COLUMNS
 
 
-@dataclass(frozen=True)
+@frozen
 class Packing:
     """How stored numbers become samples.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import h5py
@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorid.errors import ReadError
 from rotorid.files import check_beside, check_regular
+from rotorid.frozen import frozen
 from rotorid.io.hdf5_nodes import find, opened
 from rotorid.io.table import check_held
 from rotorid.limits import CHUNK_BYTES, PARTS, REFERENCES
@@ -23,7 +24,7 @@ from rotorid.limits import CHUNK_BYTES, PARTS, REFERENCES
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
 
 
-@dataclass(frozen=True)
+@frozen
 class Bare:
     """Numbers that lie in a file in one piece and as they do in memory.
 

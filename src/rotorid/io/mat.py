@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.files import open_regular
+from rotorid.frozen import frozen
 from rotorid.io import mat4, mat5
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.mat5 import Packed, Plain, Stored
@@ -25,7 +25,7 @@ from rotorid.io.table import (
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class MatTable(NamedArrays):
     """A MATLAB file; its numbers are read when they are asked for."""
 

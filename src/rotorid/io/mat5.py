@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.io.table import check_size
 from rotorid.limits import DEPTH, NODES
 
@@ -38,7 +38,7 @@ _PARTS = 10  # of an array: tags, flags, shape, name
 Order = Literal["little", "big"]
 
 
-@dataclass(frozen=True)
+@frozen
 class Stored:
     """Where the numbers of an array lie, column by column, in the file or a packed part of it.
 
@@ -171,7 +171,7 @@ def _tag(source: Plain | Packed, place: int, end: int, order: Order) -> tuple[in
     return kind, begin, size, after
 
 
-@dataclass(frozen=True)
+@frozen
 class _Walker:
     """Goes through the elements of a matrix."""
 

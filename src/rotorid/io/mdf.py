@@ -9,7 +9,6 @@ import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.files import open_regular
+from rotorid.frozen import frozen
 from rotorid.io.child import in_child
 from rotorid.io.clock import even_rate
 from rotorid.io.table import (
@@ -39,7 +39,7 @@ _PACKED, _PACKED_HEAD = b"##DZ", struct.Struct("<4s4xQQ2s6xQQ")
 _PACKED_KINDS = (b"DT", b"SD", b"RD", b"DV", b"DI", b"RV", b"RI", b"dt", b"sd", b"rd")
 
 
-@dataclass(frozen=True)
+@frozen
 class MdfTable(NamedArrays):
     """An MDF file; its numbers are read when they are asked for."""
 

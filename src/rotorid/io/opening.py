@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.delimited import open_delimited
 from rotorid.io.table import Column, Table, content, head, no_column
 
@@ -45,7 +45,7 @@ READERS: Mapping[str, Callable[[Path], Table]] = {
 }
 
 
-@dataclass(frozen=True)
+@frozen
 class JoinedTables:
     """Several files of one clock: their columns beside one another.
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rotorid.errors import ReadError
+from rotorid.frozen import frozen
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -25,7 +25,7 @@ from rotorid.limits import COLUMNS
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class ParquetTable(NamedArrays):
     """A Parquet file; its numbers are read when they are asked for."""
 

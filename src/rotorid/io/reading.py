@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rotorid.dynamics import Dynamics
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.opening import open_tables
 from rotorid.io.table import Column, Table
 from rotorid.io.timing import on_grid, weigh_clock
@@ -21,7 +22,7 @@ from rotorid.units import check_unit, si_factor, to_si
 _TIME, _MASK = "time", "mask"
 
 
-@dataclass(frozen=True)
+@frozen
 class Source:
     """Where a channel comes from in a file, and how it was recorded.
 

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorid.errors import InputError, ReadError
 from rotorid.files import open_regular
+from rotorid.frozen import frozen
 from rotorid.limits import COMPRESSION, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
 from rotorid.record import Floats
 
@@ -35,7 +36,7 @@ _SIGNATURES = {
 }
 
 
-@dataclass(frozen=True)
+@frozen
 class Rate:
     """A sample rate that a file states.
 
@@ -50,7 +51,7 @@ class Rate:
     rounding: float = 1e-12
 
 
-@dataclass(frozen=True)
+@frozen
 class Column:
     """Samples of one column as they stand in the file, and what the file states of them.
 
@@ -210,7 +211,7 @@ def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") 
     )
 
 
-@dataclass(frozen=True)
+@frozen
 class Place:
     """Where a column lies: the path of an array, and of a 2-D one the index and its axis."""
 
@@ -224,7 +225,7 @@ class Place:
         return f"{self.path}[{self.index}]"
 
 
-@dataclass(frozen=True)
+@frozen
 class NamedArrays:
     """A file of arrays found by path, or by the end of it where that is unique.
 
@@ -306,7 +307,7 @@ class NamedArrays:
         return fitting[0]
 
 
-@dataclass(frozen=True)
+@frozen
 class LoadedArrays(NamedArrays):
     """Arrays that are in memory already."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from rotorid.errors import ReadError
 from rotorid.files import open_regular
+from rotorid.frozen import frozen
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -33,7 +33,7 @@ _LEAD = struct.Struct("<4siiqq")  # of a segment: its contents as bits, its vers
 _LISTS, _ANEW, _BIG = 1 << 1, 1 << 2, 1 << 6  # objects listed, all anew, numbers of the other order
 
 
-@dataclass(frozen=True)
+@frozen
 class TdmsTable(NamedArrays):
     """A TDMS file; its numbers are read when they are asked for."""
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.io.clock import (
     BEARABLE,
     NEGLIGIBLE,
@@ -26,7 +27,7 @@ BESIDE = 0.5
 """Samples up to which no sample stands beside the wrong one."""
 
 
-@dataclass(frozen=True)
+@frozen
 class RecordClock:
     """The sample rate of a record, the samples that count, and their stamps where these jitter."""
 

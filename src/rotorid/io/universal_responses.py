@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rotorid.errors import ReadError
+from rotorid.frozen import frozen
 from rotorid.io.table import reading
 from rotorid.io.universal import read_sets, text_of
 from rotorid.record import Complexes, Floats
@@ -19,7 +19,7 @@ _QUANTITIES = {8: "", 11: "'", 12: "''"}  # displacement, velocity, acceleration
 _AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 
-@dataclass(frozen=True)
+@frozen
 class StoredResponse:
     """One frequency response of a file.
 

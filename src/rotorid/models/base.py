@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.models import cost
 from rotorid.models.dependence import independent_signals
 from rotorid.models.expression import Expression, Monomial
@@ -18,7 +18,7 @@ from rotorid.record import Floats, Integers
 from rotorid.units import multiply_units
 
 
-@dataclass(frozen=True)
+@frozen
 class BaseParameters:
     """Independent combinations of parameter monomials.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.models.terms import DERIVATIVES, polynomial
 
 
-@dataclass(frozen=True)
+@frozen
 class SensorTerm:
     """``coefficient * parameters^powers * d^order q / dt^order`` of one coordinate.
 

@@ -8,10 +8,11 @@ identify.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property
 from typing import Any
+
+from rotorid.frozen import frozen
 
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh")
@@ -23,7 +24,7 @@ Monomial = tuple[int, ...]  # exponent of each parameter
 Terms = dict[tuple[Monomial, "Expression"], Fraction]
 
 
-@dataclass(frozen=True)
+@frozen
 class Expression:
     """What `kind` says of `parts`.
 

@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.models.dimensions import product_dimension, symbol_dimensions
 from rotorid.models.expression import Expression, Monomial
 from rotorid.models.linear import motion_factor
@@ -123,7 +124,7 @@ Key = tuple[int, Expression, Monomial]
 """Of a coefficient of K, D or M: order of the derivative, factor of the speed, parameters."""
 
 
-@dataclass(frozen=True)
+@frozen
 class _Equation:
     """What is typed of one coordinate's equation.
 

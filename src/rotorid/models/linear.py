@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
+from rotorid.frozen import frozen
 from rotorid.models.evaluation import evaluate, is_usable
 from rotorid.models.expression import RESERVED, Expression, product, symbol
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Term:
     """``coefficient * monomial * signal`` in one row of the left sides."""
 
@@ -28,7 +29,7 @@ class Term:
     signal: Expression
 
 
-@dataclass(frozen=True)
+@frozen
 class InputTerm:
     """``coefficient * monomial * input`` in one row of the right sides."""
 
@@ -38,7 +39,7 @@ class InputTerm:
     coefficient: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Matrices:
     """M, D, G, K (row, coordinate), B (row, input), and H (row, coordinate), in SI units.
 
@@ -54,7 +55,7 @@ class Matrices:
     H: Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class StiffnessTerm:
     """``coefficient * monomial * factor(Omega) * d^order q / dt^order``.
 
@@ -128,7 +129,7 @@ class StiffnessTable:
         return tuple(np.unique(self.monomial).tolist())
 
 
-@dataclass(frozen=True)
+@frozen
 class LinearForm:
     """Equations that are linear in the coordinates, with constant coefficients.
 

@@ -7,13 +7,14 @@ radians and newtons beside newton metres, and lambda by a frequency of the machi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 FREE = 1e-14
@@ -34,7 +35,7 @@ SWEEPS = 8
 """Sweeps of the scaling: each takes the root of what is left."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Eigenmodes:
     """Oscillating modes in ascending order of frequency; rigid-body modes are left out.
 
@@ -109,7 +110,7 @@ def eigenvalues(
     return np.asarray(values[order] * pencil.unit, dtype=np.complex128)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Scaled:
     """The pencil with rows, columns and lambda scaled to entries of one size."""
 

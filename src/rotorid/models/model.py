@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
 from textwrap import shorten
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError, ModelError
+from rotorid.frozen import frozen
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.dimensions import unit_faults
 from rotorid.models.evaluation import evaluate
@@ -37,7 +38,7 @@ from rotorid.record import Floats, Integers
 from rotorid.tables import page_html, table
 
 
-@dataclass(frozen=True)
+@frozen
 class Parameter:
     """A physical parameter: its SI unit, a starting value (SI), and whether it is positive."""
 
@@ -47,7 +48,7 @@ class Parameter:
     positive: bool = False
 
 
-@dataclass(frozen=True)
+@frozen
 class Motion:
     """Signals at which equations are evaluated; leading axes broadcast.
 
@@ -68,7 +69,7 @@ class Motion:
     speed: float | Floats
 
 
-@dataclass(frozen=True, repr=False)
+@frozen
 class Model:
     """Equations of motion as text, with what follows from them.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from importlib.resources import files
@@ -21,6 +21,7 @@ from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
 from lark.exceptions import VisitError
 
 from rotorid.errors import ModelError
+from rotorid.frozen import frozen
 from rotorid.models import cost
 from rotorid.models.expression import (
     FUNCTIONS,
@@ -108,7 +109,7 @@ def to_sympy(value: Expression) -> Symbolic:
     return sp.Add(*inner) if value.kind == "sum" else _FUNCTIONS[value.kind](*inner)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Node:
     """An expression with bounds on what expanding it costs."""
 

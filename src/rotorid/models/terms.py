@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 from rotorid.errors import ModelError
+from rotorid.frozen import frozen
 from rotorid.models import cost
 from rotorid.models.expression import (
     MAX_EXPONENT,
@@ -23,7 +23,7 @@ from rotorid.models.plain import Polynomial, read_plain
 DERIVATIVES = ("", "'", "''")
 
 
-@dataclass(frozen=True)
+@frozen
 class Names:
     """The declared names of a model, in order."""
 
@@ -38,7 +38,7 @@ class Names:
         return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
 
 
-@dataclass(frozen=True)
+@frozen
 class Product:
     """``coefficient * monomial(parameters) * signal`` in one equation."""
 
@@ -48,7 +48,7 @@ class Product:
     signal: Expression
 
 
-@dataclass(frozen=True)
+@frozen
 class Equations:
     """All equations: the sum of `left` in each row equals the sum of `right`.
 

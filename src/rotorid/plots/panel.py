@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rotorid.frozen import frozen
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +26,7 @@ MOST_PANELS = 24
 """Channels with a panel of their own: what a page still shows."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Curve:
     """Numbers over numbers, drawn one way.
 
@@ -52,7 +54,7 @@ class Curve:
     told: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Matrix:
     """Numbers by row and column, as colours from `low` to `high`.
 
@@ -74,7 +76,7 @@ class Matrix:
     written: bool = False
 
 
-@dataclass(frozen=True)
+@frozen
 class Axis:
     """An axis: its title with the unit, whether it is logarithmic, its ends, names at its ticks."""
 
@@ -84,7 +86,7 @@ class Axis:
     names: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Panel:
     """One pair of axes.
 

@@ -13,12 +13,13 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from rotorid.frozen import frozen
 from rotorid.plots.interactive import spec
 from rotorid.plots.panel import Curve, Panel, key_of, thinned
 from rotorid.screen import printable
 
 
-@dataclass(frozen=True)
+@frozen
 class Picture:
     """Panels side by side, with what they show in words.
 

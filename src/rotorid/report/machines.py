@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.plots import machines as drawn
 from rotorid.report.html import Picture, pictures, render
@@ -34,7 +34,7 @@ SPEEDS = 121
 RPM = 30 / np.pi
 
 
-@dataclass(frozen=True)
+@frozen
 class Part:
     """What a page shows of a machine: a verdict, sentences, tables with their titles, pictures."""
 

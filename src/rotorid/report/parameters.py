@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from rotorid.estimate import Estimate
 from rotorid.estimate_page import HALF_WIDTH
 from rotorid.estimate_parts import Value
 from rotorid.evidence import Prior
+from rotorid.frozen import frozen
 
 WIDTH = 140  # of a row's bars, in pixels
 PLAIN = (1e-3, 1e7)
@@ -18,7 +18,7 @@ _MARGIN = 4
 PM = "\N{PLUS-MINUS SIGN}"
 
 
-@dataclass(frozen=True)
+@frozen
 class Bar:
     """Two intervals on one scale: their ends in pixels, and in words."""
 
@@ -27,7 +27,7 @@ class Bar:
     told: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Row:
     """A quantity as the page shows it."""
 
@@ -41,7 +41,7 @@ class Row:
     bar: Bar | None
 
 
-@dataclass(frozen=True)
+@frozen
 class Group:
     """Rows that belong together, under a title."""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import DOUBTFUL
+from rotorid.frozen import frozen
 
 OPEN, CURE = "not identifiable: ", "cure: "  # how warnings begin that an estimate states
 AS_NOISE = 1.5
@@ -25,7 +25,7 @@ METHODS = {
 }
 
 
-@dataclass(frozen=True)
+@frozen
 class Verdict:
     """A sentence, steps to take (what to do, or what to mind), and what is left open."""
 

@@ -11,13 +11,14 @@ that W* has by that of the estimate.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.distributions import bound_of_length
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.linalg import rank_of_columns
 from rotorid.models.linear import solved
 from rotorid.record import Complexes, Floats
@@ -26,6 +27,7 @@ from rotorid.results.masses import Masses, chosen
 from rotorid.results.model import own_model
 from rotorid.results.modes import finite_speed
 from rotorid.results.planes import plane_column, rotor_mass, shares_of
+from rotorid.values import ByContent
 
 STEP = 0.05
 """Step of the values, in their deviations, for the derivative of the correction."""
@@ -39,7 +41,7 @@ DEPENDENT = 1e-6
 """Planes whose effects differ by less than this share do the same: no measurement tells them."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Correction:
     """What is to be added in one plane.
 
@@ -64,7 +66,7 @@ class Correction:
     masses: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Residual:
     """What is left in one plane after the correction.
 
@@ -89,8 +91,8 @@ class Residual:
     off_kg_m: float
 
 
-@dataclass(frozen=True, eq=False)
-class Balance:
+@frozen
+class Balance(ByContent):
     """Corrections, and what is left after them.
 
     Parameters
@@ -298,7 +300,7 @@ def _too_coarse(
     return found
 
 
-@dataclass(frozen=True)
+@frozen
 class _Task:
     """What a correction is to do: planes as columns (row, plane), speeds, what is weighed."""
 

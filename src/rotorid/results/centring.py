@@ -8,7 +8,7 @@ fed forward in place of what the controller would answer with.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
@@ -17,6 +17,7 @@ from rotorid.actuators.entry import LawEntry, law_keys
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.record import Complexes
 from rotorid.results.balancing import STEP, unbalanced
 from rotorid.results.machine import Machine, machine_of
@@ -26,7 +27,7 @@ from rotorid.results.unbalance import amplitude_std
 from rotorid.toml import table_within
 
 
-@dataclass(frozen=True)
+@frozen
 class Feedforward:
     """What one axis needs so that its magnet exerts no force on the rotation's line.
 

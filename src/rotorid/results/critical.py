@@ -10,7 +10,7 @@ of its intervals where matrices do not depend on the speed otherwise. Notation a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
@@ -18,6 +18,7 @@ import scipy.optimize
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.machine import Machine, machine_of
@@ -34,6 +35,7 @@ from rotorid.results.modes import (
     whirls_of,
 )
 from rotorid.results.whirl import Whirl
+from rotorid.values import ByContent
 
 POINTS = 61
 """Speeds of a diagram."""
@@ -51,7 +53,7 @@ CURVES, SPARE = 24, 8
 """Curves of a diagram: the lowest; and those above that are followed with them, and may fall."""
 
 
-@dataclass(frozen=True)
+@frozen
 class CriticalSpeed:
     """A speed at which a natural frequency is that of the rotation.
 
@@ -76,8 +78,8 @@ class CriticalSpeed:
     interval: tuple[float, float] | None
 
 
-@dataclass(frozen=True, eq=False)
-class Campbell:
+@frozen
+class Campbell(ByContent):
     """Natural frequencies over the speed, and critical speeds.
 
     Parameters

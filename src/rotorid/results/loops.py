@@ -8,12 +8,13 @@ is in C, so that ``- C P`` is L, and ``det(I + L)`` says how near the loop is to
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Complexes, Floats
 from rotorid.results.balancing import STEP
@@ -24,7 +25,7 @@ from rotorid.results.planes import directions_of, shares_of
 from rotorid.results.sensitivity import AxisSensitivity, peak_of
 
 
-@dataclass(frozen=True)
+@frozen
 class LoopSensitivity:
     """Sensitivity of each loop as it follows from plant and controller.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from rotorid.estimate import Estimate, check_units
 from rotorid.estimators.derived import physical_fit
 from rotorid.estimators.likelihood.modal import Pencil
 from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.frozen import frozen
 from rotorid.models import LinearForm, Model
 from rotorid.models.expression import Expression
 from rotorid.models.force_balance import force_balance
@@ -30,7 +31,7 @@ NEAR = 0.01
 """Share by which values are moved to see which modes are one in general, and not by chance."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Machine:
     """A machine that is linear in its coordinates, at its values.
 

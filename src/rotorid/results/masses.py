@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 from rotorid.units import quantity
 
@@ -23,7 +23,7 @@ Mounted = tuple[tuple[float, float], ...]
 """Masses and angles in one plane."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Masses:
     """What can be mounted in a plane: radius in m, masses in kg, number of holes."""
 

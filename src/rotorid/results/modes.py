@@ -10,13 +10,14 @@ D + Omega G) X)``, are drawn from the covariance.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar, cast
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted
 from rotorid.record import Complexes, Floats, Integers
@@ -38,7 +39,7 @@ NORMAL = 1.959964
 """Deviations to each side that hold 95 percent of a normal distribution."""
 
 
-@dataclass(frozen=True)
+@frozen
 class NaturalMode:
     """One natural frequency of a machine.
 
@@ -77,7 +78,7 @@ class NaturalMode:
     shape: tuple[complex, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Modes:
     """The distinct natural frequencies of a machine at a speed, in ascending order.
 
@@ -110,7 +111,7 @@ class Modes:
     remarks: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Eigen:
     """The modes of a machine at a speed with the derivatives of their eigenvalues.
 

@@ -10,11 +10,12 @@ Error of output, by Gauss and Newton from the steps of Sanathanan and Koerner.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 
 POLES = (0, 1, 2, 3)
@@ -45,7 +46,7 @@ NARROWEST = 0.5
 """Lines by which a pole lies off the real axis, at the least: less is chance, or no decay."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Part:
     """Lines beside each other.
 
@@ -99,7 +100,7 @@ def _svd(matrix: Complexes) -> tuple[Complexes, Complexes]:
     return np.asarray(left[:, kept]), np.asarray(root)
 
 
-@dataclass(frozen=True)
+@frozen
 class Curve:
     """N / A and T / A fitted to lines."""
 
@@ -230,7 +231,7 @@ def _weighed(curve: Curve) -> Part:
     return replace(curve.part, weight=1 / np.sqrt(sizes[int(np.argmin(cost))]))
 
 
-@dataclass(frozen=True)
+@frozen
 class Peak:
     """The peak of a curve.
 
@@ -358,7 +359,7 @@ def best_curve(part: Part) -> Curve:
     return again if again.decays else held
 
 
-@dataclass(frozen=True)
+@frozen
 class Band:
     """The lines of a whole record, and which r is the own of e."""
 
@@ -392,7 +393,7 @@ class Band:
         return None
 
 
-@dataclass(frozen=True)
+@frozen
 class Found:
     """A peak, where it is, the lines that it was fitted to, their span and its width in Hz."""
 

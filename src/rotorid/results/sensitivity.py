@@ -15,12 +15,13 @@ periods that of a resonance fitted to the lines about it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers, PeriodicRecord, Record
 from rotorid.results.peak import Band, Found, peak_near
 from rotorid.signals.covariance import choose_covariance
@@ -78,7 +79,7 @@ ALONE = 1e-6
 """Share of another axis' excitation in a direction that is still called an axis' own."""
 
 
-@dataclass(frozen=True)
+@frozen
 class AxisSensitivity:
     """The sensitivity of one loop.
 
@@ -385,7 +386,7 @@ def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
     return variance, freedom
 
 
-@dataclass(frozen=True)
+@frozen
 class _Whole:
     """One axis of a whole record: S in windows, the lines, and where S may be highest."""
 
@@ -500,7 +501,7 @@ def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
     )
 
 
-@dataclass(frozen=True)
+@frozen
 class _Window:
     """The regression of one window; `at` is the first column of S."""
 
@@ -601,7 +602,7 @@ def _starts(at: Integers, about: int, count: int) -> Integers:
     return np.asarray(np.clip(at - about // 2, 0, count - about))
 
 
-@dataclass(frozen=True)
+@frozen
 class _Curve:
     """``(a_0 + .. + a_m x^m) / (1 + c_1 x + .. + c_n x^n)`` through lines, x from -1 to 1.
 

@@ -7,13 +7,13 @@ their own: with damping they are states of first order, without it they follow f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Booleans, Floats, Integers
 from rotorid.results.machine import Machine, machine_of
@@ -25,7 +25,7 @@ SINGULAR = 1e-12
 """Reciprocal condition of a scaled matrix below which it is singular to rounding."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen
 class StateSpace(ByContent):
     """Matrices of a linear machine at one speed, in SI units.
 
@@ -198,7 +198,7 @@ def _spaces(
     )
 
 
-@dataclass(frozen=True)
+@frozen
 class _Condensed:
     """Coordinates that follow from the others at once: what is left, and how they follow."""
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimate import Estimate
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Complexes, Floats
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import finite_speed
+from rotorid.values import ByContent
 
 POINTS = 241
 """Speeds of a response curve."""
 
 
-@dataclass(frozen=True, eq=False)
-class UnbalanceResponse:
+@frozen
+class UnbalanceResponse(ByContent):
     """Motion on the rotation's line over the speed: ``q = Re(Q exp(i phi))``.
 
     Parameters

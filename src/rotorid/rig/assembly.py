@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import linalg
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 from rotorid.rig.controller import Controller
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
@@ -23,7 +22,7 @@ HUM = 50.0  # Hz, of the mains
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
 
 
-@dataclass(frozen=True)
+@frozen
 class Transitions:
     """Exact steps of the linear rig from each event of the pattern to the next.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,11 @@ from numpy.typing import ArrayLike
 from scipy import linalg, signal
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Controller:
     """A discrete state space from positions (m) to commands (A or N).
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -18,6 +17,7 @@ from scipy.io import wavfile
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.limits import TOML_BYTES
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Column, Logged, RigRecord, Truth, actuator_position, label
@@ -325,7 +325,7 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
+@frozen
 class _Record(Kind):
     """A record of `simulate`, which has the attribute ``written_by``."""
 
@@ -334,7 +334,7 @@ class _Record(Kind):
             return bool(data.attrs.get("written_by") == _WRITER)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Experiment(Kind):
     """An experiment file of `simulate`, as long as it is as it was written.
 

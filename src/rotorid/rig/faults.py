@@ -8,7 +8,7 @@ everybody (an option, such as a notch). At the size `none` nothing changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 from rotorid.rig.controller import Controller
 from rotorid.rig.logger import Column
@@ -29,7 +30,7 @@ Wanted = Literal["right", "warned", "rejected"]
 Apply = Callable[[Rig, float], Rig]
 
 
-@dataclass(frozen=True)
+@frozen
 class Fault:
     """Something that a rig has and its experiment file does not say.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +16,7 @@ from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import as_channels
 from rotorid.errors import InputError, ReadError
+from rotorid.frozen import frozen
 from rotorid.limits import RIG_SAMPLES
 from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.combination import linear_combination
@@ -55,7 +56,7 @@ from rotorid.toml import parse_toml, read_bytes
 from rotorid.units import to_si
 
 
-@dataclass(frozen=True)
+@frozen
 class RigPlan:
     """What a rig file says.
 

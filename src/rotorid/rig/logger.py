@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ import scipy
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.actuators.reading import ForceReading, as_channels, forces
 from rotorid.dynamics import Constant, FirstOrder
+from rotorid.frozen import frozen
 from rotorid.record import Channel, Drive, Floats, Record
 from rotorid.rig.machine import Machine
 from rotorid.rig.parts import Actuator, sensor_unit
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from rotorid.rig.kernel import Log
 
 
-@dataclass(frozen=True)
+@frozen
 class Column:
     """A column of the logger in SI, and how its samples relate to the quantity, as in `Channel`."""
 
@@ -36,7 +37,7 @@ class Column:
     dynamics: FirstOrder | None = None
 
 
-@dataclass(frozen=True)
+@frozen
 class Truth:
     """What no logger sees.
 
@@ -70,7 +71,7 @@ class Truth:
         return float(self.speed.mean() * 30 / np.pi)
 
 
-@dataclass(frozen=True)
+@frozen
 class Logged:
     """What the logger of a rig leaves: columns of one clock; and the truth beside them.
 
@@ -87,7 +88,7 @@ class Logged:
         return len(self.columns[0].samples)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class RigRecord(Record):
     """A `Record` from a rig, with the logger's columns and the truth.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.models.model import Model
 from rotorid.record import Floats
 from rotorid.rig.controller import Controller
@@ -19,7 +20,7 @@ from rotorid.rig.schedule import Schedule, merge_clocks
 from rotorid.signals.multisine import Multisine
 
 
-@dataclass(frozen=True)
+@frozen
 class Machine:
     """A rotor on magnetic bearings, its controller and its logger: what a rig is made of.
 

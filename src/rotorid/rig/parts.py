@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
@@ -11,12 +11,13 @@ import numpy as np
 from rotorid.actuators.flux import Flux
 from rotorid.actuators.laws import Differential, Linear
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 from rotorid.rig.errors import check
 from rotorid.rig.rotation import Encoder, Keyphasor
 
 
-@dataclass(frozen=True)
+@frozen
 class FluxSensors:
     """Hall sensors under both magnets of an actuator.
 
@@ -35,7 +36,7 @@ class FluxSensors:
         check(self, zero=("noise",))
 
 
-@dataclass(frozen=True)
+@frozen
 class Coil:
     """A coil behind a current controller, with the voltage that the moving rotor induces.
 
@@ -59,7 +60,7 @@ class Coil:
         check(self, positive=("inductance", "bandwidth"), zero=("resistance",))
 
 
-@dataclass(frozen=True)
+@frozen
 class Actuator:
     """One axis of a magnetic bearing with its amplifier.
 
@@ -182,7 +183,7 @@ class Actuator:
         return not slow and not isinstance(self.law, Differential)
 
 
-@dataclass(frozen=True)
+@frozen
 class Runout:
     """What a sensor reads of the shaft's surface: cos cos(n phi) + sin sin(n phi), in m."""
 
@@ -200,7 +201,7 @@ class Runout:
             )
 
 
-@dataclass(frozen=True)
+@frozen
 class PositionSensor:
     """A sensor of a coordinate, or of a combination of some.
 
@@ -254,7 +255,7 @@ def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
     return next((unit for unit in found if unit != "rad"), "rad")
 
 
-@dataclass(frozen=True)
+@frozen
 class Logger:
     """What is recorded, and how often.
 
@@ -291,7 +292,7 @@ class Logger:
         return self.sample_rate * self.oversampling
 
 
-@dataclass(frozen=True)
+@frozen
 class ProcessNoise:
     """Random forces on the rotor, white, held over each period of the controller.
 
@@ -309,7 +310,7 @@ class ProcessNoise:
                 raise InputError(f"{value}", "0 or more", "give a standard deviation", place=name)
 
 
-@dataclass(frozen=True)
+@frozen
 class Disturbance:
     """A force, or an acceleration of the frame, that nobody measures.
 

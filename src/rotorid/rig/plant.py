@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import polynomial
 
 from rotorid.errors import ModelError
+from rotorid.frozen import frozen
 from rotorid.models.linear import LinearForm
 from rotorid.models.model import Model
 from rotorid.record import Floats, Integers
@@ -18,7 +19,7 @@ _DEGREE = 4
 _ANGLES = 64
 
 
-@dataclass(frozen=True)
+@frozen
 class Plant:
     """A linear rotor whose matrices are polynomials of the speed.
 

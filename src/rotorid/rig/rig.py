@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.limits import RIG_SAMPLES
 from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.lags import build_lags
@@ -21,7 +22,7 @@ SETTLED = 60.0
 """s that a rig is given to settle, unless its record is longer: all of it takes time to run."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Rig(Machine):
     """A machine that can be run; its parameters are those of `Machine`, and one more.
 

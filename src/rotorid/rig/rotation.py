@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 from rotorid.rig.errors import check
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 
 
-@dataclass(frozen=True)
+@frozen
 class Rotation:
     """Speed over time, ``Omega = speed + acceleration t + drift sin(2 pi t / drift_period)``.
 
@@ -90,7 +89,7 @@ class Rotation:
         return float(speeds.min()), float(speeds.max())
 
 
-@dataclass(frozen=True)
+@frozen
 class Encoder:
     """A disc with lines; the logger reads a counter.
 
@@ -116,7 +115,7 @@ class Encoder:
         check(self, positive=("lines",), zero=("jitter",))
 
 
-@dataclass(frozen=True)
+@frozen
 class Keyphasor:
     """A mark that passes a sensor once per revolution, at phi = 0.
 

@@ -6,13 +6,12 @@ A rotor with its inertia turns smoothly; what a counter or a pulse shows of that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Floats, Integers
 from rotorid.signals.rotation_fit import Readings, fit_rotation
 
@@ -40,7 +39,7 @@ PLATEAU = 0.02
 """Distance from low or high, over their difference, within which a sample shows no flank."""
 
 
-@dataclass(frozen=True)
+@frozen
 class MeasuredAngle:
     """Rotor angle at each sample, and how the rotor turns.
 

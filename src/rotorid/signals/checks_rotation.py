@@ -6,11 +6,11 @@ alone in what the mean over periods leaves; on one of them it is seen only where
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Check, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.checks_samples import is_input
 from rotorid.signals.sums import median
@@ -74,7 +74,7 @@ _UNITS = (
 )
 
 
-@dataclass(frozen=True)
+@frozen
 class Tone:
     """A line that the excitation does not explain: its frequency in Hz and where it is clearest."""
 

@@ -8,10 +8,10 @@ slope where they do not, and a step where samples were lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Check, Complexes, Floats, Integers, PeriodicRecord, Verdict
 from rotorid.signals.checks_scatter import NO_SCATTER
 from rotorid.signals.sums import median
@@ -58,7 +58,7 @@ by many samples is granted: the noise of one line five times above it changes th
 most 0.4, and that of several averages out."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Shifts:
     """Shift in time of each period.
 
@@ -230,7 +230,7 @@ def _match(cross: Complexes, omega: Floats, late: Floats | float) -> Floats:
     return np.asarray(turned.real.sum(axis=1) / np.maximum(np.abs(cross).sum(axis=1), 1e-300))
 
 
-@dataclass(frozen=True)
+@frozen
 class Fit:
     """The shift as a line with one step: slope per period, step, both with deviations."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Floats
 from rotorid.units import to_si
 
@@ -18,7 +18,7 @@ _TEXT = re.compile(
 _PER_SECOND = ("{unit}", "{unit}/s", "{unit}/s^2")
 
 
-@dataclass(frozen=True)
+@frozen
 class Condition:
     """A comparison of a channel or of its derivative with a number.
 

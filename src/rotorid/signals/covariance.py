@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Complexes
 from rotorid.values import Arrays
 
@@ -27,7 +27,7 @@ KNOWN = 10**12
 """Degrees of freedom of a covariance that is known."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen
 class LineCovariance(Arrays):
     """Covariance of the mean over periods of each line.
 

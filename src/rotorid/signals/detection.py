@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers, PeriodicRecord, Record
 from rotorid.signals.average import average
 
 
-@dataclass(frozen=True)
+@frozen
 class Distortion:
     """What the lines of a run hold, one entry per channel in each array.
 

@@ -8,11 +8,11 @@ hold those samples, and by chance nowhere.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers
 
 Words = npt.NDArray[np.uint64]
@@ -40,7 +40,7 @@ def _factors(count: int) -> Words:
 _FACTORS = _factors(4096)
 
 
-@dataclass(frozen=True)
+@frozen
 class Prints:
     """The prints of a record that it holds once, in rising order, and the samples they begin at.
 
@@ -68,7 +68,7 @@ class Prints:
         return self.values[kept], self.places[kept]
 
 
-@dataclass(frozen=True)
+@frozen
 class Shared:
     """Samples that two records share: their number, and where they begin in each."""
 

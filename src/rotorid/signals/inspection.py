@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Record, Verdict
 from rotorid.signals.average import average
 from rotorid.signals.checks import check_record, worst
@@ -29,7 +29,7 @@ MOST_LINES = 400
 """Lines kept where nothing says which: the strongest."""
 
 
-@dataclass(frozen=True)
+@frozen
 class ChannelFacts:
     """What one channel holds.
 
@@ -79,7 +79,7 @@ class Judged:
         return SENTENCES[self.verdict]
 
 
-@dataclass(frozen=True)
+@frozen
 class Inspection(Judged):
     """What is in a record.
 

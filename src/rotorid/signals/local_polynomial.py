@@ -13,12 +13,13 @@ poles: McKelvey, Guerin 2012).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
+from rotorid.frozen import frozen
 from rotorid.record import Booleans, Complexes, Floats, Integers
 
 ORDERS = (2, 4, 6, 8)
@@ -50,7 +51,7 @@ CHUNK = 256
 """Lines at a time, so that memory stays that of the lines."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Local:
     """Covariances of lines by a local polynomial.
 
@@ -153,7 +154,7 @@ def _limit(channels: int, dof: int, lines: int) -> float:
     return float(scipy.special.betaincinv(channels, max(dof - channels, 1), 1 - ALONE / lines))
 
 
-@dataclass(frozen=True)
+@frozen
 class _Windows:
     """The regression in the window around each line."""
 
@@ -203,7 +204,7 @@ class _Windows:
         return found, taken, share
 
 
-@dataclass(frozen=True)
+@frozen
 class _Fit:
     """Windows fitted: orthonormal columns, what they leave, and which have poles."""
 
@@ -212,7 +213,7 @@ class _Fit:
     resonant: Booleans
 
 
-@dataclass(frozen=True)
+@frozen
 class _Regression:
     """Some windows, (window, line, ...), and the columns that stand for the motion in them."""
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
+from rotorid.frozen import frozen
 from rotorid.record import Channel, Floats
 from rotorid.signals.spectrum import transfer_of_recording
 
@@ -20,7 +19,7 @@ a thousandth of it is below what any model of friction leaves.
 """
 
 
-@dataclass(frozen=True)
+@frozen
 class LowPass:
     """``1 / (1 + (f / f_c)^8)`` for each cut-off: Butterworth of 4th order, forward and backward.
 

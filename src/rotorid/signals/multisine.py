@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -11,12 +11,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 Phases = Literal["zero", "schroeder", "random"]
 
 
-@dataclass(frozen=True)
+@frozen
 class Multisine:
     """Periodic signals, ``u(t) = sum_k Re(A_k exp(2 pi i k f0 t))``.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 _MIDDLE = 0.15  # of the record left out at each end: approach and return are no part of a period
@@ -20,7 +20,7 @@ _NICE = 4  # digits of a frequency that somebody typed
 _MOST = 1 << 21  # samples looked at
 
 
-@dataclass(frozen=True)
+@frozen
 class Period:
     """A period that a record repeats.
 

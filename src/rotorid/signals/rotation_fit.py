@@ -11,12 +11,12 @@ uniform distribution, width / sqrt(12), where nothing else limits it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ _ZOOMS = 4  # from the whole interval to a posterior 1e-4 of it wide
 _RESOLVED = 8  # steps of the grid in a deviation: of a uniform distribution to 3 %
 
 
-@dataclass(frozen=True)
+@frozen
 class Readings:
     """Intervals of the angle: at time t it lies within middle +- half.
 
@@ -76,7 +76,7 @@ class Readings:
         return Readings(self.time[places], self.middle[places], self.half[places])
 
 
-@dataclass(frozen=True)
+@frozen
 class RotationFit:
     """A smooth rotation.
 

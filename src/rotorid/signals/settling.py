@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.signals.sums import median, quartiles
 
@@ -22,7 +21,7 @@ _SLOPE = 15.0
 it so once in three million."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Settling:
     """The transient at the start of a record.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers, PeriodicRecord
 from rotorid.signals.period_lines import Sampled
 from rotorid.signals.spectrum import line_spectra, transfer_of_recording
@@ -136,7 +137,7 @@ def median(values: Floats, axis: int = -1) -> Floats:
     return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Fold:
     """Lines that halve a period alike: its second half repeats the first, or is its opposite.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats, PeriodicRecord
 from rotorid.steady import Steady, unread
 
@@ -15,7 +14,7 @@ NOTICED = 1e-3
 """Part of the unbalance lost, or leaked into a line, from which on it is worth a warning."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Synchronism:
     """How well the rotation fits the periods of the excitation.
 

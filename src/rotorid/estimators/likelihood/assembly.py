@@ -8,7 +8,7 @@ or with parameters among its coefficients, is a row more beside the equations of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rotorid.estimators.likelihood.reread import reread
 from rotorid.estimators.likelihood.scaling import Scales, find_scales
 from rotorid.estimators.likelihood.transient import Transient
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
+from rotorid.frozen import frozen
 from rotorid.lines import Lines, Signal
 from rotorid.models.combination import SensorTerm
 from rotorid.models.evaluation import evaluate
@@ -38,7 +39,7 @@ PHASE_STEPS = 16
 sin(phi): up to the seventh."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Term:
     """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
 
@@ -53,7 +54,7 @@ class Term:
     along: Complexes | None = None
 
 
-@dataclass(frozen=True)
+@frozen
 class Stiffness:
     """The terms of P = -Z of a model, in columns; `place` is that of the kind in `profiles`.
 
@@ -236,7 +237,7 @@ def _sorted(layout: Layout, monomial: int) -> Factors:
     return tuple(sorted(layout.monomial_factors[monomial] or ()))
 
 
-@dataclass(frozen=True)
+@frozen
 class Load:
     """``coefficient * product of unknowns * signal`` in a row of g."""
 

@@ -30,7 +30,7 @@ J is expected to be as far off as K says: ``J E K / K``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from rotorid.estimators.expectation import Expectation
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.frozen import frozen
 from rotorid.lines import Beside
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, Integers
@@ -54,7 +55,7 @@ CHUNK = 256
 """Windows at a time, so that memory stays that of the lines."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Sum:
     """A cost with its mean and its variance."""
 
@@ -193,7 +194,7 @@ def _turns(at: Evaluation) -> Complexes | None:
     return turns
 
 
-@dataclass(frozen=True)
+@frozen
 class _Windows:
     """The regression of equation errors in the window about each line."""
 

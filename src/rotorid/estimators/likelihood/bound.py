@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.response import simulated
 from rotorid.estimators.likelihood.result import summarize
 from rotorid.estimators.likelihood.solver import Solution
+from rotorid.frozen import frozen
 from rotorid.lines import Lines
 from rotorid.models import Model
 from rotorid.observation import bind
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from rotorid.estimators.maximum_likelihood import MaximumLikelihood
 
 
-@dataclass(frozen=True)
+@frozen
 class Plan:
     """One run of an experiment that is not made yet.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
 
 from rotorid.estimators.likelihood.nuisances import Factor
 from rotorid.estimators.likelihood.reread import Bound
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 
@@ -16,7 +17,7 @@ def _none() -> Integers:
     return np.zeros(0, dtype=np.int64)
 
 
-@dataclass(frozen=True)
+@frozen
 class CalibrationState:
     """The calibration at one point.
 
@@ -51,7 +52,7 @@ class Acting(Protocol):
         """The monomials that the loads are multiplied by, shape (load,)."""
 
 
-@dataclass(frozen=True)
+@frozen
 class BoundFactor:
     """A factor, where its unknowns stand, and on which channels it acts."""
 
@@ -60,7 +61,7 @@ class BoundFactor:
     channels: Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Readings:
     """What adds to readings, ``w (cos * cos(n phi) + sin * sin(n phi))`` each.
 
@@ -90,7 +91,7 @@ class Readings:
         return (forward + backward) / 2, (forward - backward) / 2j
 
 
-@dataclass(frozen=True)
+@frozen
 class Calibration:
     """How the channels of one record depend on nuisance unknowns.
 

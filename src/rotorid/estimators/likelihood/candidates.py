@@ -8,7 +8,7 @@ which coordinates are a pair: the same displacement in x and in y.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from itertools import combinations
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorid.estimators.likelihood.nuisances import Missing, MissingEntry, MissingLoad, Unknown
 from rotorid.estimators.likelihood.unknowns import linear_form
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.expression import Expression, product, symbol
 from rotorid.models.force_balance import ForceBalance, force_balance
@@ -23,7 +24,7 @@ from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Candidate:
     """A term that may be missing: its name, and what it adds, matrices (row, coordinate).
 
@@ -75,7 +76,7 @@ class Candidate:
         return Missing(unknowns, entries, self.loads)
 
 
-@dataclass(frozen=True)
+@frozen
 class Structure:
     """Matrices of a model by parameter, rows brought to the order and sign of the coordinates.
 

@@ -29,7 +29,6 @@ matrix that follows from it is the Fisher information at the corrected lines.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,10 +39,11 @@ from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.projection import Projection, projection
 from rotorid.estimators.likelihood.scaling import Scales
 from rotorid.estimators.likelihood.transient import Ends, Transient
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Entries:
     """Entries of ``[P, B]``, sums of ``coefficient * weights[kind] * mu[monomial]``.
 
@@ -73,7 +73,7 @@ class Entries:
         return _complex(self.weights @ summed).reshape(-1, rows, columns)
 
 
-@dataclass(frozen=True)
+@frozen
 class Group:
     """Unknowns that stand in terms of the same kinds, and their part of all matrices."""
 
@@ -82,7 +82,7 @@ class Group:
     part: slice
 
 
-@dataclass(frozen=True)
+@frozen
 class Slopes:
     """Derivatives of ``[P, B] @ sources`` by the unknowns, which are linear in the sources.
 
@@ -147,7 +147,7 @@ class Slopes:
             out.imag[:, group.unknowns, : self.rows] = imaginary
 
 
-@dataclass(frozen=True)
+@frozen
 class Sensing:
     """What the sensors tell of the coordinates: ``q = right @ v + hidden @ w``.
 

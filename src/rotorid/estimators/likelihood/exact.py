@@ -10,7 +10,6 @@ parameter i by the root of M_i (I + L' L / s)^-1 M_i'.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -27,6 +26,7 @@ from rotorid.estimators.likelihood.nuisances.runout import Runout
 from rotorid.estimators.likelihood.nuisances.scale import Scale
 from rotorid.estimators.likelihood.refits import Case
 from rotorid.estimators.likelihood.tangent import tangent
+from rotorid.frozen import frozen
 from rotorid.record import Check, Floats
 
 T = TypeVar("T")
@@ -41,7 +41,7 @@ FOLLOWS = 0.5
 """Relative change of a parameter, over that of the scale, from which it is said to follow."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Kind:
     """Something that is taken as exact.
 

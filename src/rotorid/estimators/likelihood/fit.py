@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -26,6 +26,7 @@ from rotorid.estimators.likelihood.solver import Solution, settle, solve
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.turning import Creep, creeps
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -34,7 +35,7 @@ from rotorid.signals.covariance import correlated_covariance, is_correlated
 CovarianceChoice = Literal["auto", "white", "correlated"]
 
 
-@dataclass(frozen=True)
+@frozen
 class Fit:
     """The minimum and what it tells.
 
@@ -86,7 +87,7 @@ ROUGHLY = 1e-4
 """Share of its cost that is left to gain there: the shapes that it lacks move it further."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Rough:
     """The minimum of a simpler problem in the same unknowns, from which that of the whole is near.
 

@@ -9,7 +9,6 @@ unit or of scale, and is said so. Each cure is tried: it is one if the null spac
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -20,6 +19,7 @@ from rotorid.estimators.likelihood.inference import Inference
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.response import simulated
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
+from rotorid.frozen import frozen
 from rotorid.lines import PeriodicClock
 from rotorid.models import Model
 from rotorid.observation import Observation
@@ -34,7 +34,7 @@ SHRINKS = 1e-7
 """Least relative effect of a cure on a direction that counts as determining it."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Combination:
     """One direction that the records leave open.
 
@@ -209,7 +209,7 @@ def _power_text(powers: dict[str, Fraction]) -> str:
     return "/".join(["*".join(above), *below])
 
 
-@dataclass(frozen=True)
+@frozen
 class Trial:
     """What the cures are tried on.
 

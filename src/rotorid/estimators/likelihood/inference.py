@@ -18,8 +18,6 @@ far better than by one line, and the weights hold what it adds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +27,7 @@ from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.tangent import RANK, relation_jacobian, tangent_basis
+from rotorid.frozen import frozen
 from rotorid.linalg import whole_svd
 from rotorid.record import Floats
 
@@ -68,7 +67,7 @@ def effective_dof(at: Evaluation) -> Floats:
     return np.asarray(np.maximum(noise.dof / (kept + (1 - kept) * kappa), count + 2.0))
 
 
-@dataclass(frozen=True)
+@frozen
 class Inference:
     """Covariance of the free unknowns and expectation of the cost.
 
@@ -177,7 +176,7 @@ def _widening(point: Point, influence: Floats, left: list[Floats]) -> Floats:
     return t_limit(TAIL, freedom) / NORMAL
 
 
-@dataclass(frozen=True)
+@frozen
 class _Expected:
     """What noise leaves of the cost, record by record: see `Inference`.
 

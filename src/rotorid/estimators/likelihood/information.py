@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from rotorid.estimators.likelihood.response import response, responses
 from rotorid.estimators.likelihood.search import AGREE, further_starts
 from rotorid.estimators.likelihood.solver import STAGES, Solution, elsewhere, settle
 from rotorid.estimators.likelihood.valley import ENDLESS, Valley, explore
+from rotorid.frozen import frozen
 from rotorid.linalg import whole_svd
 from rotorid.record import Floats
 
@@ -66,7 +67,7 @@ AROUND = 8
 """Starts about the given one at which the noise-free response is asked, beside it."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Doubt:
     """Why a minimum is not the answer.
 
@@ -273,7 +274,7 @@ def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
     return min(below, key=lambda o: o.point.cost, default=None)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Asked:
     """A minimum with what its deviations are held against; arrays of shape (free,).
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from rotorid.estimators.likelihood.modal import ModalRows, modal_rows
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.unknowns import Layout
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Known:
     """What is known with a deviation, rows beside the lines: relations, then measured modes.
 

@@ -8,13 +8,14 @@ likelihood is minimized again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from rotorid.estimators.likelihood.candidates import Structure
 from rotorid.estimators.likelihood.passage import with_columns
+from rotorid.frozen import frozen
 from rotorid.observation import Observation, Sensor
 from rotorid.record import Floats
 
@@ -55,7 +56,7 @@ LIKE_CHANNELS = 8
 sorted by the planes that the model gives them, and only neighbours are tried."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Lead:
     """One mistake, and what undoes it.
 

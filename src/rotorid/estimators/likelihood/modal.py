@@ -7,7 +7,7 @@ and y; ``d lambda = - y^H dL x / y^H (2 lambda M + D) x``. A row is (value - mea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.nuisances import Missing
 from rotorid.estimators.likelihood.polynomial import Monomials
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.estimators.modes import Mode, configurations, number
+from rotorid.frozen import frozen
 from rotorid.models.linear import speed_factor
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 from rotorid.record import Complexes, Floats, Integers
@@ -28,7 +29,7 @@ GRANTED = 0.3
 with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Pencil:
     """M, D + Omega G and K of one configuration: sums of ``weight * mu[monomial]``.
 
@@ -92,7 +93,7 @@ class Pencil:
         return order, starts, live
 
 
-@dataclass(frozen=True)
+@frozen
 class Solved:
     """The machine of one configuration at one point: M, D + Omega G, its modes, which are one."""
 
@@ -102,7 +103,7 @@ class Solved:
     groups: list[Integers]
 
 
-@dataclass(frozen=True)
+@frozen
 class Configuration:
     """The modes that were measured in one configuration of the machine.
 
@@ -173,7 +174,7 @@ class Configuration:
         return np.asarray(of_each[np.isin(cluster, group)].mean(axis=0))
 
 
-@dataclass(frozen=True)
+@frozen
 class ModalRows:
     """All measured modes as rows of the residual: frequencies, and damping ratios behind each.
 

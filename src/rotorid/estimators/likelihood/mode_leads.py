@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,12 +12,13 @@ from rotorid.estimators.likelihood.known import Known
 from rotorid.estimators.likelihood.modal import Configuration, ModalRows
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.modes import Mode, number
+from rotorid.frozen import frozen
 
 UNITS = {"rad/s": 2 * np.pi, "cycles per minute": 60.0}
 """Units in which frequencies are written by mistake: so many of them are one Hz."""
 
 
-@dataclass(frozen=True)
+@frozen
 class ModeMistake:
     """A mistake with measured modes, and what is prepared without it.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 from rotorid.signals.covariance import LineCovariance
 
@@ -18,7 +17,7 @@ NOTHING = 1e-20
 any machine would notice, one of a vanishing scale would fit best."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Noise:
     """Covariance C = F F^H of the mean lines.
 

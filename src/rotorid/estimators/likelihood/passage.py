@@ -8,18 +8,19 @@ that is undone on the lines of a record.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rotorid.estimators.likelihood.nuisances import Factor
+from rotorid.frozen import frozen
 from rotorid.lines import Lines
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.through_laws import Passed, displacement
 
 
-@dataclass(frozen=True)
+@frozen
 class Reread:
     """A channel read otherwise: ``gain * line + rest`` in place of the line.
 
@@ -47,7 +48,7 @@ def position_slopes(observation: Observation, sensor: str) -> dict[int, Floats]:
     }
 
 
-@dataclass(frozen=True)
+@frozen
 class BoundPassage:
     """A factor of a sensor, as it acts on a force that was read with that sensor.
 

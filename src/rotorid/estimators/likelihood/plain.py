@@ -10,7 +10,7 @@ other starts are gone on the few lines too, and the best of them alone is follow
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rotorid.estimators.likelihood.refits import assembled, minimized, screened
 from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.solver import HOPELESS, STAGES, Solution, solve
 from rotorid.estimators.likelihood.thinning import PLAIN_LINES, thinned
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 
 GROSS = 3.0
@@ -33,7 +34,7 @@ FOLLOWED = 4
 """Of these the first. A wrong one takes seconds, the right one tenths."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Plain:
     """Where the search ended on few lines, what explains the records, and what does not."""
 

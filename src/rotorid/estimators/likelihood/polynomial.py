@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Monomials:
     """Products of unknowns, ``mu_m = prod_j x_j^(n_mj)``.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from rotorid.estimators.likelihood.relations import Polynomial, Relations
 from rotorid.estimators.likelihood.tangent import retract
 from rotorid.estimators.likelihood.unknowns import Layout, base_factors, physical_factors
 from rotorid.estimators.modes import Mode
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.record import Floats
 
@@ -27,7 +28,7 @@ EXACT = 1e-12
 """Share of a known value below which its deviation is lost in the rounding of what it weighs."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Knowledge:
     """What is known before the records are looked at; all in SI.
 
@@ -55,7 +56,7 @@ class Knowledge:
     modes: tuple[Mode, ...] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Prepared:
     """Unknowns and the relations among them; what was put into the model is in `substituted`."""
 

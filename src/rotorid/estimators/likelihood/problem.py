@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 
@@ -13,10 +12,11 @@ from rotorid.estimators.likelihood.cost import Evaluation, Likelihood
 from rotorid.estimators.likelihood.known import Known
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.unknowns import Layout
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers
 
 
-@dataclass(frozen=True)
+@frozen
 class Problem:
     """Minimize the sum of the records' costs and of the squared rows of what is known.
 
@@ -108,7 +108,7 @@ class Problem:
         return round(lines) + len(self.known)
 
 
-@dataclass(frozen=True)
+@frozen
 class Lowest:
     """The minimum of a problem: all unknowns, and what they cost."""
 
@@ -116,7 +116,7 @@ class Lowest:
     cost: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Point:
     """The problem at one point."""
 

@@ -7,11 +7,11 @@ itself is never formed, which takes a third of the time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 
 MANY = 12
@@ -31,7 +31,7 @@ class Projection(Protocol):
         """Return q = H w with ``P q + left = 0``, (line, coordinate), left in the range of P H."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Reflections:
     """By the QR factorization of P H: ``adjoint`` and ``triangle`` are those of its range."""
 
@@ -53,7 +53,7 @@ class Reflections:
         return _complex(-found @ self.basis.T)
 
 
-@dataclass(frozen=True)
+@frozen
 class Reflectors:
     """By the reflections themselves, line by line as LAPACK has them."""
 

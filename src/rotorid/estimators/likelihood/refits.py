@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
@@ -17,6 +17,7 @@ from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.solver import STAGES, anchored, evaluated, solve
 from rotorid.estimators.likelihood.tangent import retract, tangent
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Floats
 
@@ -33,7 +34,7 @@ SHORTER = (1.0, 0.3, 0.1)
 """Shares of a step that are tried while screening."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Case:
     """What was estimated: unknowns and relations, records, the minimum."""
 

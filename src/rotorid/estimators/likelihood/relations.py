@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.estimators.likelihood.polynomial import Monomials
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers
 
 Polynomial = Mapping[tuple[int, ...], float]
 """``{exponents of the unknowns: coefficient}``."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Relations:
     """Polynomials ``h(x)`` of the unknowns.
 

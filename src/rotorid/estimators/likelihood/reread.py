@@ -9,10 +9,10 @@ bends is corrected by the lines of what its samples, cubed for instance, make.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 from rotorid.estimators.likelihood.nuisances import Bend, Factor, LawConstant, Nuisance
 from rotorid.estimators.likelihood.passage import BoundPassage, Reread, passages
+from rotorid.frozen import frozen
 from rotorid.lines import Samples
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats, ForceLaw, Integers
@@ -23,7 +23,7 @@ STEP = 1e-30
 """A complex step: the derivative of what is computed with it is exact to rounding."""
 
 
-@dataclass(frozen=True)
+@frozen
 class BoundLaw:
     """A force law of which constants are unknown, with the samples that went through it.
 
@@ -88,7 +88,7 @@ class BoundLaw:
             yield at, self._split(self._moved(unknowns, at).imag / STEP)
 
 
-@dataclass(frozen=True)
+@frozen
 class BoundBend:
     """A channel that reads too much by an unknown times what its samples are bent into.
 

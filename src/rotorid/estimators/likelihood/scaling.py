@@ -6,14 +6,13 @@ numbers about one, whatever units they were written in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Scales:
     """Typical size of each equation's terms and of each coordinate."""
 

@@ -11,7 +11,7 @@ where a mass has vanished on the way, only once all ways have been tried.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.problem import Problem
 from rotorid.estimators.likelihood.solver import STAGES, Solution, joins, solve
 from rotorid.estimators.likelihood.tangent import outside
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
@@ -54,7 +55,7 @@ def further_starts(problem: Problem, start: Floats, count: int = STARTS) -> Iter
         yield start * factor
 
 
-@dataclass(frozen=True)
+@frozen
 class _Way:
     """A way to look for the minimum: the number of its start, its stages, bounds kept or not."""
 

@@ -15,7 +15,6 @@ residuals of sensors are alike, and in no direction is anything taken off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from rotorid.distributions import gamma_tail
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.frozen import frozen
 from rotorid.linalg import whole_svd
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -40,7 +40,7 @@ RANK = 1e-10
 """Singular values of the scaled Jacobian below this share of the largest are rounding."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Shared:
     """What shared noise makes of the deviations.
 

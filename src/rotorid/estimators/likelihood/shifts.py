@@ -8,20 +8,21 @@ changed as the share is found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
 from rotorid.estimators.likelihood.candidates import Structure
 from rotorid.estimators.likelihood.refits import Case
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.combination import SensorTerm
 from rotorid.observation import Observation, Sensor
 from rotorid.record import Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Shift:
     """A share of further coordinates in what sensors read.
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -35,6 +35,7 @@ from rotorid.estimators.likelihood.tangent import (
     retract,
     tangent,
 )
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
@@ -58,7 +59,7 @@ HELD = 1e-9
 """Distance from a bound, relative to the size of its terms, at which it holds with equality."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Solution:
     """Where the solver ended.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -60,6 +60,7 @@ from rotorid.estimators.likelihood.solver import HOPELESS
 from rotorid.estimators.likelihood.table_leads import table_leads
 from rotorid.estimators.likelihood.thinning import FEW, PLAIN_LINES, thinned
 from rotorid.estimators.likelihood.unknowns import physical_factors
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.elements import PLANES
@@ -111,7 +112,7 @@ EXPLAINS = 0.2
 """Least share of the excess misfit with which a suspect is a lead."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Option:
     """Something that can be set free: unknowns to add, or a known value to free."""
 
@@ -181,7 +182,7 @@ def _size(option: Option, values: Floats) -> float:
     return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
 
 
-@dataclass(frozen=True)
+@frozen
 class Finding:
     """A suspect with the cost that is left, and what to say of it."""
 
@@ -197,7 +198,7 @@ _Follow = Callable[[], list[Finding]]
 _Trial = tuple[Prepared, Sequence[Observation], _Follow]
 
 
-@dataclass(frozen=True)
+@frozen
 class Suspicion:
     """What is suspected, and the sentence about it."""
 
@@ -323,7 +324,7 @@ def structure_of(model: Model, values: Floats, records: Sequence[Observation]) -
     return drawn_structure(found, model) if found else None
 
 
-@dataclass(frozen=True)
+@frozen
 class _Search:
     """Tries candidates on one estimate, `values` being its physical parameters."""
 
@@ -694,7 +695,7 @@ def _slack(case: Case, name: str) -> Floats:
     return columns
 
 
-@dataclass(frozen=True)
+@frozen
 class _Score:
     """The residual, and what the unknowns can explain of any column."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +9,7 @@ import scipy
 
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.relations import Relations
+from rotorid.frozen import frozen
 from rotorid.record import Floats, Integers
 
 RANK = 1e-10
@@ -18,7 +18,7 @@ OUTSIDE = 1e-12
 """What a bound may be violated by, relative to the size of its terms: rounding."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Tangent:
     """The scaled directions in which the exact relations do not change.
 

@@ -7,10 +7,9 @@ whitened residual and its derivatives are taken orthogonal to their whitened col
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Complexes, Floats, Integers
 
 RANK = 1e-8
@@ -18,7 +17,7 @@ RANK = 1e-8
 hidden coordinate is partly that of other rows (20 of 24 count for the rotor of three masses)."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Transient:
     """The columns of the loose ends of one record.
 
@@ -54,7 +53,7 @@ class Transient:
         return total
 
 
-@dataclass(frozen=True)
+@frozen
 class Ends:
     """The whitened columns of a transient at one point.
 

@@ -10,12 +10,12 @@ and the columns, a step.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.problem import Point
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Complexes, Floats, PeriodicRecord
 from rotorid.steady import Steady, unread
@@ -35,7 +35,7 @@ LEAST_PERIODS = 8
 """Periods below which slope and scatter are not told apart."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Creep:
     """How the rotation moves against its angle.
 

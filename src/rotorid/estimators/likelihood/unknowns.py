@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rotorid.errors import InputError
 from rotorid.estimators.likelihood.nuisances import Constant, Nuisance, Own, Unknown
+from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.linear import LinearForm
 from rotorid.record import Floats, Integers
@@ -20,7 +21,7 @@ def linear_form(model: Model) -> LinearForm:
     return model.linear or model.require_linear()
 
 
-@dataclass(frozen=True)
+@frozen
 class Layout:
     """Names of the unknowns, and the monomials of the model in their terms.
 

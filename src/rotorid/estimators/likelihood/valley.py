@@ -11,7 +11,6 @@ deviation that much wider (profile likelihood).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.problem import Point
 from rotorid.estimators.likelihood.solver import beside
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 WEAKEST = 2
@@ -46,7 +46,7 @@ ENDLESS = 8.0
 records that inform every parameter to a quarter the widest was 7."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Valley:
     """What lies along a valley, in stated deviations of the free unknowns, (free,).
 

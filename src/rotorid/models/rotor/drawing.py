@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from math import ceil
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.models.rotor.elements import Beam
 from rotorid.models.rotor.quantity import NONE, ONE, Quantity
 from rotorid.record import Floats
@@ -24,7 +25,7 @@ ENDS = ("left_end", "right_end")
 """Names of the shaft's ends where no place with a name stands there."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Section:
     """A cylinder of one material; lengths in m.
 
@@ -58,7 +59,7 @@ class Section:
         return Beam(length, self.outer, self.inner, self.modulus, self.modulus / self.ratio, 1.0)
 
 
-@dataclass(frozen=True)
+@frozen
 class Disc:
     """A rigid disc: kg, kg m^2."""
 
@@ -68,7 +69,7 @@ class Disc:
     I_p: Quantity
 
 
-@dataclass(frozen=True)
+@frozen
 class Support:
     """Stiffness and damping to ground: xx, xy, yx, yy, in N/m and N s/m."""
 
@@ -77,7 +78,7 @@ class Support:
     damping: tuple[Quantity, Quantity, Quantity, Quantity]
 
 
-@dataclass(frozen=True)
+@frozen
 class Unbalance:
     """Unbalance in the rotor's frame, in kg m."""
 
@@ -86,7 +87,7 @@ class Unbalance:
     y: Quantity
 
 
-@dataclass(frozen=True)
+@frozen
 class Place:
     """A node: its position in m, and the names that places on it have; the first names it."""
 
@@ -100,7 +101,7 @@ class Place:
         return tuple(f"{axis}_{self.names[0]}" for axis in AXES)
 
 
-@dataclass(frozen=True)
+@frozen
 class Rotor:
     """A rotor from its drawing; positions in m from the left end.
 

@@ -8,17 +8,16 @@ in the plane of x and -theta_x in that of y.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.record import Floats
 
 PLANES = 4
 """Coordinates of a node: x, y, theta_x, theta_y."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Beam:
     """A round element of one material; lengths in m, E and G in Pa, density in kg/m^3."""
 

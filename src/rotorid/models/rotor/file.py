@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
 from rotorid.errors import ModelError
+from rotorid.frozen import frozen
 from rotorid.models.names import ParameterEntry, check_names
 from rotorid.models.rotor.drawing import ENDS, Disc, Rotor, Section, Support, Unbalance
 from rotorid.models.rotor.mesh import divided
@@ -106,7 +106,7 @@ class RotorFile(Schema):
     parameters: dict[str, ParameterEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
 
 
-@dataclass(frozen=True)
+@frozen
 class _Reader:
     """What quantities are read with: units and nominal values of the parameters."""
 

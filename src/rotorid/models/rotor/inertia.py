@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid.frozen import frozen
 from rotorid.models.rotor.model import RotorModel
 
 
-@dataclass(frozen=True)
+@frozen
 class Inertia:
     """Mass in kg, its centre in m from the left end, and moments of inertia about it in kg m^2."""
 

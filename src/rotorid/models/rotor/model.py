@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.errors import InputError, ModelError
+from rotorid.frozen import frozen
 from rotorid.models.base import BaseParameters, monomial_name
 from rotorid.models.expression import Expression, Monomial, product, symbol
 from rotorid.models.linear import (
@@ -49,7 +50,7 @@ _TURNING = {
 }
 
 
-@dataclass(frozen=True, repr=False)
+@frozen
 class RotorModel(Model):
     """A model from a drawing: M, D, G, K are sums of constant matrices times monomials.
 

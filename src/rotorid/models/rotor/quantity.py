@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import prod
 
 from rotorid.errors import InputError, ModelError
+from rotorid.frozen import frozen
 from rotorid.models.terms import polynomial
 from rotorid.units import dimension_of, multiply_units, to_si
 
@@ -14,7 +14,7 @@ SPEED = "Omega"
 Factors = tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Quantity:
     """A sum of ``coefficient * product of powers of names``, in SI.
 

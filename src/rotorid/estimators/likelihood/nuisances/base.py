@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, Self
 
 from rotorid.errors import InputError
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Unknown:
     """One scalar that the likelihood depends on.
 
@@ -54,7 +54,7 @@ class Unknown:
         return self.std == 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class Nuisances:
     """Which calibration constants are unknown; names as in the experiment file.
 
@@ -102,7 +102,7 @@ class Nuisances:
             raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
 
 
-@dataclass(frozen=True)
+@frozen
 class Nuisance(ABC):
     """Unknowns of the measurement and their effect on the records of one machine.
 
@@ -124,7 +124,7 @@ class Nuisance(ABC):
         return []
 
 
-@dataclass(frozen=True)
+@frozen
 class Factor(Nuisance):
     """Multiplies the lines of channels: true line = factor * corrected line.
 
@@ -145,7 +145,7 @@ class Factor(Nuisance):
         """Return the derivative of the logarithm of `factor`, shape (line, unknown)."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Reading(Nuisance):
     """Adds ``cos * cos(n phi) + sin * sin(n phi)`` to what a sensor reads; linear.
 
@@ -160,7 +160,7 @@ class Reading(Nuisance):
     order: int = 1
 
 
-@dataclass(frozen=True)
+@frozen
 class Constant(Nuisance):
     """Stands for a constant of the force law of some inputs, one unknown.
 
@@ -174,7 +174,7 @@ class Constant(Nuisance):
     role: Literal["ki", "ks"]
 
 
-@dataclass(frozen=True)
+@frozen
 class Turn(Nuisance):
     """Adds to the rotor angle of one record.
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -17,11 +16,12 @@ from rotorid.estimators.likelihood.nuisances.base import (
     Unknown,
     all_inputs,
 )
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Channel, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Bend(Nuisance):
     """What channels read is less by ``unknown * shape(samples)``.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -16,11 +15,12 @@ from rotorid.estimators.likelihood.nuisances.base import (
     all_inputs,
     all_sensors,
 )
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
 
 
-@dataclass(frozen=True)
+@frozen
 class Delay(Factor):
     """The channels lag the quantity by tau; the lines are corrected for `known` already."""
 

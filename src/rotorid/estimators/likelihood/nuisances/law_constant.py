@@ -7,7 +7,6 @@ the record's samples go through the law again, with the constant as it is though
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -21,11 +20,12 @@ from rotorid.estimators.likelihood.nuisances.base import (
     Unknown,
     all_inputs,
 )
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Channel, ForceLaw
 
 
-@dataclass(frozen=True)
+@frozen
 class LawConstant(Nuisance):
     """Changes a constant of the force laws of some inputs, all by as much.
 

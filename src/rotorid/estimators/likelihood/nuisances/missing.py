@@ -6,13 +6,13 @@ No setting asks for these: they are freed one at a time, to see what they explai
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from rotorid.estimators.likelihood.nuisances.base import Nuisance
+from rotorid.frozen import frozen
 from rotorid.models.expression import Expression
 
 
-@dataclass(frozen=True)
+@frozen
 class MissingEntry:
     """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
 
@@ -26,7 +26,7 @@ class MissingEntry:
     speed_power: int = 0
 
 
-@dataclass(frozen=True)
+@frozen
 class MissingLoad:
     """``coefficient * signal(phi, Omega) * unknown`` on the right side of a row.
 
@@ -39,7 +39,7 @@ class MissingLoad:
     coefficient: float = 1.0
 
 
-@dataclass(frozen=True)
+@frozen
 class Missing(Nuisance):
     """A term that the equations may miss: entries share one unknown, loads have their own.
 
@@ -53,7 +53,7 @@ class Missing(Nuisance):
     loads: tuple[MissingLoad, ...] = ()
 
 
-@dataclass(frozen=True)
+@frozen
 class Lever(Nuisance):
     """An actuator beside the place that the model gives it: its forces act on the slope too.
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from rotorid.estimators.knowledge import own_in_si
 from rotorid.estimators.likelihood.nuisances.base import Nuisance, Nuisances, Unknown
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 
 
-@dataclass(frozen=True)
+@frozen
 class Own(Nuisance):
     """The value of a parameter in one record, in place of the one that the others share.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from rotorid.dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
 from rotorid.estimators.likelihood.nuisances.base import Factor, Nuisances, Unknown, all_channels
+from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Channel, Complexes, Floats
 
@@ -17,7 +18,7 @@ FLAT = 1e15
 """Bandwidth in Hz of what has none: of light."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Response(Factor):
     """Dynamics whose constants are not known exactly; lines are corrected with the given ones."""
 
