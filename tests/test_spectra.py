@@ -4,6 +4,7 @@ A disc on a shaft, levitated by a sampled controller with noise in forces and po
 simulated step by step here; nothing of the rig is used.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from rotorid.identify import identify
 from rotorid.record import Channel, Record
 from rotorid.signals import local_polynomial
 from rotorid.signals.local_polynomial import columns_of, half_width, local_covariance
-from rotorid.signals.rotation_line import shown_rotation
+from rotorid.signals.rotation_line import MUCH, shown_rotation
 from rotorid.spectra import TRANSIENT, spectra
 
 MODEL = rid.load_model("jeffcott")
@@ -130,6 +131,17 @@ def test_a_speed_otherwise_than_stated_is_named_before_anything_is_searched(
     assert abs(estimate.value("k") / TRUTH["k"] - 1) < 0.01
 
 
+@pytest.mark.parametrize("off", [0.3, -1.1])
+def test_a_speed_less_than_a_line_off_is_named(record, off):
+    """A display that is off by a revolution a minute: what to write instead is said first."""
+    stated = SPEED + 2 * np.pi * off / (len(record.samples) / RATE)
+    estimate = identify(MODEL, lines_of(replace(record, speed=stated)), KNOWN)
+    assert estimate.status == "rejected"
+    assert estimate.suspects[0].term == "speed"
+    assert estimate.suspects[0].value == pytest.approx(SPEED, rel=1e-5)
+    assert re.search(r"correct speed: 3682\.[12]\d? rpm", estimate.warnings[0])
+
+
 def test_hum_beside_the_rotation_is_not_taken_for_it(record):
     """At the speed of the hum nothing is explained: the answer stays that of the speed stated."""
     time = np.arange(len(record.samples)) / RATE
@@ -154,7 +166,8 @@ def test_where_a_rotation_is_looked_for(stated, place, found):
     lines = rng.standard_normal((200, 2, 2)) @ np.array([1, 1j])
     k = np.arange(200)
     lines += 300 * (np.where(k % 2, -1, 1) * np.sinc(k - place - 0.2))[:, None]
-    shown = shown_rotation(lines, np.ones((200, 1)) + 0j, np.array([place]), stated)
+    one = np.ones((200, 1)) + 0j
+    shown = shown_rotation(lines, one, one[:, :0], np.array([place]), stated)
     assert (shown is not None) == found
     assert shown is None or abs(shown - place - 0.2) < 0.01
 
@@ -162,8 +175,36 @@ def test_where_a_rotation_is_looked_for(stated, place, found):
 def test_a_rotation_is_told_with_as_many_lines_on_each_side():
     lines, one = np.zeros((160, 1), dtype=complex), np.ones((160, 1)) + 0j
     lines[:, 0] = np.where(np.arange(160) % 2, -1, 1) * np.sinc(np.arange(160) - 147.0)
-    assert shown_rotation(lines, one, np.array([147]), 149.0) == pytest.approx(147, abs=1e-3)
-    assert shown_rotation(lines, one, np.array([148]), 150.0) is None
+    shown = shown_rotation(lines, one, one[:, :0], np.array([147]), 149.0)
+    assert shown == pytest.approx(147, abs=1e-3)
+    assert shown_rotation(lines, one, one[:, :0], np.array([148]), 150.0) is None
+
+
+@pytest.mark.parametrize(("off", "found"), [(0.2, True), (-1.4, True), (0.004, False)])
+def test_a_rotation_less_than_a_line_from_the_one_stated_stands_in_its_place(off, found):
+    """Beside a column for the one stated the search would end a line off, at neither of them."""
+    rng = np.random.default_rng(5)
+    k = np.arange(200)
+    lines = rng.standard_normal((200, 2, 2)) @ np.array([1, 1j])
+    lines += 100 * (np.where(k % 2, -1, 1) * np.sinc(k - 100.4 - off))[:, None]
+    one = np.ones((200, 1)) + 0j
+    stated = (np.where(k % 2, -1, 1) * np.sinc(k - 100.4))[:, None] + 0j
+    shown = shown_rotation(lines, one, stated, np.array([99, 101, 102]), 100.4)
+    assert (shown == pytest.approx(100.4 + off, abs=0.005)) == found
+
+
+@pytest.mark.parametrize(("more", "found"), [(0.9, None), (1.1, 100.6)])
+def test_how_much_better_another_place_has_to_be(more, found):
+    """What neither place takes up is a line alone: a quarter of what one leaves, or less."""
+    k = np.arange(200)
+    tone = (np.where(k % 2, -1, 1) * np.sinc(k - 100.6))[:, None] + 0j
+    stated = (np.where(k % 2, -1, 1) * np.sinc(k - 100.4))[:, None] + 0j
+    window = slice(88, 113)
+    basis = stated[window] / np.linalg.norm(stated[window])
+    left = np.linalg.norm(tone[window] - basis @ (basis.T @ tone[window]))
+    tone[108] += left / np.sqrt((MUCH - 1) * more)
+    shown = shown_rotation(tone, tone[:, :0], stated, np.array([100]), 100.4)
+    assert shown == (found if found is None else pytest.approx(found, abs=0.01))
 
 
 def test_a_speed_a_little_off_is_seen(record):

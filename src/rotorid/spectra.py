@@ -348,7 +348,7 @@ def _noise_beside(
     numbers = np.arange(len(kept))
     ordinary = ~np.isin(kept, found.standing_out)
     beside = Beside(_constant(references[kept], rotation[kept]), ordinary, numbers, numbers)
-    shown = _shown(found, window, every, _constant(references, rotation))
+    shown = _shown(found, window, every, references)
     return _Noise(_covariance(found, kind), _told(found, window, shown), beside, shown)
 
 
@@ -411,8 +411,7 @@ def _quiet_noise(quiet: Record, names: Sequence[str], frequency: Floats, window:
         .astype(np.int64),
         every[kept] * transfer * np.sqrt(longer),
     )
-    motion = _constant(none, rotation)
-    shown = _shown(found, still, every, motion) if quiet.speed == window.record.speed else None
+    shown = _shown(found, still, every, none) if quiet.speed == window.record.speed else None
     return _Noise(covariance, _told(found, still, shown), beside, shown)
 
 
@@ -421,13 +420,15 @@ def _covariance(found: Local, kind: Kind) -> LineCovariance:
     return LineCovariance(found.matrices, found.dof, kind, found.leverage)
 
 
-def _shown(found: Local, window: _Window, every: Complexes, motion: Complexes) -> float | None:
+def _shown(found: Local, window: _Window, every: Complexes, references: Complexes) -> float | None:
     """Return the speed that the lines show where it is not the one stated, rad/s."""
     record = window.record
     if record.angle is not None or not record.speed or not len(found.standing_out):
         return None
     hertz = abs(record.speed) / (2 * np.pi)
-    place = shown_rotation(every, motion, found.standing_out, hertz / window.spacing)
+    motion = np.column_stack([references, np.ones(len(references))])
+    stated = hertz / window.spacing
+    place = shown_rotation(every, motion, window.rotation(), found.standing_out, stated)
     if place is None:
         return None
     return float(np.copysign(2 * np.pi * place * window.spacing, record.speed))
