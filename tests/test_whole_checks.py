@@ -48,3 +48,46 @@ def test_one_column_for_two_sensors_is_told(record: rid.Record) -> None:
     (told,) = lines_of(record, samples).checks
     assert (told.check, told.channel, told.verdict) == ("copied", "x, y", "warning")
     assert "y is -2 times x, noise and all" in told.found
+
+
+def frozen(record: rid.Record, name: str, value: float | None = None) -> np.ndarray:
+    """Return samples of which a channel stays at its last value, or at another, from 3.5 s on."""
+    samples, column = record.samples.copy(), record.names.index(name)
+    at = round(0.7 * len(samples))
+    samples[at:, column] = samples[at - 1, column] if value is None else value
+    return samples
+
+
+def test_a_sensor_that_stops_is_refused(record: rid.Record) -> None:
+    with pytest.raises(rid.InputError, match=r"stuck, x: .* from 3.4998 to 5 s.*check its cable"):
+        rid.identify(MODEL, lines_of(record, frozen(record, "x")), KNOWN)
+
+
+def test_an_input_that_stops_is_told_before_any_suspect(record: rid.Record) -> None:
+    found = rid.identify(MODEL, lines_of(record, frozen(record, "F_x")), KNOWN)
+    assert found.status == "rejected"
+    assert found.warnings[0].startswith("before any suspect, see to stuck, F_x: ")
+    assert sum("stuck, F_x" in text for text in found.warnings) == 1
+
+
+def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
+    """It makes deviations too wide, and no answer wrong; at zero an axis may have been at rest."""
+    for value, verdict in ((None, "warning"), (0.0, "note")):
+        (told,) = lines_of(record, frozen(record, "r_x", value)).checks
+        assert (told.check, told.channel, told.verdict) == ("stuck reference", "r_x", verdict)
+    for value, verdict in ((7.0, "warning"), (0.0, "note")):
+        samples = record.samples.copy()
+        samples[:, record.names.index("r_x")] = value
+        (told,) = lines_of(record, samples).checks
+        assert (told.channel, told.verdict) == ("r_x", verdict)
+        assert "name the column of the excitation" in told.found
+
+
+def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
+    samples = record.samples.copy()
+    samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
+        -1, 2, len(samples)
+    )
+    found = rid.identify(MODEL, lines_of(record, samples), KNOWN)
+    assert found.status == "rejected"
+    assert found.warnings[0].startswith("before any suspect, see to quantized, x: 4e-06 m in")

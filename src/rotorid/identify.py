@@ -83,7 +83,7 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     if silent:
         estimate = without_deviations(estimate)
     every = tuple(dict.fromkeys((*checks, *estimate.checks)))
-    passed = gate.passed(estimate, gate.data(checks))
+    passed = gate.seen_first(gate.passed(estimate, gate.data(checks)), checks)
     return passed.with_(
         checks=every,
         warnings=(*passed.warnings, *unbalance_untold(model, estimate)),

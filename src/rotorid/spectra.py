@@ -20,13 +20,14 @@ import scipy
 from rotorid.errors import InputError
 from rotorid.frozen import frozen
 from rotorid.lines import Beside, Lines, Samples, WholeClock
-from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record
+from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record, Verdict
 from rotorid.signals.checks_samples import (
     check_clipped,
     check_copied,
     check_dead,
     check_quantized,
 )
+from rotorid.signals.checks_stuck import check_stuck
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
 from rotorid.signals.rotation_line import shown_rotation
@@ -35,6 +36,8 @@ from rotorid.units import quantity
 
 TRANSIENT = 2
 """R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
+REFERENCE = "stuck reference"
+"""The check of references that stop: what they do not hold counts as noise, and rejects nothing."""
 
 
 @frozen
@@ -147,7 +150,7 @@ def spectra(
     return replace(
         found,
         warnings=noise.told,
-        checks=_checked(window, found.channels),
+        checks=_checked(window, found.channels, tuple(references)),
         beside=noise.beside,
         shown=noise.shown,
         parts=_Parts(window, tuple(names), ends, noise.covariance, frequency),
@@ -216,19 +219,41 @@ class _Parts:
         return found
 
 
-def _checked(window: _Window, channels: tuple[Channel, ...]) -> tuple[Check, ...]:
-    """Return what is wrong with single channels, the references left out: no line of them is used.
+def _checked(
+    window: _Window, channels: tuple[Channel, ...], references: tuple[str, ...]
+) -> tuple[Check, ...]:
+    """Return what is wrong with single channels, without what needs periods.
 
-    Not what needs periods, nor what stops: sensors of an axis that is not excited may rest.
+    Of references only what stops: no line of them is used.
     """
     record = window.record
     columns = [record.names.index(channel.name) for channel in channels]
     used = record.samples[window.first : window.first + window.count, columns]
     part = Record(channels, used, record.sample_rate)
+    whole = replace(
+        record,
+        samples=record.samples[window.first : window.first + window.count],
+        angle=None,
+        valid=None,
+        start=record.start + window.first / record.sample_rate,
+    )
+    stuck = check_stuck(whole, steady=False, references=references)
+    stuck = [replace(c, check=REFERENCE) if c.channel in references else c for c in stuck]
+    idle = [c for name in references for c in _idle(name, whole.column(name))]
     # Not refused: of a simulation without noise two sensors may well be alike.
     copied = check_copied(channels, used - used.mean(axis=0))
     told = [replace(c, verdict="warning") for c in copied]
-    return (*check_dead(part), *check_clipped(part), *check_quantized(part), *told)
+    single = (*check_dead(part), *stuck, *idle, *check_clipped(part), *check_quantized(part))
+    return (*single, *told)
+
+
+def _idle(name: str, samples: Floats) -> list[Check]:
+    """Tell of a reference that never moves; one that is zero belongs to an axis at rest."""
+    if np.ptp(samples) > 0:
+        return []
+    text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
+    verdict: Verdict = "warning" if samples[0] else "note"
+    return [Check(REFERENCE, name, f"{samples[0]:.6g} in every sample: {text}", verdict)]
 
 
 def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:

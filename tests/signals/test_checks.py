@@ -9,9 +9,9 @@ from adverse_cases import CASES
 from scipy.signal import lfilter
 
 from rotorid.record import Channel, Check, PeriodicRecord, Record
-from rotorid.signals import average, checks_rotation, checks_samples
+from rotorid.signals import average, checks_rotation, checks_stuck
 from rotorid.signals.checks import check_periods, check_record, worst
-from rotorid.signals.checks_samples import check_stuck
+from rotorid.signals.checks_stuck import check_stuck
 
 RATE, F0, SIZE = 5000.0, 20.0, 250
 LINES = np.arange(1, 12, 2)
@@ -454,26 +454,28 @@ def test_a_speed_that_wanders_scatters_the_line_of_the_rotation(swing, told):
     assert checks_rotation.WANDER == 100.0
 
 
-def stopping(part: float) -> Damage:
+def stopping(part: float, value: float | None = None) -> Damage:
     """Hold one value for a part of the record."""
 
     def change(samples: np.ndarray) -> np.ndarray:
         first = len(samples) // 3
-        samples[first : first + int(part * len(samples))] = samples[first]
+        stays = samples[first] if value is None else value
+        samples[first : first + int(part * len(samples))] = stays
         return samples
 
     return change
 
 
 def test_a_sensor_that_stops_is_refused() -> None:
-    assert checks_samples.STUCK == 0.02
+    assert checks_stuck.STUCK == 0.02
     found, *others = told(damaged(machine(), of(3, stopping(0.021))))
     assert [other.check for other in others] == ["knock"]
     assert (found.channel, found.verdict) == ("y", "refused")
     assert "from 1 to 1.063 s" in found.found
     assert check_stuck(damaged(machine(), of(3, stopping(0.019)))) == []
-    note, *_ = told(damaged(machine(), of(0, stopping(0.021))))
-    assert (note.check, note.channel, note.verdict) == ("stuck", "F_x", "note")
+    for value, verdict in ((0.0, "note"), (5.0, "warning")):  # where it drives nothing, or not
+        (check,) = check_stuck(damaged(machine(), of(0, stopping(0.021, value))))
+        assert (check.check, check.channel, check.verdict) == ("stuck", "F_x", verdict)
 
 
 def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck() -> None:
@@ -483,7 +485,7 @@ def test_what_rests_before_it_is_used_or_at_every_step_is_not_stuck() -> None:
     stairs = np.repeat(np.arange(12), 15_000 // 12) % 5 * 1e-4
     assert check_stuck(damaged(machine(), of(3, lambda v: stairs + 0 * v))) == []
     # Few samples may well stay the same.
-    assert (checks_samples.FEWEST_STUCK, checks_samples.STUCK_BESIDE) == (50, 10.0)
+    assert (checks_stuck.FEWEST_STUCK, checks_stuck.STUCK_BESIDE) == (50, 10.0)
     few = damaged(machine(2), of(3, stopping(0.08)))
     assert check_stuck(few) == []
 

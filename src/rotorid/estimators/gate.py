@@ -51,11 +51,14 @@ CONTRADICTING = frozenset(
         "repeats",
         "copied periods",
         "clipped",
+        "stuck",
         "wander",
     }
 )
 """Checks whose warnings contradict what every method takes for granted: that the machine, its
 speed and its period stay what they are, and that the samples are the quantity."""
+SILENT = frozenset({"dead", "stuck", "quantized"})
+"""Checks whose warnings are of a channel that reads nothing: no suspect explains it better."""
 ROUNDING = 1e-9
 """Share of its terms below which a balance of inertias is rounding."""
 
@@ -87,6 +90,19 @@ def data(checks: Sequence[Check]) -> Verdict:
     """Judge an answer by what the data showed before any model."""
     grave = [c for c in checks if c.verdict == "warning" and c.check in CONTRADICTING]
     return Verdict(faults=tuple(f"the data say otherwise: {check}" for check in grave))
+
+
+def seen_first(estimate: Estimate, checks: Sequence[Check]) -> Estimate:
+    """Return an estimate that was turned away, what single channels show by themselves first.
+
+    A suspect can but say that the gain of a dead sensor is 1e-19.
+    """
+    if estimate.status == "ok":
+        return estimate
+    found = [str(c) for c in checks if c.check in SILENT and c.verdict == "warning"]
+    others = [w for w in estimate.warnings if not any(text in w for text in found)]
+    told = [f"before any suspect, see to {text}" for text in found]
+    return replace(estimate, warnings=(*told, *others))
 
 
 def _judge(name: str, size: float, std: float, text: str) -> Verdict:

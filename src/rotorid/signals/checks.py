@@ -15,7 +15,6 @@ from rotorid.signals.checks_samples import (
     check_copied,
     check_dead,
     check_quantized,
-    check_stuck,
 )
 from rotorid.signals.checks_scatter import (
     NO_SCATTER,
@@ -27,6 +26,7 @@ from rotorid.signals.checks_scatter import (
     check_settled,
     check_silent,
 )
+from rotorid.signals.checks_stuck import check_stuck
 from rotorid.signals.checks_timing import check_timing
 
 _ORDER: tuple[Verdict, ...] = ("ok", "note", "warning", "refused")
@@ -76,7 +76,9 @@ def check_record(
     begin = -np.inf if periods is None else periods.begin
     found = {
         "dead": check_dead(part, scatter),
-        "stuck": check_stuck(record if record.valid is None else part, begin),
+        "stuck": check_stuck(
+            record if record.valid is None else part, begin, steady=periods is not None
+        ),
         "clipped": check_clipped(part),
         "quantized": check_quantized(part, scatter),
     }

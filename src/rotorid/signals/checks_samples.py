@@ -38,12 +38,9 @@ COPY = 1e-9
 """What is left of one channel when another is taken off, over its variance, below which the two
 are the same column: two converters share no noise."""
 
-STUCK = 0.02
-"""Part of the record from which on one value is a stop: with 40 periods nearly one of them."""
-FEWEST_STUCK = 50
-"""Samples below which a stop is none: a coarse converter rests that long at a turning point."""
-STUCK_BESIDE = 10.0
-"""How much longer than any other rest of the channel a stop is: one of steps rests every time."""
+DITHER = 2.5
+"""Steps of a converter within which the last digit of a channel plays that reads nothing: one up
+or down, and what rounding makes of it."""
 
 _FEW = 1000
 _PART = 4000  # samples from which the quantum is read: more of them tell nothing new
@@ -113,36 +110,6 @@ def check_dead(record: Record, scatter: Floats | None = None) -> list[Check]:
     return found
 
 
-def check_stuck(record: Record, begin: float = -np.inf) -> list[Check]:
-    """Find channels that stop in the middle: one value for a good part of the record.
-
-    What lies before `begin`, in s, is not used, and may rest.
-    """
-    found = []
-    first = max(0, round((max(begin, record.start) - record.start) * record.sample_rate))
-    for c, channel in enumerate(record.channels):
-        samples = record.samples[first:, c]
-        longest = STUCK * len(samples)
-        # A stop that long holds two of any samples half as far apart.
-        some = samples[:: max(1, int(longest / 2))]
-        if longest < FEWEST_STUCK or (some == some[0]).all() or not (np.diff(some) == 0).any():
-            continue
-        moves = np.concatenate([[0], 1 + np.flatnonzero(np.diff(samples)), [len(samples)]])
-        run = int(np.argmax(np.diff(moves)))
-        length = int(moves[run + 1] - moves[run])
-        others = np.sort(np.diff(moves))[:-1]
-        if length < max(longest, FEWEST_STUCK, STUCK_BESIDE * others.max(initial=1)):
-            continue
-        stop, go = record.start + (first + moves[run : run + 2]) / record.sample_rate
-        text = (
-            f"{samples[moves[run]]:.6g} in every sample from {stop:.5g} to {go:.5g} s, while it "
-            "moves before or after: check its cable, use the part in which it moves"
-        )
-        verdict: Verdict = "note" if is_input(channel) else "refused"
-        found.append(Check("stuck", channel.name, text, verdict))
-    return found
-
-
 def check_clipped(record: Record) -> list[Check]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
     found = []
@@ -205,7 +172,11 @@ def check_quantized(record: Record, scatter: Floats | None = None) -> list[Check
         step = quantum(record.samples[:, c])
         if step == 0 or channel.hold:
             continue
-        size = float(_spread(record.samples[:, c]).std())
+        few = _spread(record.samples[:, c])
+        size = float(few.std())
+        if np.ptp(few) <= DITHER * step and np.ptp(record.samples[:, c]) <= DITHER * step:
+            found.append(_last_digit(channel, float(median(few)), step))
+            continue
         told = f"steps of {step:.3g} {channel.unit}, {size / step:.3g} of them to its rms"
         if scatter is not None and 0 < scatter[c] < UNDITHERED * step:
             text = (
@@ -217,6 +188,15 @@ def check_quantized(record: Record, scatter: Floats | None = None) -> list[Check
         elif size < COARSE * step:
             found.append(Check("quantized", channel.name, f"{told}: use a finer range", "note"))
     return found
+
+
+def _last_digit(channel: Channel, level: float, step: float) -> Check:
+    """Tell of a channel whose last digit is all that moves."""
+    text = f"{level:.6g} {channel.unit} in every sample, to its last digits of {step:.3g}"
+    if is_input(channel):
+        return Check("quantized", channel.name, f"{text}: it drives nothing", "note")
+    text = f"{text}: it reads nothing; check its cable and its logger, or use a finer range"
+    return Check("quantized", channel.name, text, "warning")
 
 
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Check]:
