@@ -183,6 +183,9 @@ def lost(name: str) -> rid.Estimate:
         (None, ["x,y", "x, y"], {}, "one plane twice"),
         (None, ["nowhere"], {}, "the plane 'nowhere'.*such as x,y"),
         (None, ["x,theta"], {}, "the plane 'x,theta'"),
+        (None, ["x"], {}, "the plane 'x'.*such as x,y"),
+        (None, ["x,x"], {}, "one direction twice.*x before y"),
+        (None, ["F_xa,2*F_xa"], {}, "the plane"),
         (None, ["x,y", *ENDS], {}, "planes of which one does what others do"),
         (None, ["x,y"], {"speed": 0.0}, "a speed of 0"),
         (None, ["x,y"], {"speed": []}, "no speed"),
@@ -204,6 +207,36 @@ def test_what_cannot_be_is_refused(estimate, planes, more, message):
     speed = more.pop("speed", 500.0)
     with pytest.raises(rid.InputError, match=message):
         rid.balance(estimate, planes, speed, **more)
+
+
+ONE_AXIS = """
+title = "two masses that move along one axis"
+equations = [
+  "m*x1'' + c*x1' + k*x1 + k*(x1 - x2) = F + Omega^2*(ux*cos(phi) - uy*sin(phi))",
+  "m*x2'' + c*x2' + k*(x2 - x1) = 0",
+]
+coordinates = { x1 = "m", x2 = "m" }
+inputs = { F = "N" }
+[parameters]
+m = { unit = "kg", nominal = 2.0 }
+c = { unit = "N s/m", nominal = 30.0 }
+k = { unit = "N/m", nominal = 2e5 }
+ux = { unit = "kg m", nominal = 3e-5 }
+uy = { unit = "kg m", nominal = 2e-5 }
+"""
+
+
+def test_a_model_of_one_axis_has_planes_of_one_direction():
+    """Its unbalance turns all the same: cos and sin of one direction tell amount and angle."""
+    estimate = estimate_of(model_of(ONE_AXIS))
+    for plane in ("x1", "F"):
+        found = rid.balance(estimate, [plane], "1800 rpm")
+        assert vector(found) == pytest.approx([-(3e-5 + 2e-5j)], rel=1e-9)
+        assert found.share < 1e-9
+    with pytest.raises(rid.InputError, match=r"one direction twice.*x1.*name the one alone"):
+        rid.balance(estimate, ["x1,x1"], "1800 rpm")
+    with pytest.raises(rid.InputError, match="the plane 'F,'"):
+        rid.balance(estimate, ["F,"], "1800 rpm")
 
 
 def test_runout_is_said_to_stay():
@@ -354,7 +387,7 @@ def test_what_was_fixed_is_told_and_never_exact():
         ("theta_x,theta_y", "a couple, where a mass makes a force"),
         ("x,theta_x", "a couple, where a mass makes a force"),
         ("y,x", "a pair in which y comes before x"),
-        ("x,x", "two directions that are not x and y of one place"),
+        ("x,x", "one direction twice"),
         ("x + 0.1*theta_y,y - 0.3*theta_x - 0.5*y", "not x and y of one place"),
         ("x - 0.1*theta_y,y - 0.1*theta_x", "two places along the axis, as a sign"),
         ("x + 0.1*theta_y,y - 0.2*theta_x", "two places along the axis"),

@@ -106,6 +106,6 @@ def test_how_finely_a_machine_is_looked_at() -> None:
         241,
     )
     assert (critical.EXACT, critical.FALSE, critical.ALIKE) == (1e-10, 1e-6, 0.7)
-    assert (machine.ANGLES, machine.STEP, machine.NEAR) == (64, 1e-4, 0.01)
+    assert (machine.STEP, machine.NEAR) == (1e-4, 0.01)
     assert (modes.BESIDE, modes.TERMS, modes.DRAWS, modes.NORMAL) == (3, 1 << 22, 4000, 1.959964)
     assert STEP == 0.05

@@ -7,13 +7,12 @@ import numpy as np
 from rotorid.estimate import Estimate
 from rotorid.estimate_parts import Unbalance
 from rotorid.models import Model
-from rotorid.models.evaluation import evaluate
 from rotorid.models.expression import Expression, symbol
 from rotorid.models.force_balance import ForceBalance, force_balance
 from rotorid.models.linear import speed_factor
+from rotorid.models.rotation import rotation_line
 from rotorid.record import Complexes, Floats
 
-ANGLES = 2 * np.pi * np.arange(16) / 16  # rotor angles: tell the rotation from seven multiples
 SPEEDS = (1.0, 2.0, 3.0, 4.0)  # rad/s: tell a square from other powers up to the cube
 TURNING = symbol("phi")
 ALIKE = 1e-9  # of the amount: two rows hold one unbalance, a quarter turn apart
@@ -98,7 +97,7 @@ def _columns(model: Model) -> Complexes:
     for signal, terms in _loads(model).items():
         if TURNING not in signal.free_symbols:
             continue
-        first, second, third, fourth = (_line(signal, speed) for speed in SPEEDS)
+        first, second, third, fourth = (rotation_line(signal, speed) for speed in SPEEDS)
         line = (third - 2 * second + first) / 2
         cubic = fourth - 3 * third + 3 * second - first
         if np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth):
@@ -106,17 +105,6 @@ def _columns(model: Model) -> Complexes:
                 if monomial in bases:
                     columns[row, bases[monomial]] += coefficient * line
     return columns
-
-
-def _line(signal: Expression, speed: float) -> complex:
-    """Return the line of exp(i phi) of a load at a speed in rad/s."""
-    still: dict[str, Floats] = {
-        "t": np.zeros(len(ANGLES)),
-        "phi": ANGLES,
-        "Omega": np.full(len(ANGLES), speed),
-    }
-    wave = np.asarray(evaluate(signal, still)) * np.ones(len(ANGLES))
-    return complex((2 * wave * np.exp(-1j * ANGLES)).mean())
 
 
 def _loads(model: Model) -> dict[Expression, list[tuple[int, int, float]]]:

@@ -15,6 +15,7 @@ from rotorid.errors import InputError, ModelError
 from rotorid.frozen import frozen
 from rotorid.models.evaluation import evaluate, is_usable
 from rotorid.models.expression import RESERVED, Expression, product, symbol
+from rotorid.models.rotation import rotation_line
 from rotorid.models.terms import DERIVATIVES
 from rotorid.record import Complexes, Floats, Integers
 
@@ -218,6 +219,18 @@ class LinearForm:
             if not is_usable(signal):
                 raise _not_finite(term.signal, speed)
             columns[..., term.row, term.monomial] += term.coefficient * signal
+        return columns
+
+    def rotation_columns(self, speed: float) -> Complexes:
+        """Return the columns of g, of ``Re(g exp(i phi))``: what turns with the rotor."""
+        columns = np.zeros((self.rows, self.monomials), dtype=complex)
+        lines: dict[Expression, complex] = {}
+        for term in self.load_terms:
+            if term.signal not in lines:
+                lines[term.signal] = rotation_line(term.signal, speed)
+            if not is_usable(lines[term.signal]):
+                raise _not_finite(term.signal, speed)
+            columns[term.row, term.monomial] += term.coefficient * lines[term.signal]
         return columns
 
 

@@ -12,8 +12,10 @@ import numpy as np
 from pydantic import Field
 
 from rotorid.errors import InputError, ModelError, ReadError
+from rotorid.models.expression import RESERVED, symbol
 from rotorid.models.model import Model, build_model
 from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
+from rotorid.models.rotation import runs_by_time
 from rotorid.models.terms import Names
 from rotorid.toml import Schema, holds_key, parse_toml, read_bytes
 from rotorid.units import check_unit
@@ -183,6 +185,7 @@ def _build(data: bytes, name: str, file: str) -> Model:
         head = (name, entry.title, entry.source)
         model = build_model(*head, entry.equations, names, units, parameters, data.decode())
         _check_use(model)
+        _check_angle(model)
     except InputError as error:
         raise error.at(file=file) from None
     return model
@@ -201,6 +204,20 @@ def _check_use(model: Model) -> None:
                 "every declared name in an equation",
                 "use it or remove it; what it multiplies may vanish",
                 place="equations",
+            )
+
+
+def _check_angle(model: Model) -> None:
+    """Refuse a load that turns with the rotor from when the record began, not from its mark."""
+    reserved = {symbol(name) for name in RESERVED}
+    rows = {t.signal: t.row for t in model.terms if t.signal.free_symbols <= reserved}
+    for signal, row in rows.items():
+        if (wrong := runs_by_time(signal)) is not None:
+            raise ModelError(
+                f"{wrong}, a load that turns with the rotor, counted from when a record began",
+                "the angle of the rotor, which its mark tells",
+                "write phi, which is Omega*t where nothing else is known of the angle",
+                place=f"equation {row + 1}",
             )
 
 

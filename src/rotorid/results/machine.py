@@ -22,8 +22,6 @@ from rotorid.models.linear import solved, speed_factor
 from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.model import own_model
 
-ANGLES = 64
-"""Angles of a revolution at which loads are evaluated: orders up to 31 are told from the first."""
 STEP = 1e-4
 """Share of a speed by which it is moved for derivatives: what depends on it is a polynomial of low
 degree, and central differences of a cubic are right to the square of this."""
@@ -145,11 +143,7 @@ class Machine:
 
     def load_columns(self, speed: float) -> Complexes:
         """Return the columns of g, of ``Re(g exp(i phi))``; shape (row, monomial)."""
-        angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
-        time = angle / speed if speed else np.zeros(ANGLES)
-        columns = self.linear.load_columns(time, angle, speed)
-        turned = 2 * np.tensordot(np.exp(-1j * angle), columns, 1) / ANGLES
-        return np.asarray(turned * self.used)
+        return np.asarray(self.linear.rotation_columns(speed) * self.used)
 
     def load(self, speed: float) -> tuple[Complexes, Complexes]:
         """Return g, shape (row,), and its derivative by the unknowns, shape (row, unknown)."""

@@ -6,6 +6,7 @@ The force of an unbalance U (kg m, complex: its direction in the rotor from x to
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -31,13 +32,18 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     """Return what an unbalance of 1 kg m in a plane does to the equations, over Omega^2, (row,).
 
     A plane is a pair ``x2,y2`` of coordinates, of combinations of them such as
-    ``x + 0.1*theta_y, y - 0.1*theta_x``, or of inputs; or the name of a place.
+    ``x + 0.1*theta_y, y - 0.1*theta_x``, or of inputs; or the name of a place. Of a model that
+    moves along one axis only it is the one direction.
 
     Raises
     ------
     InputError
         For what names no plane.
     """
+    if "," not in plane and _one_axis(machine):
+        column = _force_column(machine, plane.strip())
+        if column is not None and column.any():
+            return column.astype(complex)
     for pair in _readings(machine, plane):
         columns = [_force_column(machine, name) for name in pair]
         if columns[0] is not None and columns[1] is not None:
@@ -52,8 +58,22 @@ def plane_column(machine: Machine, plane: str) -> Complexes:
     )
 
 
+def _one_axis(machine: Machine) -> bool:
+    """Tell whether all displacements of a model are along one axis, as their names say."""
+    units = machine.model.units
+    moved = [name for name in machine.model.coordinates if units[name] == "m"]
+    return len({re.sub(r"[\d_].*", "", name) for name in moved}) == 1
+
+
 def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) -> None:
     """Refuse what is not x and y of one place: couples, y before x, parts or multiples of it."""
+    if _parallel(*columns):
+        raise InputError(
+            f"one direction twice: {plane[:60]!r}",
+            f"the two directions in which a force acts, {_offered(machine)}",
+            "name the one alone" if _one_axis(machine) else "name them, x before y",
+            place="plane",
+        )
     directions, names = directions_of(machine), list(machine.model.coordinates)
     lengths = np.array([machine.model.units[name] == "m" for name in names])
     if any(directions.forces(column)[k] for column in columns for k in directions.faults):
@@ -83,6 +103,12 @@ def _check_pair(machine: Machine, plane: str, *columns: Floats, combined: bool) 
         "name them, x before y",
         place="plane",
     )
+
+
+def _parallel(first: Floats, second: Floats) -> bool:
+    """Tell whether two forces do the same, up to their size."""
+    product = np.linalg.norm(first) * np.linalg.norm(second)
+    return bool(product > 0 and abs(first @ second) > (1 - 1e-9) * product)
 
 
 def _levers_differ(machine: Machine, *columns: Floats) -> bool:
@@ -121,6 +147,8 @@ def _offered(machine: Machine) -> str:
     named = list(machine.model.coordinates)
     pairs = [f"{named[a]},{named[b]}" for a, b in partners(named) if model.units[named[a]] == "m"]
     pairs = [pair for pair in pairs if "node" not in pair] or pairs
+    if not pairs and _one_axis(machine):
+        pairs = [name for name in named if model.units[name] == "m"]
     forces = [name for name in model.inputs if model.units[name] == "N"]
     inputs = [f"{forces[a]},{forces[b]}" for a, b in partners(forces)]
     return (

@@ -203,10 +203,8 @@ def _oriented(
     speed: float,
 ) -> list[tuple[int, int]]:
     """Order each pair by the sense in which its unbalance turns; else as declared."""
-    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-    linear = linear_form(model)
-    load = linear.load_columns(np.zeros(8), angle, speed or 1.0) @ model.monomial_values(values)
-    once = balance.forces((load * np.exp(-1j * angle)[:, None]).mean(axis=0))
+    columns = linear_form(model).rotation_columns(speed or 1.0)
+    once = balance.forces(columns @ model.monomial_values(values))
     found = []
     for a, b in pairs:
         backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
