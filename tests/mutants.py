@@ -128,6 +128,8 @@ def changed(number: float | bool) -> list[float | int | bool]:
         return [not number]
     if isinstance(number, int) and abs(number) < 4:
         return [number + 1, number - 1]
+    if number == 0:  # half of it is the same
+        return [1.0]
     more, less = 1.5 * number, 0.5 * number
     return [round(more), round(less)] if isinstance(number, int) else [more, less]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.likelihood import leads, refits, suspects
+from rotorid.estimators.likelihood import leads, suspects
 from rotorid.estimators.likelihood.candidates import find_structure
 from rotorid.identify import identify
 from rotorid.observation import bind
@@ -178,25 +178,3 @@ def test_planes_of_sensors_that_read_combinations(demo):
     assert {"x1", "y1"} in found
     assert {"F_x1", "F_y1"} in found
     assert len(found) == 4
-
-
-@pytest.mark.parametrize(
-    ("gain", "exact"),
-    [(-1.01, -1.0), (25.0, 25.4), (-0.0394, -1 / 25.4), (1.07, None), (0.7, 0.5**0.5)],
-)
-def test_factors_of_units(gain, exact):
-    found = leads.snap(gain)
-    assert found == (None if exact is None else pytest.approx(exact))
-
-
-def test_constants():
-    """Each decides what is tried or told; see their reasons."""
-    assert leads.SNAP == 0.03
-    assert (leads.LIKE_CHANNELS, leads.UNLIKE) == (8, 5.0)
-    assert refits.COARSE == (10.0, 1.0)
-    assert refits.STEPS == 6
-    assert refits.SHORTER == (1.0, 0.3, 0.1)
-    assert (suspects.KEPT, suspects.FIRST, suspects.REFITTED, suspects.SCREENED) == (12, 3, 8, 5)
-    assert suspects.TURNS == 5
-    assert (suspects.GROSS, suspects.STANDS_OUT) == (3.0, 1e-2)
-    assert (suspects.ALIKE, suspects.EXPLAINS) == (15.0, 0.2)

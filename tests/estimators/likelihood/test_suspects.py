@@ -212,7 +212,6 @@ def test_structure_does_not_depend_on_how_equations_are_written():
 )
 @pytest.mark.parametrize("turned", [False, True])
 def test_suspects_that_are_even_have_an_order_of_their_own(costs, order, turned):
-    assert suspects.EVEN == 1.0
     findings = [
         suspects.Finding(Suspect(term, 1e6 - cost, 1.0, 800.0, "Hz"), cost, term, "")
         for term, cost in zip(("bandwidth[force]", "bandwidth[position]"), costs, strict=True)
@@ -226,7 +225,6 @@ def test_suspects_that_are_even_have_an_order_of_their_own(costs, order, turned)
 @pytest.mark.parametrize(("left", "enough"), [(875.0, True), (877.0, False)])
 def test_a_suspect_that_is_not_enough_is_said_to_be_none(left, enough):
     """Two mistakes at once: the best of one leaves more than three times what noise does."""
-    assert suspects.GROSS == 3.0
     found = suspects.Finding(Suspect("mass at x", 1e6 - left, 1.0, 0.06, "kg"), left, "m", "add it")
     told = suspects.sentence([found], 1e6, 292.0)
     assert told.endswith("add it") == enough

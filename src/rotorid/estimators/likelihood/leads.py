@@ -22,14 +22,13 @@ from rotorid.record import Floats
 Undo = Callable[[Sequence[Observation]], list[Observation]]
 
 FACTORS = {
-    "mil instead of um, or um instead of mil": 25.4,
+    "mil instead of um, um instead of mil, or inches instead of mm": 25.4,
     "mm instead of um, or mA instead of A": 1e3,
     "m instead of um, or uA instead of A": 1e6,
     "degrees instead of radians": 180 / np.pi,
     "rms instead of amplitude": np.sqrt(2),
     "peak to peak instead of amplitude": 2.0,
     "inches instead of m": 1 / 0.0254,
-    "inches instead of mm": 25.4,
     "pounds-force instead of N": 1 / 4.4482216152605,
     "kilograms-force instead of N": 1 / 9.80665,
     "ten times": 10.0,
@@ -153,9 +152,8 @@ def unit(names: Sequence[str], label: str, gain: float) -> Lead:
 
 def factor_name(gain: float) -> str:
     """Say which unit was mistaken where a gain is that of one, and whether it is upside down."""
-    size, told = abs(gain), []
-    if snap(gain) is not None and not _close(size, 1.0):
-        told += [n for n, f in FACTORS.items() if _close(size, f) or _close(size, 1 / f)][:1]
+    name, _ = _nearest(abs(gain)) or ("", 1.0)
+    told = [name] if name else []
     if gain < 0:
         told.append("upside down")
     return f" ({', '.join(told)})" if told else ""
@@ -163,15 +161,15 @@ def factor_name(gain: float) -> str:
 
 def snap(gain: float) -> float | None:
     """Return the sign and unit factor that a gain is close to, or None."""
-    for factor in (1.0, *FACTORS.values()):
-        for exact in (factor, 1 / factor):
-            if _close(abs(gain), exact):
-                return float(np.copysign(exact, gain))
-    return None
+    near = _nearest(abs(gain))
+    return None if near is None else float(np.copysign(near[1], gain))
 
 
-def _close(gain: float, factor: float) -> bool:
-    return abs(gain / factor - 1) < SNAP
+def _nearest(size: float) -> tuple[str, float] | None:
+    """Return the unit whose factor is nearest to a size, with that factor; None where none is."""
+    factors = [("", 1.0), *((n, way) for n, f in FACTORS.items() for way in (f, 1 / f))]
+    name, exact = min(factors, key=lambda known: abs(size / known[1] - 1))
+    return (name, exact) if abs(size / exact - 1) < SNAP else None
 
 
 def exact_inputs(record: Observation) -> frozenset[str]:

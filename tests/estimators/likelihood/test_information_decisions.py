@@ -1,0 +1,190 @@
+"""Where an answer is doubted: noise that was taken for information, and other answers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators.likelihood import information
+from rotorid.estimators.likelihood.valley import Valley
+
+
+def problem_of(*names: str) -> SimpleNamespace:
+    """Return a problem of some unknowns, all free and none of them a load."""
+    unknowns = [SimpleNamespace(name=name, nuisance=False) for name in names]
+    layout = SimpleNamespace(free=np.arange(len(names)), unknowns=unknowns)
+    return SimpleNamespace(layout=layout, affine=np.zeros(0, dtype=int), exact=())
+
+
+def solution_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
+    """Return a minimum."""
+    point = SimpleNamespace(unknowns=np.array(unknowns), cost=cost, problem=problem)
+    return SimpleNamespace(point=point, converged=True)
+
+
+def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about: bool) -> bool:
+    """Tell whether a mass of 1 kg is called noise; `about`: a machine near would not tell it."""
+    problem = problem_of("m")
+    point = SimpleNamespace(unknowns=np.ones(1))
+    monkeypatch.setattr(
+        information, "informed_by_noise", lambda at: (np.array([predicted]), np.zeros(1, bool))
+    )
+    monkeypatch.setattr(information, "_taken_about", lambda *at: np.array([about]))
+    asked = information._Asked(
+        problem,
+        np.ones(1),
+        point,
+        np.array([stated]),
+        np.ones(1, bool),
+        np.ones(1, bool),
+        np.array([loose]),
+    )
+    return bool(asked.doubt(np.ones(1)).noise)
+
+
+@pytest.mark.parametrize(
+    ("stated", "predicted", "doubt"),
+    [
+        (0.05, 0.149, False),  # three times as much is noise
+        (0.05, 0.151, True),
+        (0.0099 / 9.9, 0.0099, False),  # ten times, of what is predicted to a hundredth
+        (0.0099 / 10.1, 0.0099, True),
+        (0.0101 / 9.9, 0.0101, True),
+    ],
+)
+@pytest.mark.parametrize("loose", [False, True])
+def test_deviations_much_smaller_than_predicted_are_noise(
+    monkeypatch, stated, predicted, doubt, loose
+) -> None:
+    assert doubted(monkeypatch, stated, predicted, loose=loose, about=False) == doubt
+
+
+@pytest.mark.parametrize("loose", [False, True])
+def test_what_is_told_loosely_is_asked_about_the_start_too(monkeypatch, loose) -> None:
+    assert doubted(monkeypatch, 0.05, 0.05, loose=loose, about=True) == loose
+
+
+@pytest.mark.parametrize(
+    ("power", "share", "told"),
+    [
+        (0.29, 1.0, [False, False]),
+        (0.31, 1.0, [True, False]),
+        (0.9, 0.91, [True, False]),  # the other has .09 of its variance along that direction
+        (0.9, 0.89, [True, True]),
+    ],
+)
+def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told) -> None:
+    """Of .3 of the information along a direction, and of a tenth of an unknown's variance."""
+    c, s = np.sqrt(share), np.sqrt(1 - share)
+    root = np.array([[c, -s], [s, c]])
+    noise = np.sqrt(power) * root[:, [0]].T[None]  # (input, row, free): along the first direction
+    found = information._owed([noise], root, np.ones(2))
+    assert found.tolist() == told
+
+
+@pytest.mark.parametrize(
+    ("expected", "stated", "loose"),
+    [(0.099, 0.0, False), (0.101, 0.0, True), (0.0, 0.099, False), (0.0, 0.101, True)],
+)
+def test_a_deviation_of_a_tenth_is_loose(monkeypatch, expected, stated, loose) -> None:
+    """The one expected of the start, or the one stated."""
+    problem, solution = problem_of("m"), solution_at([2.0])
+    inference = SimpleNamespace(
+        covariance=np.array([[max(2 * stated, 1e-6) ** 2]]), undetermined=np.zeros(1, bool)
+    )
+    monkeypatch.setattr(information, "predicted_deviations", lambda *at: np.array([2 * expected]))
+    asked = information._Asked.of(problem, np.array([2.0]), solution, inference)
+    assert asked.loose.tolist() == [loose]
+    assert asked.rigid.tolist() == [True]
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(2.9, True), (3.1, False), (1 / 2.9, True)])
+def test_a_start_that_is_off_by_three_is_no_machine(factor, kept) -> None:
+    (start,) = information._about(problem_of("m"), np.array([factor]), np.ones(1), 0)
+    assert start[0] == (factor if kept else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("stated", "predicted", "taken"),
+    [(0.0, 0.099, False), (0.0, 0.101, True), (0.02, 0.199, False), (0.02, 0.201, True)],
+)
+def test_what_no_machine_about_the_start_tells(monkeypatch, stated, predicted, taken) -> None:
+    """Neither to a tenth of the value nor to ten stated deviations."""
+    monkeypatch.setattr(information, "further_starts", lambda *at: [np.ones(1)])
+    monkeypatch.setattr(information, "predicted_deviations", lambda *at: np.array([predicted]))
+    found = information._taken_about(problem_of("m"), np.ones(1), np.ones(1), np.array([stated]))
+    assert found.tolist() == [taken]
+
+
+@pytest.mark.parametrize(("informed", "taken"), [(9, False), (10, True)])
+def test_eight_machines_about_the_start_are_asked(monkeypatch, informed, taken) -> None:
+    """Beside the start itself; here it is the one of this number that the forces inform."""
+    asked = iter(range(1, 100))
+    monkeypatch.setattr(
+        information,
+        "predicted_deviations",
+        lambda *at: np.array([0.0 if next(asked) == informed else np.inf]),
+    )
+    found = information._taken_about(problem_of("m"), np.ones(1), np.ones(1), np.ones(1))
+    assert found.tolist() == [taken]
+
+
+@pytest.mark.parametrize(
+    ("above", "distance", "answers"), [(14.9, 5.1, 1), (15.1, 5.1, 0), (14.9, 4.9, 0)]
+)
+def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distance, answers):
+    problem = problem_of("m", "k")
+    solution = solution_at([1.0, 1.0], 100.0, problem)
+    other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
+    found = information._apart([other], solution, np.array([1.0, 0.1]), np.ones(2, bool))
+    assert len(found) == answers
+
+
+def ways(monkeypatch, every: bool, above: float | None = None) -> list[tuple[float, ...]]:
+    """Return the stages of each further way that is gone; `above`: where the second one ends."""
+    gone: list[tuple[float, ...]] = []
+
+    def elsewhere(problem, start, solution, stages):
+        gone.append(stages)
+        ends = above is not None and len(gone) == 2
+        return solution_at([9.0], 100.0 + above) if ends else None
+
+    monkeypatch.setattr(information, "elsewhere", elsewhere)
+    information._minima(problem_of("m"), np.ones(1), solution_at([1.0]), every)
+    return gone
+
+
+def test_how_many_further_starts_are_tried(monkeypatch) -> None:
+    """Three; eight on demand, or where one ended elsewhere at a cost that is not far above."""
+    assert len(ways(monkeypatch, every=False)) == 3
+    tried = ways(monkeypatch, every=True)
+    assert len(tried) == 8
+    assert [len(stages) for stages in tried] == [5] * 3 + [3] * 5
+    assert tried[-1] == (0.1, 0.01, 0.0)
+    assert [len(ways(monkeypatch, False, above)) for above in (149.0, 151.0)] == [8, 3]
+
+
+@pytest.mark.parametrize(
+    ("chance", "loose", "every"), [(0.0099, False, True), (0.0101, False, False), (0.5, True, True)]
+)
+def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chance, loose, every):
+    solution = solution_at([1.0])
+    asked = SimpleNamespace(
+        loose=np.array([loose]),
+        stated=np.ones(1),
+        told=np.ones(1, bool),
+        valley=lambda inference: Valley(np.ones(1), solution.point),
+        doubt=lambda wider: information.Doubt(),
+    )
+    demanded: list[bool] = []
+    monkeypatch.setattr(information._Asked, "of", lambda *at: asked)
+    monkeypatch.setattr(information, "_minima", lambda *at: demanded.append(at[-1]) or [])
+    monkeypatch.setattr(information, "_apart", lambda *at: [])
+    monkeypatch.setattr(information, "replace", lambda at, **changes: at)
+    inference = SimpleNamespace(
+        expectation=SimpleNamespace(p_value=lambda cost: chance), covariance=np.ones((1, 1))
+    )
+    information.questioned(problem_of("m"), np.ones(1), solution, inference)
+    assert demanded == [every]

@@ -1,0 +1,120 @@
+"""Where the solver turns over: how far it goes on, and what it takes for the same or for lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rotorid.estimators.likelihood import solver
+
+
+class Stairs(solver._Walk):
+    """A way down by even steps, so many to the minimum; the bends cost no Jacobian."""
+
+    def __init__(self, steps: int, cost: float = 1e6, residuals: int = 1) -> None:
+        self.steps, self.height, self.residuals = steps, cost, residuals
+        self.granted: list[float] = []
+        problem = SimpleNamespace(sketch=None, tolerance=1e-10, best_at=self.best_at)
+        super().__init__(problem, np.zeros(1), bounded=False)
+
+    def best_at(self, unknowns, relaxation=0.0):
+        self.granted.append(relaxation)
+        cost = self.height - 1e-3 * unknowns[0]
+        return SimpleNamespace(cost=cost, unknowns=unknowns, residual=np.zeros(self.residuals))
+
+    def _tangent(self, point):
+        self.iterations += 1
+        on_the_way = point.unknowns[0] < self.steps
+        return SimpleNamespace(decrease=1e3 * on_the_way, step=lambda radius: np.ones(1))
+
+    def _stepped(self, point, where, along, relaxation):
+        return self.best_at(point.unknowns + 1, relaxation)
+
+
+def test_a_homotopy_grants_each_stage_a_tenth_of_the_last_and_none_in_the_end(monkeypatch) -> None:
+    walk = Stairs(0)
+    monkeypatch.setattr(solver, "_walk", lambda *start: walk)
+    found = solver._descended(walk.problem, np.zeros(1), solver.STAGES, False)
+    assert walk.granted == [10.0, 1.0, 0.1, 0.01, 0.0]
+    assert len(found.trail) == 4
+
+
+@pytest.mark.parametrize(("steps", "arrived"), [(199, True), (200, False)])
+def test_the_last_stage_has_two_hundred_steps(steps: int, arrived: bool) -> None:
+    walk = Stairs(steps)
+    point, converged = solver._ended(walk.problem, walk, 0.0, brief=False, near=True)
+    assert converged == arrived
+    assert point.unknowns[0] == steps
+
+
+@pytest.mark.parametrize(("spent", "goes_on"), [(1000, True), (1001, False)])
+def test_a_way_has_a_thousand_jacobians(spent: int, goes_on: bool) -> None:
+    walk = Stairs(10)
+    walk.iterations = spent
+    point = walk.best_at(np.zeros(1))
+    trial, _ = walk._forward(point, SimpleNamespace(step=lambda radius: np.ones(1)), np.inf, 0.0)
+    assert (trial is not None) == goes_on
+
+
+@pytest.mark.parametrize(("each", "spent"), [(9.9, 101), (10.1, 61)])
+def test_a_brief_way_is_left_after_sixty_jacobians_where_it_is_hopeless(each, spent) -> None:
+    """So many per residual; one that is not goes on, here to its minimum."""
+    walk = Stairs(99, cost=100 * each, residuals=100)
+    _, converged = solver._ended(walk.problem, walk, 0.0, brief=True, near=True)
+    assert converged == (each < 10)
+    assert walk.iterations == spent
+
+
+@pytest.mark.parametrize(("bends", "at_once"), [(4, True), (5, False)])
+def test_four_steps_lead_back_to_the_floor_of_a_valley(monkeypatch, bends, at_once) -> None:
+    walk = Stairs(10)
+    heights = iter([*np.arange(20.0, 20.0 - bends, -1)[1:], 9.0])
+    monkeypatch.setattr(walk, "_stepped", lambda *step: SimpleNamespace(cost=20.0))
+    monkeypatch.setattr(walk, "_corrected", lambda *step: SimpleNamespace(cost=next(heights, 30.0)))
+    point = SimpleNamespace(cost=10.0, unknowns=np.zeros(1))
+    where = SimpleNamespace(step=lambda radius: np.ones(1))
+    trial, radius = walk._forward(point, where, np.inf, 0.0)
+    assert trial is not None
+    assert (radius == 4.0) == at_once  # a step that is good at once makes the next one longer
+
+
+@pytest.mark.parametrize(("off", "same"), [(0.0099, True), (0.0101, False)])
+def test_ways_join_within_a_hundredth_of_each_unknown_but_what_is_linear(off, same) -> None:
+    problem = SimpleNamespace(layout=SimpleNamespace(free=np.arange(3)), affine=np.array([2]))
+    one = np.array([1.0, -200.0, 5.0])
+    for place in (0, 1):
+        other = one.copy()
+        other[place] *= 1 - off
+        other[2] = -1.0
+        assert solver._same(problem, one, other) == same
+        assert solver._same(problem, other, one) == same
+
+
+@dataclass
+class Held:
+    """A problem of two unknowns, the first a gain; what is known of them is what is asked."""
+
+    layout: SimpleNamespace
+    known: SimpleNamespace
+
+
+@pytest.mark.parametrize("open_", [False, True])
+def test_gains_are_held_to_their_start_and_a_scale_that_nothing_tells_firmly(monkeypatch, open_):
+    """A gain three tenths off is one deviation off; all unknowns by a hundredth together, too."""
+    unknowns = [
+        SimpleNamespace(name="gain", anchored=True),
+        SimpleNamespace(name="mass", anchored=False),
+    ]
+    nothing = SimpleNamespace(joined=lambda relations: relations)
+    problem = Held(SimpleNamespace(free=np.arange(2), unknowns=unknowns), nothing)
+    monkeypatch.setattr(solver, "scale_is_open", lambda *at: open_)
+    start = np.array([-2.0, 50.0])
+    known = solver.anchored(problem, start).known
+    assert known.values(start) == pytest.approx([0.0] * len(known))
+    assert known.values(np.array([-2.6, 50.0]))[0] == pytest.approx(-1.0)
+    if open_:  # of two unknowns, the sum of what each is off
+        assert known.values(np.array([-2.0, 50.5]))[1] == pytest.approx(1.0)
+    assert len(known) == 1 + open_
