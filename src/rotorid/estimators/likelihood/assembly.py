@@ -7,7 +7,7 @@ or with parameters among its coefficients, is a row more beside the equations of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -357,13 +357,10 @@ def assemble(
     stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
     monomials, where = monomial_table(layout, stiffness, terms)
     phase = _turn(layout, number)
-    load, orders = load_lines(layout, lines, where, phase is not None)
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
-    loading = np.unique(np.array([where[x.factors] for x in _loads(layout)], dtype=np.int64))
-    loads = np.zeros((*load.shape[:2], rows, len(loading)), dtype=np.complex128)
-    loads[:, :, : load.shape[2]] = load[..., loading]
+    loading, loads, orders = _scaled_loads(layout, lines, where, phase is not None, scales.rows)
     columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
         entries,
@@ -375,7 +372,7 @@ def assemble(
     return Likelihood(
         scaled,
         monomials,
-        np.asarray(loads / scales.rows[:, None], dtype=np.complex128),
+        loads,
         loading,
         rows,
         sensing,
@@ -387,6 +384,31 @@ def assemble(
         len(observation.indirect),
         _transient(observation),
     )
+
+
+def _scaled_loads(
+    layout: Layout, lines: Lines, where: Mapping[Factors, int], turned: bool, rows: Floats
+) -> tuple[Integers, Complexes, Floats]:
+    """Return the monomials that loads are multiplied by, the loads by scaled row, and the orders.
+
+    Shapes (load,), (order, line, row, load) and (order,).
+    """
+    load, orders = load_lines(layout, lines, where, turned)
+    loading = np.unique(np.array([where[x.factors] for x in _loads(layout)], dtype=np.int64))
+    loads = np.zeros((*load.shape[:2], len(rows), len(loading)), dtype=np.complex128)
+    loads[:, :, : load.shape[2]] = load[..., loading]
+    return loading, np.asarray(loads / rows[:, None], dtype=np.complex128), orders
+
+
+def other_loads(
+    layout: Layout, observation: Observation, number: int, likelihood: Likelihood
+) -> Callable[[Lines], Complexes]:
+    """Return what makes the loads of a record on other lines, such as by another angle."""
+    layout = layout.of_record(number)
+    stiffness = Stiffness.of(layout, observation.lines)
+    _, where = monomial_table(layout, stiffness, other_terms(layout, observation))
+    turned, rows = _turn(layout, number) is not None, likelihood.scales.rows
+    return lambda lines: _scaled_loads(layout, lines, where, turned, rows)[1]
 
 
 def _transient(observation: Observation) -> Transient | None:

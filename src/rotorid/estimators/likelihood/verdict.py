@@ -18,6 +18,7 @@ from rotorid.estimators.likelihood.halves import (
     answers_of_windows,
 )
 from rotorid.estimators.likelihood.response_leads import growing_mode, lines_alike
+from rotorid.estimators.likelihood.straying import against_angle
 from rotorid.estimators.likelihood.table_leads import is_table, scale_of_time
 from rotorid.estimators.likelihood.turning import told
 from rotorid.models import Model
@@ -54,6 +55,8 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         if windows is not None:
             total += gate.agreement(free, *windows)
     total += _time(fit) + _against_its_angle(fit)
+    if not any(suspect.term == "speed" for suspect in estimate.suspects):  # that says it better
+        total += against_angle(fit.solution.point, fit.records)
     if fit.solution.converged and not fit.inference.null.shape[1]:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
         grows = growing_mode(layout, at, fit.covariance, fit.records)
