@@ -188,14 +188,7 @@ def filtered(
     (587, 5)
     """
     hertz = _cutoff(quantity(cutoff, "Hz"), record)
-    if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
-        raise InputError(
-            f"decimate = {decimate!r}",
-            "a whole number, 1 or more, that leaves samples",
-            "leave it out to use every sample",
-            file=record.source,
-            place="decimate",
-        )
+    _check_decimate(decimate, record)
     inner = LowPass(record.sample_rate, (hertz,))
     second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
     outer = LowPass(record.sample_rate, (hertz,) if second is None else (hertz, second))
@@ -207,9 +200,7 @@ def filtered(
     good, told = _good(record, conditions, quantity(skip, "s"), _end(until))
     edge = inner.memory() + outer.memory()
     begins, ends = _stretches(good)
-    kept = np.zeros(len(good), dtype=bool)
-    for begin, end in zip(begins, ends, strict=True):
-        kept[begin + edge : max(end - edge, begin + edge)] = True
+    kept = _trimmed(len(good), begins, ends, edge)
     told["trimmed"] = int((good & ~kept).sum())
     for condition in conditions:
         if condition.order:
@@ -255,6 +246,18 @@ def _cutoff(hertz: float, record: Record) -> float:
     return hertz
 
 
+def _check_decimate(decimate: int, record: Record) -> None:
+    """Refuse to use every so many-th sample where that is no number, or leaves none."""
+    if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
+        raise InputError(
+            f"decimate = {decimate!r}",
+            "a whole number, 1 or more, that leaves samples",
+            "leave it out to use every sample",
+            file=record.source,
+            place="decimate",
+        )
+
+
 def _good(
     record: Record, conditions: Sequence[Condition], skip: float, until: float
 ) -> tuple[Booleans, dict[str, int]]:
@@ -281,6 +284,14 @@ def _stretches(good: Booleans) -> tuple[Integers, Integers]:
     """Return where stretches of good samples begin and end."""
     steps = np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))
     return np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
+
+
+def _trimmed(count: int, begins: Integers, ends: Integers, edge: int) -> Booleans:
+    """Return which samples lie in stretches, but for their ends."""
+    kept = np.zeros(count, dtype=bool)
+    for begin, end in zip(begins, ends, strict=True):
+        kept[begin + edge : max(end - edge, begin + edge)] = True
+    return kept
 
 
 def _spilled(

@@ -155,25 +155,12 @@ def read_record(
     """
     table = open_tables(path, header_row=header_row)
     try:
-        timing = _as_source(time) if time is not None else None
-        sources = _sources(columns, table, timing, overrule)
-        extra = {} if mask is None else {_MASK: Source(mask)}
-        read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
-        stamps = None if timing is None else _stamps(read.pop(_TIME), timing, table)
-        if columns is None:
-            longest = max((len(column.values) for column in read.values()), default=0)
-            read = {name: c for name, c in read.items() if len(c.values) == longest}
+        sources, read, stamps = _columns(table, columns, time, mask, overrule)
         kept = read.pop(_MASK, None)
         given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
         limits = (_quantity(skip, "s", "skip"), _optional(until, "s", "until"))
-        clock = weigh_clock(
-            given,
-            stamps,
-            read.values(),
-            overrule,
-            _optional(fundamental, "Hz", "fundamental"),
-            limits,
-        )
+        whole = _optional(fundamental, "Hz", "fundamental")
+        clock = weigh_clock(given, stamps, read.values(), overrule, whole, limits)
         channels, samples = _channels({name: sources[name] for name in read}, read, table)
         omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase or 0.0, "rad", "phase")
         valid = _valid(kept, len(samples))
@@ -198,6 +185,25 @@ def read_record(
         warnings=clock.warnings,
         start=clock.start,
     )
+
+
+def _columns(
+    table: Table,
+    columns: Mapping[str, str | Source] | Sequence[str] | None,
+    time: str | Source | None,
+    mask: str | None,
+    overrule: bool,
+) -> tuple[dict[str, Source], dict[str, Column], Floats | None]:
+    """Return what the channels come from, their columns and the mask's, and the sample times."""
+    timing = _as_source(time) if time is not None else None
+    sources = _sources(columns, table, timing, overrule)
+    extra = {} if mask is None else {_MASK: Source(mask)}
+    read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
+    stamps = None if timing is None else _stamps(read.pop(_TIME), timing, table)
+    if columns is None:
+        longest = max((len(column.values) for column in read.values()), default=0)
+        read = {name: c for name, c in read.items() if len(c.values) == longest}
+    return sources, read, stamps
 
 
 def _quantity(value: float | str | None, unit: str, place: str) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -73,24 +74,37 @@ def from_ross(
         )
         for k, disk in enumerate(rotor.disk_elements)
     }
-    supports = {}
-    for k, bearing in enumerate(rotor.bearing_elements):
-        tables = [
-            [
-                named(f"{kind}{axes}_{k}", unit, _constant(bearing, kind + axes), positive=False)
-                for axes in ("xx", "xy", "yx", "yy")
-            ]
-            for kind, unit in (("k", "N/m"), ("c", "N s/m"))
-        ]
-        supports[f"bearing{k}"] = Support(float(at[bearing.n]), *map(tuple, tables))  # type: ignore[arg-type]
+    signed = partial(named, positive=False)
+    supports = {
+        f"bearing{k}": _support(float(at[bearing.n]), k, bearing, signed)
+        for k, bearing in enumerate(rotor.bearing_elements)
+    }
     pushed, read = (
         {name: float(at[node]) for name, node in (table or {}).items()}
         for table in (actuators, sensors)
     )
     drawn = Rotor(sections, discs, supports, {}, pushed, read)
     model = rotor_model(drawn, parameters, name="ross", title=str(getattr(rotor, "tag", "")))
-    kept = () if unknown is None else tuple(unknown)
-    strange = [name for name in kept if name not in model.parameter_names]
+    return model if unknown is None else _only(model, tuple(unknown))
+
+
+def _support(
+    at: float, number: int, bearing: Any, named: Callable[[str, str, float], Quantity]
+) -> Support:
+    """Return a bearing, its constants as parameters."""
+    tables = [
+        [
+            named(f"{kind}{axes}_{number}", unit, _constant(bearing, kind + axes))
+            for axes in ("xx", "xy", "yx", "yy")
+        ]
+        for kind, unit in (("k", "N/m"), ("c", "N s/m"))
+    ]
+    return Support(at, *map(tuple, tables))  # type: ignore[arg-type]
+
+
+def _only(model: RotorModel, unknown: Sequence[str]) -> RotorModel:
+    """Return the model with some of its parameters, the others put in."""
+    strange = [name for name in unknown if name not in model.parameter_names]
     if strange:
         raise InputError(
             f"no parameter {strange[0]!r}",
@@ -98,9 +112,7 @@ def from_ross(
             "take names from there",
             place="unknown",
         )
-    if unknown is None:
-        return model
-    return model.substitute({n: v for n, v in model.nominal.items() if n not in kept})
+    return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
 
 
 def _in_order(rotor: Any) -> list[Any]:
