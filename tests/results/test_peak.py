@@ -45,7 +45,7 @@ def test_a_reference_of_another_unit_or_gain(gain, zone):
 
 
 def test_where_s_comes_to():
-    """Edges of LEAST_SETTLED, AWAY, UNIT and FLAT."""
+    """Edges of LEAST_SETTLED, UNIT and FLAT, and of AT_END where the change is noise."""
     lines = np.linspace(10.0, 300.0, 60)
     quiet = np.full(60, 1e-5)
 
@@ -59,10 +59,10 @@ def test_where_s_comes_to():
         assert not said(1 + 0.3 * (10 / lines) ** power)
         assert not said(1 - 0.3 * np.exp(-2j * lines / 300) * (300 / lines) ** power)
     assert [said(np.full(60, 1 + off)) for off in (0.029, 0.031, -0.031)] == [False, True, True]
-    # The mean of twenty lines is known to std * sqrt(2 / 20).
-    away = 4 * 0.1 * np.sqrt(0.1)
+    # A parabola's end is known to .61 of what each of its twenty lines is: a change of twice that.
+    off = 4 * 2 * 0.609 * 0.1 * np.sqrt(2)
     noisy = np.full(60, 0.1)
-    assert not said(np.full(60, 1 + 0.97 * away), noisy)
+    assert [said(np.full(60, 1 + x * off), noisy) for x in (0.98, 1.02)] == [False, True]
     steps = 1.3 + 0.3 * np.clip((lines - 202.0) / 98.0, 0, 1)
     assert [said(1.5 + slope * (steps - 1.45)) for slope in (0.35, 0.45)] == [True, False]
     assert [said(np.full(count, 0.5)) for count in (14, 15)] == [False, True]

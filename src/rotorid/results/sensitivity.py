@@ -58,13 +58,11 @@ WEAK = 0.3
 """Deviation of S over itself above which a line says nothing: it was not excited."""
 LEAST_SETTLED = 5
 """Lines of the last third, at the least, that tell what S comes to."""
-AWAY = 4.0
-"""Deviations from 1 from which on S does not come to it."""
 UNIT = 0.03
 """Distance from 1 that is still called 1: a quarter of a dB."""
 FLAT = 0.25
 """Change over the last third, beside the distance from 1, of what no longer falls: 1 / f changes
-by .4 of it."""
+by .4 of it. The noise of the change counts as one, so that it decides what is no distance too."""
 POLES, RESONANT = 2, 1e-2
 """Poles of a window, and the chance with which noise alone gives any to one of a record."""
 CANDIDATES = 3
@@ -166,7 +164,7 @@ def settles_elsewhere(frequency: Floats, values: Complexes, std: Floats) -> str:
     middle = last.mean()
     change = 2 * float(np.abs(curve - middle).max()) + AT_END * np.sqrt(noise * taken)
     away = float(abs(middle - 1))
-    if away < max(UNIT, AWAY * np.sqrt(noise / count)) or change > FLAT * away:
+    if away < UNIT or change > FLAT * away:
         return ""
     return (
         f"it stays at {abs(middle):.2f} at the end of the band and not at 1: e and r are not in "
