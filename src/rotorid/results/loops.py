@@ -21,8 +21,14 @@ from rotorid.results.balancing import STEP
 from rotorid.results.centring import laws_of
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import NORMAL, finite_speed
+from rotorid.results.nyquist import plant_poles, poles_on_the_right
 from rotorid.results.planes import directions_of, shares_of
 from rotorid.results.sensitivity import AxisSensitivity, peak_of
+
+UNSTABLE = "the loop is not stable, whatever its sensitivity on the lines"
+"""Caveat of a loop that has poles on the right."""
+UNTOLD = "whether the loop is stable is not told"
+"""Caveat of one whose lines do not say."""
 
 
 @frozen
@@ -54,7 +60,9 @@ def loop_sensitivity(
 ) -> LoopSensitivity:
     """Return the sensitivity of each loop of an identified plant, at any speed, with deviations.
 
-    ``S = (I - C P)^-1``. The controller is taken as known; deviations are those of the plant.
+    ``S = (I - C P)^-1``. The controller is taken as known, and as stable by itself; deviations are
+    those of the plant. Where the loop is not stable, which the turns of ``det(I + L)`` over the
+    lines tell, the peak is infinite and the zone D; where they do not tell, a caveat says why.
 
     Parameters
     ----------
@@ -64,7 +72,8 @@ def loop_sensitivity(
         sensor), with its sign, its hold and its delays: what was measured, interpolated, or a
         formula.
     frequency : array, shape (line,)
-        Hz, increasing, as fine as peaks are to be found.
+        Hz, increasing, as fine as peaks are to be found; from below the slowest pole of the loop,
+        for what is slower than the first line is not seen.
     sensors : sequence of str
         What the controller reads, as combinations of coordinates.
     speed : float or str
@@ -108,7 +117,7 @@ def loop_sensitivity(
             "give a command for each input from each sensor, 0 where there is none",
         )
     reads = np.array(rows)
-    here, difference = _loops(machine, turning, omega, response, reads, known)
+    here, returned = _loops(machine, turning, omega, response, reads, known)
     slopes, peaks = [], []
     for direction in [] if machine.covariance is None else machine.root.T:
         if not direction.any():
@@ -129,15 +138,19 @@ def loop_sensitivity(
         peaks.append((ends[0] - ends[1]) / (2 * STEP))
     axes = []
     top, where = peak_of(hertz, here.T)
+    poles = plant_poles(*_plant(machine, turning, known)[:3])
+    right = poles_on_the_right(omega, returned, poles)
+    caveat = "" if right == 0 else f"{UNTOLD}, {right}" if isinstance(right, str) else UNSTABLE
+    if caveat == UNSTABLE:
+        top = np.full(len(top), np.inf)
     for j, name in enumerate(machine.model.inputs):
         spread = float(np.linalg.norm([each[j] for each in peaks])) if peaks else 0.0
         std = np.sqrt(sum((np.abs(each[:, j]) ** 2 for each in slopes), np.zeros(len(hertz))) / 2)
         reach = NORMAL * spread
         interval = (max(float(top[j]) - reach, 0.0), float(top[j]) + reach)
-        axes.append(
-            AxisSensitivity(name, hertz, here[:, j], std, float(top[j]), float(where[j]), interval)
-        )
-    return LoopSensitivity(tuple(axes), hertz, difference)
+        found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
+        axes.append(AxisSensitivity(name, hertz, *found))
+    return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned))
 
 
 def _row(machine: Machine, text: str) -> Floats:
@@ -160,7 +173,22 @@ def _loops(
     reads: Floats,
     known: Mapping[str, tuple[float, float]],
 ) -> tuple[Complexes, Complexes]:
-    """Return S_jj, (line, input), and det(I + L), (line,)."""
+    """Return S_jj, (line, input), and I + L, (line, input, input)."""
+    stiffness, damping, mass, gains = _plant(machine, speed, known)
+    s = 1j * omega[:, None, None]
+    dynamic = s**2 * mass + s * damping + stiffness
+    driven = np.broadcast_to(gains + 0j, (len(omega), *gains.shape))
+    plant = reads @ np.linalg.solve(dynamic, driven)
+    one = np.eye(gains.shape[1])
+    back = one - response @ plant
+    whole = np.linalg.solve(back, np.broadcast_to(one + 0j, back.shape))
+    return np.diagonal(whole, axis1=1, axis2=2).copy(), back
+
+
+def _plant(
+    machine: Machine, speed: float, known: Mapping[str, tuple[float, float]]
+) -> tuple[Floats | Complexes, Floats | Complexes, Floats | Complexes, Floats]:
+    """Return K less that of the magnets, D and M, and the forces of the commands, (row, input)."""
     stiffness, damping, mass = machine.matrices(speed)
     push, directions = machine.input_matrix(), directions_of(machine)
     values = dict(zip(machine.names, machine.values.tolist(), strict=True))
@@ -170,11 +198,4 @@ def _loops(
         ki[j] = values.get(f"ki[{name}]", law[0])
         ks[j] = values.get(f"ks[{name}]", values.get("ks", law[1]))
     displacement = directions.forces(push)
-    stiffness = stiffness - (push * ks) @ displacement.T
-    s = 1j * omega[:, None, None]
-    dynamic = s**2 * mass + s * damping + stiffness
-    driven = np.broadcast_to(push * ki + 0j, (len(omega), *push.shape))
-    plant = reads @ np.linalg.solve(dynamic, driven)
-    back = np.eye(push.shape[1]) - response @ plant
-    whole = np.linalg.solve(back, np.broadcast_to(np.eye(push.shape[1]) + 0j, back.shape))
-    return np.diagonal(whole, axis1=1, axis2=2).copy(), np.linalg.det(back)
+    return stiffness - (push * ks) @ displacement.T, damping, mass, push * ki
