@@ -21,6 +21,7 @@ from rotorid.errors import InputError
 from rotorid.frozen import frozen
 from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record, Verdict
+from rotorid.signals.checks_quiet import Motion, check_quiet
 from rotorid.signals.checks_samples import (
     check_clipped,
     check_copied,
@@ -141,7 +142,8 @@ def spectra(
     _check_references(record, references)
     every = window.channels(names)
     if quiet is not None:
-        noise = _quiet_noise(quiet, names, frequency, window)
+        motion = _motion(window, every, window.channels(references), window.rotation())
+        noise = _quiet_noise(quiet, names, frequency, window, motion)
     elif references:
         noise = _noise_beside(window, every, window.channels(references), kept, "references")
     else:
@@ -150,7 +152,7 @@ def spectra(
     return replace(
         found,
         warnings=noise.told,
-        checks=_checked(window, found.channels, tuple(references)),
+        checks=(*_checked(window, found.channels, tuple(references)), *noise.checks),
         beside=noise.beside,
         shown=noise.shown,
         parts=_Parts(window, tuple(names), ends, noise.covariance, frequency),
@@ -362,6 +364,7 @@ class _Noise:
     told: tuple[str, ...]
     beside: Beside
     shown: float | None = None
+    checks: tuple[Check, ...] = ()
 
 
 def _noise_beside(
@@ -407,13 +410,23 @@ def _input_noise(
     return replace(found, told=(warning, *found.told))
 
 
-def _quiet_noise(quiet: Record, names: Sequence[str], frequency: Floats, window: _Window) -> _Noise:
+def _quiet_noise(
+    quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: Motion
+) -> _Noise:
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
         raise InputError(
             f"no channel {missing[0]!r}" if missing else f"a sample rate of {quiet.sample_rate:g}",
             "the channels and the sample rate of the record with excitation",
             "record the machine as before, only without excitation",
+            file=quiet.source,
+            place="quiet",
+        )
+    if np.array_equal(quiet.samples, window.record.samples):
+        raise InputError(
+            "the record itself for its quiet record",
+            "a record of the same machine without excitation",
+            "name the file that was recorded without excitation, or name references",
             file=quiet.source,
             place="quiet",
         )
@@ -437,7 +450,14 @@ def _quiet_noise(quiet: Record, names: Sequence[str], frequency: Floats, window:
         every[kept] * transfer * np.sqrt(longer),
     )
     shown = _shown(found, still, every, none) if quiet.speed == window.record.speed else None
-    return _Noise(covariance, _told(found, still, shown), beside, shown)
+    speeds = window.record.speed, quiet.speed
+    checks = check_quiet(channels, motion, _motion(still, every, none, rotation), speeds, shown)
+    return _Noise(covariance, _told(found, still, shown), beside, shown, tuple(checks))
+
+
+def _motion(window: _Window, every: Complexes, driven: Complexes, rotation: Complexes) -> Motion:
+    """Return all lines of a window, as its rotation is read from them."""
+    return Motion(every, driven, rotation, abs(window.record.speed) / (2 * np.pi * window.spacing))
 
 
 def _covariance(found: Local, kind: Kind) -> LineCovariance:
