@@ -7,6 +7,9 @@ import rotorid as rid
 from rotorid.errors import InputError
 from rotorid.estimators.information import information
 from rotorid.predict import predict
+from rotorid.report.verdict import verdict_of
+from rotorid.results.evidence import with_evidence
+from rotorid.rig.file import load_rig
 from rotorid.rig.lines import line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
@@ -136,3 +139,15 @@ def test_information_grows_with_the_square_of_the_forces(model, rng):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20)
+
+
+def test_currents_are_told_in_amperes(rng):
+    """What a law makes a force of is compared as it was measured."""
+    model = rid.load_model("three-mass")
+    periods = rid.average(load_rig("three-mass").rig.run(1.0, rng), "20 Hz", harmonics=HARMONICS)
+    shown = with_evidence(rid.identify(model, periods, "ml"), model, periods)
+    channels = shown.evidence.records[0].channels
+    assert {c.unit for c in channels if c.name in model.inputs} == {"A"}
+    size = np.abs(periods.mean_spectrum[0, periods.names.index("F_x1")])
+    assert channels[0].measured[0] == pytest.approx(2 * size, rel=1e-5)
+    assert "explain 4 currents to" in verdict_of(shown).sentence

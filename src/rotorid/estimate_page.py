@@ -21,6 +21,8 @@ NOTICED = 0.01  # p-value below which the tables say where the misfit lies
 WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
 SPOILT = 0.3  # relative error of an accepted prediction from which on its reason is told
 FAR = 10.0  # deviations in a value, from which on it is not shown in percent
+ROUNDING = 1e-6  # of its spread, below which a value is what rounding leaves of zero
+NAMED = 1e-3  # share of the misfit below which a suspect explains nothing, and is not listed
 MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
 HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
@@ -245,7 +247,7 @@ def _suspect_tables(estimate: Answer) -> list[Table]:
             "" if s.value is None else f"{s.value:.4g}",
             "" if s.unit == "1" else s.unit,
         )
-        for s in estimate.suspects[:WORST]
+        for s in [s for s in estimate.suspects if s.share is None or s.share >= NAMED][:WORST]
     ]
     headings = ("suspect", "misfit falls by", "% of the excess", "if freed", "unit")
     known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
@@ -287,10 +289,15 @@ def _inflated(values: Sequence[Value]) -> bool:
     return any(v.std and v.std_inflated and v.std_inflated > 1.05 * v.std for v in values)
 
 
+def as_zero(value: float, spread: float) -> float:
+    """Return a value, and 0 for what rounding leaves of one beside its spread."""
+    return 0.0 if abs(value) < ROUNDING * spread else value
+
+
 def _row(value: Value) -> tuple[str, ...]:
     unit = "" if value.unit == "1" else value.unit
     inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
-    if value.value == 0 and value.std:
+    if value.std and as_zero(value.value, value.std) == 0:
         return value.name, "0", _two_digits(value.std), "", inflated, unit
     if value.fixed or value.std is None or not value.std > 0:
         std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"

@@ -50,6 +50,8 @@ class Value:
 
 DOUBTFUL = 1e-3
 """The p-value from which on a misfit is what noise leaves; below it the model is doubtful."""
+EXPLAINS = 0.2
+"""Least share of the excess misfit with which a suspect is a lead."""
 
 
 @frozen

@@ -99,6 +99,13 @@ class PeriodicClock(Arrays):
             return self.time[:1], self.angle[:1]
         return self.time, self.angle
 
+    def turned(self, angle: float) -> PeriodicClock:
+        """Return the clock of a run whose rotor angle is this much larger."""
+        given = unread(self, "angle")
+        even = isinstance(given, Steady)
+        more = replace(given, offset=given.offset + angle) if even else self.angle + angle
+        return changed(self, angle=more)
+
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
         """Return the lines of the mean period of signals, shape (line, signal)."""
         time, angle = self.grid(timed=timed)
@@ -130,6 +137,10 @@ class WholeClock(Arrays):
     angle: Floats
     speed: Floats
     lines_kept: Integers
+
+    def turned(self, angle: float) -> WholeClock:
+        """Return the clock of a run whose rotor angle is this much larger."""
+        return replace(self, angle=self.angle + angle)
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
         """Return the lines of signals, shape (line, signal)."""
@@ -394,6 +405,15 @@ class Lines(Arrays):
             phase_std=0.0,
             shown=None,
         )
+
+    def turned(self, angle: float) -> Lines:
+        """Return a run whose rotor angle is larger by so many rad, which makes it known.
+
+        A table of phasors or of responses stays as it is.
+        """
+        if not isinstance(self.clock, PeriodicClock | WholeClock):
+            return self
+        return replace(self, clock=self.clock.turned(angle), phase_known=True, phase_std=0.0)
 
     def with_channel(self, channel: Channel, variance: Floats) -> Lines:
         """Return the lines with one more channel, zero, of this variance per line."""

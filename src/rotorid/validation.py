@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from rotorid.estimate import Estimate
 from rotorid.estimators.expectation import Expectation, line_moments
@@ -25,6 +26,8 @@ UNEXPLAINED = 0.5
 and deviations alone make as much, a record proves nothing: any machine would pass."""
 STEP = 0.05
 """Step of each value, in its deviations, for the derivative of the prediction."""
+STEPS = 24
+"""Angles from which that of a record is looked for: its misfit has two waves at most in a turn."""
 CHIRP = (5**0.5 - 1) / 2
 """Turns by which the phase of a step grows faster from line to line, for the derivative by the
 data: the loose ends of a whole record take up any smooth step, and follow none that turns so."""
@@ -106,6 +109,39 @@ def channel_errors(
         )
         found.append(ChannelError(name, size, part, chance, spread[j]))
     return found
+
+
+def at_best_phase(
+    model: Model, estimate: Estimate, record: Data, number: int = 0
+) -> tuple[Data, float | None]:
+    """Return a record that does not know its rotor angle with the one that fits best, in rad.
+
+    The rotor angle turns the unbalance and nothing else, so that the error is
+    ``a + b exp(i phi) + c exp(-i phi)`` on every line: three predictions tell all others. A record
+    that knows its angle is returned as it is, with ``None``.
+    """
+    bound = bind(model, record)
+    if model.linear is None or bound.lines.phase_known or bound.lines.turned(0.0) is bound.lines:
+        return record, None
+    turns = 2 * np.pi * np.arange(3) / 3
+    tried = [bound.with_lines(bound.lines.turned(turn)) for turn in turns]
+    found = [predict_lines(model, estimate, [one], number)[0] for one in tried]
+    noise = noise_of_difference(model, estimate, tried[0], number, found[0])
+    size = found[0].size if noise is None else np.where(noise > 0, noise, np.inf)
+    weight = np.sqrt(found[0].multiplicity[:, None] / np.where(size > 0, size, np.inf))
+    waves = np.exp(1j * np.outer(turns, [0, 1, -1]))
+    errors = np.stack([weight * _error(at) for at in found])
+    parts = np.tensordot(waves.conj().T / 3, errors, axes=1).reshape(3, -1)
+
+    def misfit(angle: float) -> float:
+        return float((np.abs(np.exp(1j * angle * np.array([0, 1, -1])) @ parts) ** 2).sum())
+
+    around = 2 * np.pi * np.arange(STEPS) / STEPS
+    near = around[int(np.argmin([misfit(angle) for angle in around]))]
+    ends = (near - around[1], near + around[1])
+    best = scipy.optimize.minimize_scalar(misfit, bounds=ends, method="bounded").x
+    angle = float(np.angle(np.exp(1j * best)))
+    return bound.with_lines(bound.lines.turned(angle)), angle
 
 
 def noise_of_difference(
@@ -297,7 +333,8 @@ CURES = (
     "sign; about one frequency it is a mode that the model lacks; on the lines of the rotation it "
     "is the rotor angle or the unbalance.",
     "Hold the two experiment files side by side: speed, rotor angle, units, force laws and delays "
-    "must be those of each record.",
+    "must be those of each record. Where nothing marks the rotor's angle, each record begins at "
+    'another one: phase = "unknown" in all of this experiment.',
     "Identify both records together: if that is accepted, the first record alone did not "
     "determine what the second one needs.",
 )

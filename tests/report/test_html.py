@@ -1,6 +1,7 @@
 """Reports: self-contained, well-formed, true to the figures, proof against hostile names."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from rotorid.estimate_parts import (
     Provenance,
     SourceFile,
     Suspect,
+    Value,
 )
 from rotorid.estimators import LeastSquares
 from rotorid.evidence import Evidence, Prior
@@ -332,9 +334,25 @@ def test_what_was_known_stands_beside(estimate: Estimate) -> None:
     assert (after[1] - after[0]) / (before[1] - before[0]) == pytest.approx(0.25, abs=0.01)
     assert all(other.bar is None for other in others)
     assert relations(known) == ["m + c = 1.5 exactly"]
+    a, b = (v.name for v in estimate.parameters if v.unit == "kg m")
+    weighed = known.with_(evidence=Evidence((), (Prior(f"{a} + {b}", 12.0, 0.01),)))
+    assert relations(weighed) == [f"{a} + {b} = 12 \N{PLUS-MINUS SIGN} 0.02 kg m"]
     page = Page(estimate_report(known))
     assert "known before" in page.words
     assert "Known besides: m + c = 1.5 exactly" in page.words
+
+
+@pytest.mark.parametrize(("value", "shown"), [(1e-8, "0"), (1e-7, "1.0e-07"), (2e-3, "0.0020")])
+def test_what_rounding_leaves_of_zero_is_zero(value: float, shown: str) -> None:
+    """A phase that is known to be zero, and nothing of the record says otherwise."""
+    phase = Value("phase[0]", "rad", value, 0.02)
+    known = Evidence((), (Prior("phase[0]", 0.0, 0.02),))
+    estimate = Estimate("rigid", "ml", "ok", (phase,), evidence=known)
+    ((row,),) = (group.rows for group in groups(estimate))
+    assert row.percent == ("" if value < 2e-3 else "2000")
+    assert row.moved == ("0 std" if value < 2e-3 else "+0.1 std")
+    assert (row.value == "0") == (shown == "0")
+    assert f"phase[0]  {shown}" in re.sub(" {3,}", "  ", str(estimate))
 
 
 @pytest.mark.parametrize(

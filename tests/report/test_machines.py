@@ -10,6 +10,7 @@ from report_pages import Page, check_self_contained, titles
 import rotorid as rid
 from rotorid.plots.machines import campbell as campbell_panel
 from rotorid.plots.machines import response, shapes
+from rotorid.report import machines
 from rotorid.report.answers import balance_report
 from rotorid.report.machines import BEYOND, SPEEDS, machine_part, modes_report
 from rotorid.report.modes_page import (
@@ -82,6 +83,33 @@ def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
     bending = next(c.y for c in panels[2].curves if np.abs(c.y).max() > 0.5)
     assert bending[0] == pytest.approx(bending[2], rel=1e-3)
     assert bending[0] * bending[1] < 0
+
+
+def test_shapes_of_a_drawing_stand_along_the_rotor() -> None:
+    model = rid.load_model("flexible")
+    part = machine_part(model, 0.0)
+    (picture,) = (p for p in part.pictures if p.title == "Mode shapes")
+    found = modes(model)
+    pairs, _ = machines._places(model)
+    (first, *_) = shapes(found, pairs, [], machines._positions(model, pairs))
+    assert first.x.title == "mm from the left end"
+    along = first.curves[0].x
+    assert (along[0], along[-1]) == pytest.approx((0.0, 530.0))
+    named = dict(zip(first.curves[1].told, first.curves[1].x, strict=True))
+    assert named["x_A"] == pytest.approx(1e3 * model.rotor.places["A"])  # type: ignore[attr-defined]
+    assert "mm from the left end" in str(picture)
+    assert machines._positions(rid.load_model("three-mass"), [(0, 1)]) is None
+
+
+def test_an_amplitude_that_hardly_changes_is_drawn_from_zero() -> None:
+    """A rigid rotor moves alike at every speed, known to a thousandth."""
+    model = rid.load_model("rigid")
+    found = response_of(machine_of(model), np.linspace(100.0, 800.0, 5))
+    for panel in response(found, model.units):
+        assert panel.y.ends is not None
+        assert panel.y.ends[0] == 0.0
+        assert panel.y.ends[1] == pytest.approx(1.25 * panel.curves[0].y[0])
+        assert not panel.y.log
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.04, 0.06])

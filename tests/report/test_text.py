@@ -1,5 +1,7 @@
 """What a user reads after a fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,9 @@ def test_suspects_with_what_they_explain() -> None:
     start = next(i for i, line in enumerate(lines) if line.startswith("suspect"))
     assert lines[start + 1].split() == ["gain[x2]", "260", "98.7", "1.02"]
     assert lines[start + 2].split() == ["prior", "L1", "3", "1", "0.305", "m"]
+    nothing = replace(length, share=0.0009)
+    assert "prior L1" not in str(ESTIMATE.with_(suspects=(gain, nothing)))
+    assert "prior L1" in str(ESTIMATE.with_(suspects=(gain, replace(length, share=0.0011))))
 
 
 def test_other_answers_stand_beside_this_one() -> None:

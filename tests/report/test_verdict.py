@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_parts import DOUBTFUL, Misfit, Prediction, Suspect, Value
+from rotorid.estimate_parts import DOUBTFUL, EXPLAINS, Misfit, Prediction, Suspect, Value
 from rotorid.evidence import ChannelEvidence, Evidence, RecordEvidence
 from rotorid.plots import estimates, interactive, machines, panel, records
 from rotorid.plots.panel import Axis, Curve, Panel, thinned
@@ -43,6 +43,7 @@ def test_decisions() -> None:
     assert (records.MOST_BLOCKS, records.MOST_DOTS, records.MOST_STEMS) == (600, 400, 40)
     assert (machines.MOST_SHAPES, machines.MOST_PLACES, machines.HIGHEST) == (9, 12, 3.0)
     assert (machines.SAME, parameters.PLAIN) == (1e-9, (1e-3, 1e7))
+    assert (machines.EVEN, parameters.UNMOVED, EXPLAINS) == (1.5, 0.005, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +94,9 @@ def test_what_stands_out() -> None:
         "to 1.02)."
     )
     assert told.steps == ("do",)
+    weak = (Suspect("runout[x1]", 9.0, 0.199, 1e-7, "m"),)
+    none = verdict_of(found.with_(suspects=weak)).sentence
+    assert none.endswith("Nothing that was tried explains a fifth of it alone.")
     alone = verdict_of(found.with_(suspects=())).sentence
     assert alone.endswith("Nothing that was tried explains it alone.")
 

@@ -12,7 +12,7 @@ from rotorid.evidence import Evidence, Prior
 from rotorid.report.estimate import estimate_report
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence, with_evidence
-from rotorid.validation import channel_errors
+from rotorid.validation import STEPS, at_best_phase, channel_errors
 
 TURN = 2 * np.pi
 
@@ -140,7 +140,7 @@ def test_a_whole_record_shows_an_excerpt(model: rid.Model) -> None:
     estimate = rid.identify(model, lines, "ml")
     (shown,) = record_evidence(estimate, model, [lines])
     assert shown.kind == "lines"
-    assert shown.time_s[0] == pytest.approx(2.0, abs=0.01)
+    assert shown.time_s[0] == pytest.approx(2.0, abs=0.03)
     assert np.diff(shown.time_s) == pytest.approx(1 / (10 * shown.frequency_hz[-1]), rel=0.02)
     for channel in (c for c in shown.channels if c.predicted):
         assert channel.noise
@@ -152,6 +152,43 @@ def test_a_whole_record_shows_an_excerpt(model: rid.Model) -> None:
         assert error.noise is not None
         assert error.p_value is not None
         assert error.p_value > 1e-4
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_record_whose_rotor_angle_was_found_is_predicted(model: rid.Model, whole: bool) -> None:
+    """Of another record with the same number nothing is known: it is shown as measured."""
+    rng = np.random.default_rng(3)
+    angle = TURN * np.outer(np.arange(1000) / 1000, [3, 20, 50])
+    forces = 100.0 * np.column_stack([np.cos(angle).sum(axis=1), np.sin(angle).sum(axis=1)])
+    data: list[rid.PeriodicRecord | rid.Lines] = []
+    for phase in (0.0, 2.0):
+        record = rid.simulate(
+            model,
+            model.values(model.nominal),
+            forces,
+            sample_rate=1000.0,
+            periods=20,
+            speed=TURN * 20,
+            phase=phase,
+            noise={"F_x": 1.0, "F_y": 1.0, "x": 1e-6, "y": 1e-6},
+            rng=rng,
+        )
+        record = replace(record, angle=None, phase_known=not phase)
+        if whole:
+            data.append(rid.spectra(record, (2.0, 60.0), inputs=model.inputs))
+        else:
+            data.append(rid.average(record, 1.0, harmonics=[3, 20, 50]))
+    estimate = rid.identify(model, data, "ml")
+    assert estimate.value("phase[1]") == pytest.approx(2.0, abs=0.03)
+    for shown in record_evidence(estimate, model, data):
+        assert all(c.error < 0.05 for c in shown.channels if c.name in model.inputs)
+    _, unknown = record_evidence(estimate, model, data, another=True)
+    assert not any(channel.predicted for channel in unknown.channels)
+    placed, found = at_best_phase(model, estimate, data[1], 1)
+    assert found == pytest.approx(2.0, abs=0.03)
+    assert STEPS == 24
+    assert all(e.relative_error < 0.05 for e in channel_errors(model, estimate, placed, 1))
+    assert at_best_phase(model, estimate, data[0]) == (data[0], None)
 
 
 def test_what_was_known_beforehand(model: rid.Model, few: rid.PeriodicRecord) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import (
     REPORT,
@@ -25,7 +27,7 @@ from rotorid.experiment import load_experiment
 from rotorid.report.text import information_lines, validation_table
 from rotorid.result_file import load_estimate
 from rotorid.tables import Page
-from rotorid.validation import ChannelError, channel_errors, verdict_of
+from rotorid.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.writing import check_apart
 
 
@@ -47,24 +49,27 @@ def run(
         _check_model(estimate, plan.model.name, result)
         records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:
+        turned = [at_best_phase(plan.model, estimate, r, k) for k, r in enumerate(records)]
+        placed = [record for record, _ in turned]
         found = [
             channel_errors(plan.model, estimate, record, number)
-            for number, record in enumerate(records)
+            for number, record in enumerate(placed)
         ]
-        told = [information_of(plan.model, estimate, record) for record in records]
+        told = [information_of(plan.model, estimate, record) for record in placed]
     except InputError as error:
         raise error.at(file=str(result)) from None
     reached = verdict_of(found)
     lead = f"{reached.verdict}: {reached.sentence}"
     page: Page = [lead, validation_table(found), *information_lines(told)]
-    page = [*page, *_its_own(estimate, plan.record_files), *reached.cures]
+    fitted = _fitted([angle for _, angle in turned])
+    page = [*page, *fitted, *_its_own(estimate, plan.record_files), *reached.cures]
 
     def html() -> str:
         from rotorid.report.validation import validation_report  # pictures take their time to load
         from rotorid.results.evidence import record_evidence
 
-        shown = record_evidence(estimate, plan.model, records, another=True)
-        work = [*done(given, [result, *plan.files]), *information_lines(told)]
+        shown = record_evidence(estimate, plan.model, placed, another=True)
+        work = [*done(given, [result, *plan.files]), *information_lines(told), *fitted]
         return validation_report(estimate, plan.model, found, shown, work)
 
     content = {"verdict": reached.verdict, "channels": channels(found)}
@@ -91,6 +96,16 @@ def _its_own(estimate: Estimate, files: Sequence[Path]) -> list[str]:
         f"note: {path} is a record that the result was made of, which proves little: take another"
         for path in dict.fromkeys(files)
         if path.is_file() and source_of(path).sha256 in sums
+    ]
+
+
+def _fitted(angles: Sequence[float | None]) -> list[str]:
+    """Say which records do not know their rotor angle, so that the one that fits was taken."""
+    return [
+        f"note: nothing tells the rotor angle of record {number + 1}: {np.rad2deg(angle):.4g} deg, "
+        "which fits best, was taken: the amount of the unbalance is tested, its direction is not"
+        for number, angle in enumerate(angles)
+        if angle is not None
     ]
 
 

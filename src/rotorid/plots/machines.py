@@ -40,6 +40,9 @@ SAME = 1e-9
 """Relative difference of two frequencies up to which they are one."""
 HIGHEST = 3.0
 """Curves of a diagram are shown up to this many times the fastest rotation."""
+EVEN = 1.5
+"""Largest amplitude over the least up to which an axis begins at 0. A rigid rotor moves alike at
+every speed, and on an axis of its own would seem to be known badly."""
 _NODE = re.compile(r"node\d+$")
 
 
@@ -76,16 +79,22 @@ def _highest(frequency: Floats, turning: float) -> float:
     return 1.08 * float(max([turning, *(near if len(near) else np.sort(tops)[:1])]))
 
 
-def shapes(found: Modes, pairs: Sequence[tuple[int, int]], alone: Sequence[int]) -> list[Panel]:
+def shapes(
+    found: Modes,
+    pairs: Sequence[tuple[int, int]],
+    alone: Sequence[int],
+    positions: Floats | None = None,
+) -> list[Panel]:
     """Return the shape of each mode: the part that whirls forward, and the part that goes back.
 
     `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
+    `positions` along the rotor are those of the pairs, in m, where a drawing tells them.
     Motion in a plane is one line: its parts are alike, and those of two modes of one frequency any.
     A single place has no shape.
     """
     frequency = np.array([mode.frequency_hz for mode in found.modes])
     return [
-        _shape(k, mode, found.coordinates, pairs, alone, twice=_meets(frequency, k))
+        _shape(k, mode, found.coordinates, pairs, alone, positions, twice=_meets(frequency, k))
         for k, mode in enumerate(found.modes[:MOST_SHAPES])
         if len(pairs) > 1 or len(alone) > 1
     ]
@@ -102,6 +111,7 @@ def _shape(
     coordinates: Sequence[str],
     pairs: Sequence[tuple[int, int]],
     alone: Sequence[int],
+    positions: Floats | None,
     *,
     twice: bool,
 ) -> Panel:
@@ -119,18 +129,26 @@ def _shape(
         parts = {"planar": value[list(alone)]}
     names = [coordinates[i] for i in (alone or x)]
     whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
-    place = np.arange(len(names), dtype=float)
+    place = np.arange(len(names), dtype=float) if positions is None else 1e3 * positions
     curves = []
     for way, part in parts.items():
         told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
         shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
         curves.append(Curve(place, shown, told, WAYS[way], "line"))
-        curves.append(Curve(place, shown, "", WAYS[way], "points"))
-    few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
-    axis = Axis("" if few else "places along the shaft, in the model's order", names=few)
+        told_of = tuple(label(name) for name in names)
+        curves.append(Curve(place, shown, "", WAYS[way], "points", told=told_of))
     title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
     ends = (-1.15, 1.15)
-    return Panel(title, axis, Axis("share of the largest", ends=ends), tuple(curves), level=0.0)
+    height = Axis("share of the largest", ends=ends)
+    return Panel(title, _along(names, positions), height, tuple(curves), level=0.0)
+
+
+def _along(names: Sequence[str], positions: Floats | None) -> Axis:
+    """Return the axis along the rotor: mm where positions are known, else the names of places."""
+    if positions is not None:
+        return Axis("mm from the left end")
+    few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
+    return Axis("" if few else "places along the shaft, in the model's order", names=few)
 
 
 def _in_plane(x: Any, y: Any) -> Any:
@@ -166,6 +184,16 @@ def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
             low = np.maximum(size - TWO * std, size / 100)  # of a logarithmic axis
             high = size + TWO * std
             curves.insert(0, Curve(rpm, high, "95 % band", BLUE, "band", base=low))
-        axis = Axis(f"amplitude in {unit}", log=True)
+        axis = _amplitude(unit, curves)
         panels.append(Panel(label(name, 36), Axis("speed in rpm"), axis, tuple(curves)))
     return panels
+
+
+def _amplitude(unit: str, curves: Sequence[Curve]) -> Axis:
+    """Return the axis of amplitudes: logarithmic, but from 0 on where they are nearly one."""
+    every = [np.asarray(v) for c in curves for v in (c.y, c.base) if v is not None]
+    low, high = (f(np.concatenate(every)) for f in (np.nanmin, np.nanmax))
+    title = f"amplitude in {unit}"
+    if high < EVEN * low:
+        return Axis(title, ends=(0.0, 1.25 * float(high)))
+    return Axis(title, log=True)

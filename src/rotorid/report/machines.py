@@ -10,7 +10,9 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.frozen import frozen
 from rotorid.models import Model
+from rotorid.models.rotor import RotorModel
 from rotorid.plots import machines as drawn
+from rotorid.record import Floats
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.modes_page import (
     critical_table,
@@ -97,7 +99,7 @@ def _pictures(
                 "Mode shapes",
                 "Each place at the moment when the largest is at its largest, as the sum of a "
                 "circle run through with the rotation and one against it.",
-                drawn.shapes(ringing(found), pairs, alone),
+                drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs)),
             ),
             (
                 "Unbalance response",
@@ -117,6 +119,15 @@ def _places(model: Model) -> tuple[list[tuple[int, int]], list[int]]:
     if lengths:
         return lengths, []
     return ([], list(range(len(names)))) if not pairs else (pairs, [])
+
+
+def _positions(model: Model, pairs: Sequence[tuple[int, int]]) -> Floats | None:
+    """Return where the pairs stand along the rotor, where a drawing tells it."""
+    if not isinstance(model, RotorModel):
+        return None
+    at = {n.coordinates[0]: n.position for n in model.rotor.nodes}
+    found = [at.get(model.coordinates[x]) for x, _ in pairs]
+    return None if None in found else np.array(found, dtype=float)
 
 
 def _response(source: Estimate | Model, to: float) -> UnbalanceResponse | None:

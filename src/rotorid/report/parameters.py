@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_page import HALF_WIDTH
+from rotorid.estimate_page import FAR, HALF_WIDTH, as_zero
 from rotorid.estimate_parts import Value
 from rotorid.evidence import Prior
 from rotorid.frozen import frozen
@@ -14,6 +15,8 @@ from rotorid.frozen import frozen
 WIDTH = 140  # of a row's bars, in pixels
 PLAIN = (1e-3, 1e7)
 """Sizes between which a number is written without an exponent."""
+UNMOVED = 0.005
+"""Deviations below which a value has not moved: what is less is rounding, and no news."""
 _MARGIN = 4
 PM = "\N{PLUS-MINUS SIGN}"
 
@@ -84,10 +87,17 @@ def relations(estimate: Estimate) -> list[str]:
     named = {value.name for value in every}
     known = estimate.evidence.known if estimate.evidence else ()
     return [
-        f"{prior.name} = {prior.value:.6g}{_spread(prior)}"
+        f"{prior.name} = {prior.value:.6g}{_spread(prior)}{_unit(_unit_of(prior.name, every))}"
         for prior in known
         if prior.name not in named
     ]
+
+
+def _unit_of(expression: str, every: Sequence[Value]) -> str:
+    """Return the unit of a sum of values that have one unit; nothing for anything else."""
+    units = {value.name: value.unit for value in every}
+    found = {units.get(term.strip()) for term in re.split(r"[+-]", expression)}
+    return (found.pop() or "") if len(found) == 1 else ""
 
 
 def _spread(prior: Prior) -> str:
@@ -100,10 +110,11 @@ def _unit(unit: str) -> str:
 
 def _row(value: Value, prior: Prior | None) -> Row:
     half = HALF_WIDTH * value.std if value.std else math.nan
-    number = figures(value.value, half)
+    number = figures(as_zero(value.value, half), half)
     if not math.isfinite(value.value):
         number = "not determined"
-    percent = 100 * half / abs(value.value) if value.value else math.nan
+    far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
+    percent = math.nan if far else 100 * half / abs(value.value) if value.value else math.nan
     return Row(
         value.name,
         number,
@@ -127,7 +138,10 @@ def _moved(value: Value, prior: Prior) -> str:
     """Return how far the value is from what was known, in deviations of that."""
     if not prior.std > 0 or not math.isfinite(value.value):
         return ""
-    return f"{(value.value - prior.value) / prior.std:+.2g} std".replace("-", "\N{MINUS SIGN}")
+    moved = (value.value - prior.value) / prior.std
+    if abs(moved) < UNMOVED:
+        return "0 std"
+    return f"{moved:+.2g} std".replace("-", "\N{MINUS SIGN}")
 
 
 def _bar(value: Value, prior: Prior) -> Bar | None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_parts import DOUBTFUL
+from rotorid.estimate_parts import DOUBTFUL, EXPLAINS
 from rotorid.frozen import frozen
 
 OPEN, CURE = "not identifiable: ", "cure: "  # how warnings begin that an estimate states
@@ -70,7 +70,8 @@ def _kind(estimate: Estimate, names: list[str]) -> str:
     """Return what channels are, by their units."""
     records = estimate.evidence.records if estimate.evidence else ()
     units = {c.unit for record in records for c in record.channels if c.name in names}
-    return {frozenset("N"): "forces", frozenset("m"): "positions"}.get(frozenset(units), "channels")
+    kinds = {"N": "forces", "m": "positions", "A": "currents"}
+    return kinds.get(units.pop(), "channels") if len(units) == 1 else "channels"
 
 
 def _against_noise(estimate: Estimate) -> str:
@@ -112,6 +113,8 @@ def _rejected(estimate: Estimate) -> str:
     if not estimate.suspects:
         return f"{text}. Nothing that was tried explains it alone."
     first = estimate.suspects[0]
+    if first.share is not None and first.share < EXPLAINS:
+        return f"{text}. Nothing that was tried explains a fifth of it alone."
     share = "" if first.share is None else f", which would explain {100 * first.share:.0f} % of it"
     freed = ""
     if first.value is not None:

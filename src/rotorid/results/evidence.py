@@ -116,6 +116,8 @@ def _record(
     estimate: Estimate, record: Observation, number: int, most: int, *, another: bool
 ) -> RecordEvidence:
     found = spread = None
+    if not another:
+        record = _at_its_phase(record, estimate, number)
     if speaks_of(record.model, estimate, record, number):
         with suppress(InputError):  # a record whose prediction is refused is shown as measured
             (found,) = predict_lines(record.model, estimate, [record], number)
@@ -146,6 +148,13 @@ def _record(
         time_s=_rounded(time),
         channels=tuple(_channels(record, found, spread, size, time)),
     )
+
+
+def _at_its_phase(record: Observation, estimate: Estimate, number: int) -> Observation:
+    """Return a record with the rotor angle that the estimate found for it."""
+    phases = {value.name: value.value for value in estimate.nuisance}
+    phase = phases.get(f"phase[{number}]", math.nan)
+    return record.with_lines(record.lines.turned(phase)) if math.isfinite(phase) else record
 
 
 def _kind(record: Observation) -> Kind:

@@ -13,6 +13,7 @@ from rotorid.estimators.likelihood import suspects
 from rotorid.estimators.likelihood.candidates import find_candidates, find_structure
 from rotorid.identify import identify
 from rotorid.models import load_model
+from rotorid.observation import bind
 
 BETA = 2 * 0.0005 / (2 * np.pi * 175.53)  # damping ratio 0.0005 at the first bending mode
 
@@ -156,6 +157,17 @@ def test_inflated_deviations_allow_for_the_misfit(demo, faults):
     for value in estimate.parameters:
         assert value.std_inflated == pytest.approx(value.std * ratio)
     assert ratio > 3
+
+
+@pytest.mark.parametrize(("harmonics", "held"), [((1, 7, 14), [2]), ((7, 21), [3]), ((1, 7), [])])
+def test_runout_is_suspected_where_a_line_holds_it(demo, harmonics, held):
+    """Of metres it would explain any misfit, by what leaks of it onto other lines."""
+    lines = rid.Lines.of_periods(demo.record())
+    assert lines.speed[0] == pytest.approx(2 * np.pi * 140)  # seven times 20 Hz
+    clock = replace(lines.clock, harmonics=np.array(harmonics))
+    record = bind(demo.model, replace(lines, clock=clock))
+    orders = {n.order for n in suspects._harmonic_runout([record])}
+    assert (sorted(orders), suspects.HELD) == (held, 0.1)
 
 
 def test_structure_of_the_shipped_models():

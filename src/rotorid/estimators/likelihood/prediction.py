@@ -33,7 +33,7 @@ def _inputs(record: Observation, at: Evaluation) -> Predicted:
         left += at.loose[:, :equations]
     matrix = at.inputs[:, :equations, :forces]
     names = record.model.inputs
-    units = tuple(record.model.units[name] for name in names)
+    units = tuple(channel.unit for channel in record.inputs)  # A, where a law makes the force
     predicted = lay_to_inputs(-left, matrix) if np.abs(matrix).any() else true[:, :forces]
     return Predicted(names, units, true[:, :forces], predicted, p.multiplicity)
 

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from rotorid.estimate_parts import Suspect
+from rotorid.estimate_parts import EXPLAINS, Suspect
 from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
 from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
@@ -108,8 +108,12 @@ BEGINS = 'write phase = "unknown" in that record, or name the column of the mark
 """What to do about a record whose rotor angle begins elsewhere."""
 BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).tolist())
 """Angles from which that of a further record is looked for: half a right angle leads to it."""
-EXPLAINS = 0.2
-"""Least share of the excess misfit with which a suspect is a lead."""
+
+
+HELD = 0.1
+"""Amplitude that cos(n phi) leaves on the lines that are used, from which on these hold the n-th
+order: one half on a line of it, a third between two lines. What leaks elsewhere is 1e-3 at most,
+and a runout of metres would explain any misfit there."""
 
 
 @frozen
@@ -160,15 +164,22 @@ def _apart(nuisance: Nuisance) -> bool:
 
 
 def _harmonic_runout(records: Sequence[Observation]) -> list[Nuisance]:
-    """Return the runout of each sensor twice and three times per revolution."""
+    """Return runout twice and three times per revolution of each sensor, where lines hold it."""
     found: list[Nuisance] = []
+    orders = [n for n in (2, 3) if any(_holds(record, n) for record in records)]
     for once in Runout.every(records):
-        for order in (2, 3):
+        for order in orders:
             unknowns = tuple(
                 replace(u, name=u.name.replace("]", f", order {order}]")) for u in once.unknowns
             )
             found.append(replace(once, unknowns=unknowns, order=order))
     return found
+
+
+def _holds(record: Observation, order: int) -> bool:
+    """Tell whether a line of a record is a multiple of its rotation, and not what leaks there."""
+    wave = record.lines.clock.lines(lambda t, phi, speed: np.cos(order * phi)[..., None])
+    return bool(np.abs(wave).max(initial=0.0) > HELD)
 
 
 def _size(option: Option, values: Floats) -> float:
