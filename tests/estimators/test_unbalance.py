@@ -51,6 +51,14 @@ def test_what_does_not_grow_as_the_square_of_the_speed_is_no_unbalance(more):
     assert found.angle_rad == pytest.approx(wanted.angle_rad, rel=1e-9)
 
 
+def test_what_grows_otherwise_leaves_no_rounding():
+    text = rid.load_model("jeffcott").file_text
+    model = rid.models.parse_model(text.replace("Omega^2", "Omega"))
+    values = tuple(rid.Value(p.name, p.unit, p.nominal, 1e-3) for p in model.parameters)
+    estimate = rid.Estimate("jeffcott", "ml", "ok", values, covariance=np.eye(len(values)))
+    assert unbalance_of(model, estimate) == ()
+
+
 def test_deviations_are_those_of_draws():
     model, estimate = made("rigid", 1e-3)
     value = np.array([v.value for v in estimate.parameters])

@@ -1,6 +1,9 @@
 """The grammar: what a text means, what is refused and how it says so."""
 
+import copy
+import pickle
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -9,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid.errors import InputError, ModelError
+from rotorid.models import load_model
 from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import FUNCTIONS
+from rotorid.models.expression import FUNCTIONS, Expression, product
 from rotorid.models.symbolic import from_sympy, parse, symbol, to_sympy, vanishes
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
@@ -282,3 +286,14 @@ def test_vanishing_is_told_from_small():
     assert not vanishes(sp.sign(x) - 1)
     assert not vanishes(sp.tanh(1000 * x) - 1)
     assert not vanishes((y + 2) ** sp.Rational(1, 3) - y)
+
+
+def test_copies_are_equal_though_a_name_is_its_own_free_symbol():
+    x, phi = (Expression("name", (name,)) for name in ("x", "phi"))
+    value = product([(x, Fraction(2)), (Expression("cos", (phi,)), Fraction(1))])
+    assert value.free_symbols  # kept in it from now on
+    for again in (copy.deepcopy(value), pickle.loads(pickle.dumps(value))):
+        assert again == value
+        assert again.free_symbols == value.free_symbols
+    model = load_model("jeffcott")
+    assert pickle.loads(pickle.dumps(model)) == copy.deepcopy(model) == model

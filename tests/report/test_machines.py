@@ -133,6 +133,24 @@ def test_motion_in_a_plane_is_one_line(model: rid.Model, tilt: float) -> None:
     assert shapes(found, pairs[:1], []) == []  # a single place has no shape
 
 
+@pytest.mark.parametrize("names", [("h", "v"), ("q1", "q2")])
+def test_coordinates_without_a_partner_are_shown_as_they_stand(names: tuple[str, str]) -> None:
+    """Nothing says that they are to be called x and y; both planes ring at one frequency."""
+    text = rid.load_model("jeffcott").file_text
+    for old, new in zip("xy", names, strict=True):
+        text = text.replace(f"{old}''", f"{new}''").replace(f"{old}'", f"{new}'")
+        text = text.replace(f"k*{old} ", f"k*{new} ").replace(f'{old} = "m"', f'{new} = "m"')
+    renamed = rid.parse_model(text, name="renamed")
+    found = modes(renamed, speed=SPEED)
+    assert found.coordinates == names
+    panels = shapes(found, partners(names), [0, 1])
+    assert panels
+    for panel in panels:
+        assert max(np.abs(c.y).max() for c in panel.curves) == pytest.approx(1.0)
+    page = Page(modes_report(renamed, found, None, []))
+    assert titles(page) == ["Mode shapes"]
+
+
 def test_a_response_is_drawn_with_its_band(estimate: rid.Estimate, model: rid.Model) -> None:
     speeds = np.linspace(100.0, 800.0, 5)
     found = response_of(machine_of(estimate), speeds)

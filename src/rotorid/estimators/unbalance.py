@@ -100,7 +100,8 @@ def _columns(model: Model) -> Complexes:
         first, second, third, fourth = (rotation_line(signal, speed) for speed in SPEEDS)
         line = (third - 2 * second + first) / 2
         cubic = fourth - 3 * third + 3 * second - first
-        if np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth):
+        grows = abs(line) > ALIKE * abs(fourth)  # else what is left of it is rounding
+        if grows and np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth):
             for row, monomial, coefficient in terms:
                 if monomial in bases:
                     columns[row, bases[monomial]] += coefficient * line

@@ -35,6 +35,10 @@ class Expression:
     kind: str
     parts: tuple[Any, ...] = ()
 
+    def __reduce__(self) -> tuple[type[Expression], tuple[str, tuple[Any, ...]]]:
+        """Copy what it is, not what it keeps: a name is among its own free symbols."""
+        return Expression, (self.kind, self.parts)
+
     @cached_property
     def free_symbols(self) -> frozenset[Expression]:
         """The names in it, as expressions."""

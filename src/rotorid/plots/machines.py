@@ -123,10 +123,10 @@ def _shape(
     }
     if twice and mode.whirl in parts:
         parts = {mode.whirl: parts[mode.whirl]}
-    if mode.whirl == "planar" and (one := _in_plane(value[x], value[y])) is not None:
-        parts = {"planar": one}
     if alone:
         parts = {"planar": value[list(alone)]}
+    elif mode.whirl == "planar" and (one := _in_plane(value[x], value[y])) is not None:
+        parts = {"planar": one}
     names = [coordinates[i] for i in (alone or x)]
     whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
     place = np.arange(len(names), dtype=float) if positions is None else 1e3 * positions

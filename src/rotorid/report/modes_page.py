@@ -157,9 +157,9 @@ def summary(found: Modes) -> list[str]:
     if any(pole > 0 for pole in found.real_poles):
         listed = ", ".join(f"{pole:.4g}" for pole in found.real_poles if pole > 0)
         said.append(f"warning: unstable poles that do not oscillate, at {listed} rad/s")
-    damped = [pole for pole in found.real_poles if pole <= 0]
+    damped = sorted((pole for pole in found.real_poles if pole <= 0), reverse=True)
     if damped:
-        listed = ", ".join(f"{pole:.4g}" for pole in damped[-4:])
+        listed = ", ".join(f"{pole:.4g}" for pole in damped[:4])
         said.append(f"{len(damped)} poles that do not oscillate, the slowest at {listed} rad/s")
     if any(mode.close for mode in found.modes):
         said.append("~: so close to another that order or shapes are uncertain; std from draws")

@@ -45,6 +45,8 @@ EXACT = 1e-10
 """Share of a speed to which a root is found."""
 FALSE = 1e-6
 """Share of the speed by which a root may miss: more, and the count changed as a mode vanished."""
+BESIDE = 1e-3
+"""Share of a speed at which one looks beside it: a mode that still rings there turns along."""
 ALIKE = 0.7
 """Overlap of shapes below which a step of the speed is halved to follow a curve."""
 HALVINGS = 6
@@ -267,8 +269,8 @@ def critical_speeds(
                 roots.append(root)
     found: list[CriticalSpeed] = []
     for root in sorted(roots):
-        if found and root - abs(found[-1].speed_rad_s) < 1e-8 * root:
-            continue  # the other plane of the same mode
+        if found and root - abs(found[-1].speed_rad_s) < FALSE * root:
+            continue  # the other plane of the same mode, or of one as close: found there already
         found += _critical(machine, sign * root, rng)
     return found
 
@@ -278,7 +280,7 @@ def _grid(machine: Machine, to: float) -> list[float]:
     last = abs(to)
     seeds = _seeds(machine, to)
     between = (seeds[:-1] + seeds[1:]) / 2
-    beside = np.concatenate([seeds * (1 - 1e-3), seeds * (1 + 1e-3), between])
+    beside = np.concatenate([seeds * (1 - BESIDE), seeds * (1 + BESIDE), between])
     regular = np.linspace(0, last, SCAN + 1)[1:]
     first = min([last * 1e-3, *(seeds[:1] / 2)])
     points = np.concatenate([[first], regular, beside[(beside > first) & (beside < last)]])
@@ -321,6 +323,8 @@ def _root(machine: Machine, sign: float, k: int, low: float, high: float) -> flo
     if over(low) * over(high) > 0:
         return None
     root = float(scipy.optimize.brentq(over, low, high, xtol=EXACT * high, rtol=EXACT))
+    if max(abs(over(root * (1 - BESIDE))), abs(over(root * (1 + BESIDE)))) < EXACT * root:
+        return None  # it turns with the rotor at every speed: I_p = I_t
     return root if abs(over(root)) < FALSE * root else None
 
 
