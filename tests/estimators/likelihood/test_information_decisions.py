@@ -188,3 +188,30 @@ def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chan
     )
     information.questioned(problem_of("m"), np.ones(1), solution, inference)
     assert demanded == [every]
+
+
+@pytest.mark.parametrize(("wider", "loose", "bent"), [(7.9, 1, 0), (8.1, 1, 1), (8.1, 0, 0)])
+def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent) -> None:
+    yes, one = np.ones(1, bool), np.ones(1)
+    monkeypatch.setattr(information, "informed_by_noise", lambda at: (one, ~yes))
+    monkeypatch.setattr(information, "_taken_about", lambda *at: ~yes)
+    point = SimpleNamespace(unknowns=one)
+    asked = information._Asked(problem_of("m"), one, point, one, yes, yes, np.array([bool(loose)]))
+    assert asked.doubt(np.array([wider])).bent == ("m",) * bent
+
+
+@pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])
+def test_a_minimum_is_lower_by_more_than_a_millionth(below, lower) -> None:
+    found = information._lower([solution_at([1.0], 1e6 - below)], solution_at([1.0], 1e6))
+    assert (found is not None) == lower
+
+
+@pytest.mark.parametrize(("after", "cure"), [(0.32, "drive F against"), (0.34, "excite what")])
+def test_an_excitation_that_tells_three_times_as_much_is_a_cure(monkeypatch, after, cure) -> None:
+    problem = problem_of("m")
+    problem.likelihoods, problem.layout.model = ("record",), SimpleNamespace(inputs=("F",))
+    told = iter([np.ones(1), np.array([after])])
+    monkeypatch.setattr(information, "predicted_deviations", lambda *at: next(told))
+    monkeypatch.setattr(information, "_turned", lambda problem, column: problem)
+    doubt = information.Doubt(noise=("m",))
+    assert information._cure(problem, np.ones(1), doubt).startswith(cure)

@@ -118,3 +118,15 @@ def test_gains_are_held_to_their_start_and_a_scale_that_nothing_tells_firmly(mon
     if open_:  # of two unknowns, the sum of what each is off
         assert known.values(np.array([-2.0, 50.5]))[1] == pytest.approx(1.0)
     assert len(known) == 1 + open_
+
+
+@pytest.mark.parametrize(
+    ("stages", "joins"), [((10.0, 1.0, 0.1, 0.01, 0.0), True), ((0.1, 0.0), False)]
+)
+def test_only_a_way_of_the_same_stages_joins_another(monkeypatch, stages, joins) -> None:
+    gone = []
+    monkeypatch.setattr(solver, "_descended", lambda *way, brief: gone.append(way[4]))
+    trail = (np.ones(1),)
+    problem = SimpleNamespace(lowest=None)
+    assert solver.elsewhere(problem, np.ones(1), SimpleNamespace(trail=trail), stages) is None
+    assert gone == [trail if joins else ()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -166,6 +167,16 @@ def test_suspects_that_the_data_cannot_tell_apart(left, alike) -> None:
     """Costs within 15, times what is left over what noise leaves."""
     found = [finding(f"mass {k}", cost) for k, cost in enumerate(left)]
     assert len(suspects.alike(found, 100.0)) == alike
+
+
+@pytest.mark.parametrize(("left", "tried"), [(114.9, 0), (115.1, 1)])
+def test_a_bandwidth_is_tried_where_a_delay_leaves_a_misfit(monkeypatch, left, tried) -> None:
+    lag = finding("bandwidth[F]", 100.0)
+    monkeypatch.setattr(suspects._Search, "refitted", lambda self, option: lag)
+    search = replace(search_of(1e6), model=SimpleNamespace(inputs=("F",)))
+    late = replace(finding("delay[F]", left), suspect=Suspect("delay[F]", 1e5, 1.0, -1e-4, "s"))
+    delay = SimpleNamespace(channels=frozenset({"F"}))
+    assert search.lagging(delay, late) == [lag] * tried
 
 
 @pytest.mark.parametrize(("share", "lead"), [(0.19, False), (0.21, True)])

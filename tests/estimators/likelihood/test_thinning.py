@@ -122,7 +122,6 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
         moved = [point * (1 + share * solver.JOINED) for point in trail]
         assert solver.joins(problem, start, moved) == joined
     assert not solver.joins(problem, start, ())
-    assert solver.JOINED == 0.01
 
 
 def test_the_noise_of_a_record_is_factored_once(

@@ -82,5 +82,3 @@ def test_what_decides_how_far_a_valley_is_followed():
     assert (valley.WEAKEST, valley.STRIDE, valley.STRIDES) == (2, 0.5, 40)
     assert (valley.STEEP, valley.SHORTEST, valley.HALF) == (4.0, 1 / 64, 0.5)
     assert (valley.RISEN, valley.LIKELY, valley.BEGUN, valley.ENDLESS) == (9.0, 4.0, 1.0, 8.0)
-    assert information.UNLIKELY == 0.01
-    assert information.LATE == (0.1, 0.01, 0.0)
