@@ -89,6 +89,37 @@ def test_a_rotor_that_turns_the_other_way_is_told():
     assert "the speed is stated backwards" in fault
 
 
+COUPLED = """
+title = "a mass between two planes, coupled by the speed"
+equations = ["m*x'' + {g}*Omega*y' + k*x = F", "m*y'' - {g}*Omega*x' + k*y = G"]
+coordinates = {{ x = "m", y = "m" }}
+inputs = {{ F = "N", G = "N" }}
+[parameters]
+m = {{ unit = "kg", nominal = 2.0 }}
+k = {{ unit = "N/m", nominal = 1e5 }}
+{parameters}
+"""
+SEAL = ("cq", 'cq = { unit = "kg", nominal = 0.8 }')
+PLANES = (
+    "I_p/L^2",
+    'I_p = { unit = "kg m^2", nominal = 0.05 }\nL = { unit = "m", nominal = 0.25 }',
+)
+
+
+@pytest.mark.parametrize(
+    ("coupling", "size", "faults"),
+    [(SEAL, 5.0, 0), (SEAL, -1.0, 0), (PLANES, 0.1, 0), (PLANES, -0.1, 1), (PLANES, 0.4, 1)],
+)
+def test_a_seal_is_no_polar_inertia(coupling, size, faults):
+    """Of displacements only what is in kg m^2 is one: 2 m = 4 kg bounds 16 I_p."""
+    model = parse_model(COUPLED.format(g=coupling[0], parameters=coupling[1]))
+    values = {**model.nominal, "cq": size, "I_p": size}
+    found = tuple(Value(p.name, p.unit, values[p.name], 1e-4, 1e-4) for p in model.parameters)
+    spread = 1e-8 * np.eye(len(found))
+    verdict = gate.physical(model, Estimate("planes", "ml", "ok", found, covariance=spread))
+    assert len(verdict.faults) == faults
+
+
 @pytest.mark.parametrize("name", ["m", "I_t"])
 def test_what_the_model_declares_positive_is_positive(name):
     found = gate.physical(RIGID, rigid_estimate(**{name: -1.0}))

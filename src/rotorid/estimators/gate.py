@@ -21,6 +21,7 @@ from rotorid.models import Model
 from rotorid.models.expression import symbol
 from rotorid.models.linear import LinearForm, speed_factor
 from rotorid.record import Check, Floats
+from rotorid.units import dimension_of
 
 REJECTED = 1e-6
 """The p-value below which the data reject the model."""
@@ -59,6 +60,7 @@ CONTRADICTING = frozenset(
 speed and its period stay what they are, and that the samples are the quantity."""
 SILENT = frozenset({"dead", "stuck", "quantized"})
 """Checks whose warnings are of a channel that reads nothing: no suspect explains it better."""
+_INERTIA = dimension_of("kg m^2")
 ROUNDING = 1e-9
 """Share of its terms below which a balance of inertias is rounding."""
 
@@ -236,6 +238,8 @@ def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Float
         total += _sure(_judge(where, float(values[0]), std, f"a negative inertia of {where}"))
     turning, drawn = np.tensordot(base, gyroscopic, 1), _drawn_coupling(reduced, gyroscopic)
     for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
+        if not _by_inertia(reduced, (i, j), gyroscopic):
+            continue
         sign = np.sign(turning[i, j] - turning[j, i])
         slopes = (
             mass[:, i, i] + mass[:, j, j] - sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
@@ -255,6 +259,20 @@ def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Float
             if np.count_nonzero(slopes) == 1:  # of a sum of inertias the sign may be either
                 total += _backwards(reduced, (i, j), float(slopes @ base), slopes, covariance)
     return total
+
+
+def _by_inertia(reduced: Model, pair: tuple[int, int], gyroscopic: Floats) -> bool:
+    """Tell whether what couples two coordinates by the speed is a polar inertia.
+
+    Between tilts it is; between displacements, where something in kg m^2 stands there. What else
+    couples these, as a seal does, no inertia bounds, and it may have either sign.
+    """
+    if all(reduced.units[reduced.coordinates[k]] == "rad" for k in pair):
+        return True
+    inertial = [dimension_of(p.unit) == _INERTIA for p in reduced.parameters]
+    there = (gyroscopic[:-1, pair[0], pair[1]] != 0) | (gyroscopic[:-1, pair[1], pair[0]] != 0)
+    monomials = reduced.monomials[list(reduced.base.kept)][there]
+    return bool(there.any() and (monomials[:, inertial] > 0).any(axis=1).all())
 
 
 def _drawn_coupling(reduced: Model, gyroscopic: Floats) -> Floats:
