@@ -100,10 +100,7 @@ k = {{ unit = "N/m", nominal = 1e5 }}
 {parameters}
 """
 SEAL = ("cq", 'cq = { unit = "kg", nominal = 0.8 }')
-PLANES = (
-    "I_p/L^2",
-    'I_p = { unit = "kg m^2", nominal = 0.05 }\nL = { unit = "m", nominal = 0.25 }',
-)
+PLANES = ("16*I_p", 'I_p = { unit = "kg m^2", nominal = 0.05 }')  # over the square of .25 m
 
 
 @pytest.mark.parametrize(
