@@ -206,7 +206,7 @@ MISTAKES = (
         RIGID,
         "gap of .4 mm instead of .5",
         put('gap = "0.0005 m"', 'gap = "0.0004 m"'),
-        ("gain[force]", "ks"),
+        ("gap", "gain[force]", "ks"),
     ),
     Mistake(
         RIGID, "L_a fixed to .25 m", put('fixed = "0.2 m"', 'fixed = "0.25 m"'), ("prior L_a",)

@@ -354,6 +354,23 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names: list[str], assu
     assert by_planes(model, [*gaps[:3], replace(gaps[3], name="gap Z2")], {}) == {}
 
 
+def test_how_a_sensor_beside_a_magnet_is_written_is_shown(tmp_path: Path) -> None:
+    """Where no name tells which is which; a model that has them as coordinates needs none."""
+    table = np.column_stack(
+        [np.arange(400) / 1000.0, np.random.default_rng(1).normal(size=(400, 2))]
+    )
+    header = 't [s],gap "one" [um],gap two [um]'
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    told = [
+        line for line in draft([path], "rigid", tmp_path).splitlines() if "a magnet: s_" in line
+    ]
+    (channels,) = (parse(line.partition("magnet: ")[2]) for line in told)
+    assert channels["s_xa"]["reads"] == "x - L_a*theta_y"
+    assert (channels["s_xa"]["unit"], "gap" in channels["s_xa"]["column"]) == ("um", True)
+    assert "beside a magnet" not in draft([path], "three-mass", tmp_path)
+
+
 def test_currents_that_no_name_tells_apart_leave_a_law_to_be_completed(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     for part in (1, 2):

@@ -415,7 +415,20 @@ def _say_channels(table: tomlkit.items.Table, model: Model, measured: Sequence[F
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
         table.add(tomlkit.comment(_printable(f"{told} coordinate needs one")))
+    if hidden and not sensors and (shown := _as_sensor(model, free)):
+        table.add(tomlkit.comment(_printable(shown)))
     return {column.name for column in used}
+
+
+def _as_sensor(model: Model, free: Sequence[Found]) -> str:
+    """Say how a position that is left over is written, where coordinates are none."""
+    left = [c for c in free if c.unit and converts(c.unit, "m")]
+    reads = [(name, text) for name in model.inputs if "*" in (text := displacement(model, name))]
+    if not left or not reads:
+        return ""
+    name, text = reads[0]
+    channel = _inline({"reads": text, **_column(left[0], "m")})
+    return f"a sensor beside a magnet: {_sensor_name(name)} = {channel.as_string()}"
 
 
 def _input(

@@ -202,7 +202,8 @@ def _check_use(model: Model) -> None:
             raise ModelError(
                 f"{name!r} in no equation",
                 "every declared name in an equation",
-                "use it or remove it; what it multiplies may vanish",
+                "use it or remove it; what it multiplies may vanish; what only a sensor reads, "
+                "such as a shape s_a, enters an equation in a sum: (s_a + h_a)*F",
                 place="equations",
             )
 

@@ -10,7 +10,7 @@ import rotorid as rid
 from rotorid.estimate_parts import Suspect
 from rotorid.estimators import MaximumLikelihood
 from rotorid.estimators.likelihood import suspects
-from rotorid.estimators.likelihood.candidates import find_candidates, find_structure
+from rotorid.estimators.likelihood.candidates import BENDS, STIFFEN, find_candidates, find_structure
 from rotorid.identify import identify
 from rotorid.models import load_model
 from rotorid.observation import bind
@@ -157,6 +157,84 @@ def test_inflated_deviations_allow_for_the_misfit(demo, faults):
     for value in estimate.parameters:
         assert value.std_inflated == pytest.approx(value.std * ratio)
     assert ratio > 3
+
+
+BENDING = """
+title = "A rigid rotor with one bending mode"
+equations = [
+  "m*x'' = F_xa + F_xb",
+  "m*y'' = F_ya + F_yb",
+  "I_t*theta_x'' + I_p*Omega*theta_y' = L_a*F_ya - L_b*F_yb",
+  "I_t*theta_y'' - I_p*Omega*theta_x' = L_b*F_xb - L_a*F_xa",
+  "m_q*q_x'' + d*q_x' + k_q*q_x = s_a*F_xa + F_xb",
+  "m_q*q_y'' + d*q_y' + k_q*q_y = s_a*F_ya + F_yb",
+]
+coordinates = { x = "m", y = "m", theta_x = "rad", theta_y = "rad", q_x = "m", q_y = "m" }
+inputs = { F_xa = "N", F_ya = "N", F_xb = "N", F_yb = "N" }
+[parameters]
+m = { unit = "kg", nominal = 7.4 }
+I_t = { unit = "kg m^2", nominal = 0.118 }
+I_p = { unit = "kg m^2", nominal = 0.023 }
+L_a = { unit = "m", nominal = 0.17 }
+L_b = { unit = "m", nominal = 0.19 }
+m_q = { unit = "kg", nominal = 6.0 }
+d = { unit = "N s/m", nominal = 30.0 }
+k_q = { unit = "N/m", nominal = 4.4e7 }
+s_a = { unit = "1", nominal = 0.6 }
+"""  # 430 Hz, three times the highest line
+
+
+def bending_rotor(rng) -> rid.PeriodicRecord:
+    """Return a record of it as a rigid rotor has it: forces, and the readings at its ends."""
+    true = rid.parse_model(BENDING)
+    turn = 2 * np.pi * np.outer(np.arange(1000) / 1000, HARMONICS)
+    forces = 3 * np.cos(turn[:, :, None] + 6 * rng.random((6, 4))).sum(axis=1)
+    record = rid.simulate(
+        true,
+        true.values(true.nominal),
+        forces,
+        sample_rate=5000.0,
+        periods=40,
+        speed="4200 rpm",
+        noise=dict.fromkeys(true.inputs, 1e-2),
+        rng=rng,
+    )
+    column = {name: record.column(name) for name in record.names}
+    channels, samples = [], []
+    for place, lever, share in (("a", -0.17, 0.6), ("b", 0.19, 1.0)):
+        for axis, tilt, side in (("x", "theta_y", lever), ("y", "theta_x", -lever)):
+            bent = column[axis] + side * column[tilt] + share * column[f"q_{axis}"]
+            samples.append(bent + 2e-7 * rng.standard_normal(len(bent)))
+            channels.append(rid.Channel(f"s_{axis}{place}", "m", reads={axis: 1.0, tilt: side}))
+    inputs = [rid.Channel(name, "N") for name in true.inputs]
+    table = np.column_stack([*(column[name] for name in true.inputs), *samples])
+    taken = rid.Record((*inputs, *channels), table, record.sample_rate, speed="4200 rpm")
+    return rid.average(taken, "5 Hz", harmonics=HARMONICS)
+
+
+HARMONICS = [1, 3, 7, 12, 19, 28]
+
+
+def test_a_rotor_that_bends_and_is_taken_for_rigid():
+    fixed = {"L_a": 0.17, "xi": 0.0, "zeta": 0.0, "mu": 0.0, "eta": 0.0}
+    record = bending_rotor(np.random.default_rng(1))
+    estimate = identify(load_model("rigid"), record, MaximumLikelihood(fixed=fixed))
+    first = estimate.suspects[0]
+    assert (estimate.status, first.term, first.unit) == ("rejected", BENDS, "m/N")
+    assert first.share > 0.9
+    assert estimate.warnings[0].endswith(STIFFEN)
+
+
+@pytest.mark.parametrize("name", ["three-mass", "jeffcott", "rigid"])
+def test_only_a_rotor_without_a_spring_is_suspected_of_bending(name):
+    model = load_model(name)
+    structure = find_structure(model, model.values(model.nominal), 100.0)
+    terms = find_candidates(structure, [model.units[c] for c in model.coordinates])
+    found = [t for t in terms if t.name == BENDS]
+    assert len(found) == (name == "rigid")
+    for term in found:
+        assert len(term.nuisance.unknowns) == 3
+        assert {e.order for e in term.nuisance.entries} == {4}
 
 
 @pytest.mark.parametrize(("harmonics", "held"), [((1, 7, 14), [2]), ((7, 21), [3]), ((1, 7), [])])

@@ -144,8 +144,8 @@ def _missing_terms(layout: Layout, observation: Observation) -> list[Term]:
                 if e.speed_power not in powers:
                     powers[e.speed_power] = _common(speed**e.speed_power)
                 size, along = powers[e.speed_power]
-                value = -e.coefficient * size
-                found.append(Term(e.row, e.column, e.order, (int(at[0]),), value, along))
+                term = (e.row, e.column, e.order, (int(at[e.unknown]),))
+                found.append(Term(*term, -e.coefficient * size, along))
     return found
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 
@@ -22,6 +22,16 @@ from rotorid.models.expression import Expression, product, symbol
 from rotorid.models.force_balance import ForceBalance, force_balance
 from rotorid.models.linear import speed_factor
 from rotorid.record import Floats, Integers
+
+BENDS = "bending of the shaft"
+STIFFEN = (
+    "the shaft bends: take a model that does, such as three-mass or a rotor file of the drawing, "
+    "or only lines far below its first bending frequency"
+)
+"""What to do about a rotor that is not rigid."""
+BENDING = 4
+"""Order of the derivative by which a shaft that bends differs from a rigid one: the inertial force,
+of the second, bends it, and what it bends by is accelerated in turn."""
 
 
 @frozen
@@ -40,6 +50,8 @@ class Candidate:
     loads : sequence of MissingLoad
     cure : str
         What to do about it, where that is not to add the term to the model.
+    bends : sequence of MissingEntry
+        Entries of derivatives that the matrices do not have, with unknowns of their own.
     """
 
     name: str
@@ -52,6 +64,7 @@ class Candidate:
     rotating: bool = False
     loads: tuple[MissingLoad, ...] = ()
     cure: str = ""
+    bends: tuple[MissingEntry, ...] = ()
 
     @property
     def nuisance(self) -> Missing:
@@ -68,7 +81,9 @@ class Candidate:
             for matrix, order, power in parts
             for r, c in np.argwhere(matrix)
         )
-        count = 1 + max((load.unknown for load in self.loads), default=0)
+        entries = (*entries, *self.bends)
+        numbers = [load.unknown for load in self.loads] + [entry.unknown for entry in self.bends]
+        count = 1 + max(numbers, default=0)
         names = [self.name] if count == 1 else [f"{self.name} ({i})" for i in range(count)]
         unknowns = tuple(
             Unknown(name, self.unit, 0.0, nuisance=True, additive=True) for name in names
@@ -240,7 +255,34 @@ def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidat
                     if kind == "k"
                     else _constant(structure, text, "1", m=block)
                 )
-    return [*found, *_to_ground(structure, units), *parts_between(structure, units)]
+    bending = [_bending(structure, units)] if structure.pairs and not springs else []
+    return [*found, *bending, *_to_ground(structure, units), *parts_between(structure, units)]
+
+
+def _bending(structure: Structure, units: Sequence[str]) -> Candidate:
+    """Return what a shaft that bends adds to a rigid rotor, far below its first bending mode.
+
+    With a compliance C between forces and readings, y = S q + C F, and F = B^-1 M q" of the rigid
+    rotor, its equations become M q" + M A M q"" = B F with A = S^-1 C B^-1: symmetric where
+    sensors stand beside their magnets, and the same in both planes.
+    """
+    n = len(structure.coordinates)
+    heavy = _sum(structure.masses)
+    entries: list[MissingEntry] = []
+    couples = list(combinations_with_replacement(structure.pairs, 2))
+    for unknown, (one, other) in enumerate(couples):
+        alike = (units[one[0]] == "m") == (units[other[0]] == "m")
+        matrix = np.zeros((n, n))
+        for a in (0, 1):  # lengths go with tilts of their plane: x with theta_y, y with -theta_x
+            b, sign = (a, 1.0) if alike else (1 - a, 1.0 - 2.0 * a)
+            matrix[one[a], other[b]] = matrix[other[b], one[a]] = sign
+        matrix = structure.in_rows(heavy @ matrix @ heavy)
+        entries += [
+            MissingEntry(int(r), int(c), BENDING, float(matrix[r, c]), unknown=unknown)
+            for r, c in np.argwhere(matrix)
+        ]
+    unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
+    return replace(_constant(structure, BENDS, unit), bends=tuple(entries), cure=STIFFEN)
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:

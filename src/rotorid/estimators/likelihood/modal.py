@@ -356,9 +356,9 @@ def _entries(
             weights.append(1j * real if t.structural else real)
     for nuisance, at in layout.places():
         if isinstance(nuisance, Missing):
-            for e in nuisance.entries:
+            for e in (e for e in nuisance.entries if e.order < 3):  # beyond M there is no matrix
                 places.append((e.row, e.column, e.order))
-                products.append((int(at[0]),))
+                products.append((int(at[e.unknown]),))
                 weights.append(e.coefficient * speed**e.speed_power)
     return places, products, weights
 

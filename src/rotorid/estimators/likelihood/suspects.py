@@ -16,7 +16,12 @@ from functools import partial
 import numpy as np
 
 from rotorid.estimate_parts import EXPLAINS, Suspect
-from rotorid.estimators.likelihood.candidates import Structure, find_candidates, find_structure
+from rotorid.estimators.likelihood.candidates import (
+    BENDS,
+    Structure,
+    find_candidates,
+    find_structure,
+)
 from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
 from rotorid.estimators.likelihood.leads import (
@@ -40,6 +45,7 @@ from rotorid.estimators.likelihood.nuisances import (
     Factor,
     Knee,
     LawConstant,
+    Missing,
     Multiplier,
     Nuisance,
     Reading,
@@ -188,7 +194,8 @@ def _size(option: Option, values: Floats) -> float:
         return float(1 / values[0]) if values[0] else np.nan
     if isinstance(option.nuisance, Knee):
         return option.nuisance.saturation(float(values[0]))
-    if len(values) == 1:
+    one = isinstance(option.nuisance, Missing) and option.nuisance.entries
+    if len(values) == 1 or one:  # entries with unknowns of their own have units of their own
         return float(values[0])
     return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
 
@@ -873,7 +880,8 @@ def sentence(findings: Sequence[Finding], cost: float, expected: float, which: s
     others = [f.suspect.term for f in alike(findings, expected)[1:]]
     group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
     rest = ""
-    if first.left >= GROSS * max(expected, 1.0):
+    # Far from its first bending frequency alone is a shaft that bends all that it is taken for.
+    if first.left >= GROSS * max(expected, 1.0) and first.suspect.term != BENDS:
         rest = (
             "; by itself it is not enough, so there is a second mistake or another one in its place"
         )

@@ -16,7 +16,7 @@ from rotorid.models.expression import Expression
 class MissingEntry:
     """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
 
-    It stands on the left side, as the stiffness does.
+    It stands on the left side, as the stiffness does; `unknown` counts among those of its nuisance.
     """
 
     row: int
@@ -24,6 +24,7 @@ class MissingEntry:
     order: int
     coefficient: float
     speed_power: int = 0
+    unknown: int = 0
 
 
 @frozen
@@ -41,7 +42,7 @@ class MissingLoad:
 
 @frozen
 class Missing(Nuisance):
-    """A term that the equations may miss: entries share one unknown, loads have their own.
+    """A term that the equations may miss.
 
     Parameters
     ----------
