@@ -97,6 +97,8 @@ def test_nothing_is_set_afterwards():
         mass.value = 2.0
     with pytest.raises(FrozenInstanceError, match="value"):
         del mass.value
+    with pytest.raises(FrozenInstanceError, match="another"):
+        mass.another = 2.0
     assert replace(mass, value=2.0) == Mass("m", 2.0)
     assert [each.name for each in fields(Heavier)] == ["name", "value", "note", "table", "more"]
 
@@ -124,6 +126,6 @@ def test_every_value_of_the_package_is_made_by_it():
 
 def test_the_methods_are_shared():
     """The reason why it stands: a `dataclass` writes and compiles its own for each class."""
-    for name in ("__eq__", "__hash__", "__repr__"):
+    for name in ("__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
         assert getattr(Mass, name) is getattr(Empty, name)
         assert getattr(Plain, name) is not getattr(Empty, name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import FrozenInstanceError, dataclass, field, fields
 from operator import attrgetter
 from typing import Any, TypeVar, dataclass_transform, overload
 
@@ -18,12 +18,15 @@ def frozen(*, kw_only: bool = False) -> Callable[[Class], Class]: ...
 def frozen(kind: Any = None, /, *, kw_only: bool = False) -> Any:
     """Make a class a frozen dataclass; what it or its base says of ``==`` and of text, stands.
 
-    ``dataclass`` writes and compiles the methods of each class when it is imported, which for all
-    that a command needs was a seventh of its time. Only what depends on the fields is left to it.
+    ``dataclass`` writes and compiles six methods of each class when it is imported, which for all
+    that a command needs was a seventh of its time. Only ``__init__`` is left to it; nothing is set
+    a second time, nor anything that is no field.
     """
 
     def made(kind: Any) -> Any:
-        kind = dataclass(frozen=True, eq=False, repr=False, kw_only=kw_only)(kind)
+        kind = dataclass(eq=False, repr=False, kw_only=kw_only)(kind)
+        kind._fields = frozenset(each.name for each in fields(kind))
+        kind.__setattr__, kind.__delattr__ = _set_once, _keep
         if kind.__repr__ is object.__repr__:
             kind.__repr__ = _told
         if kind.__eq__ is object.__eq__:
@@ -39,6 +42,18 @@ def _getter(kind: Any) -> Callable[[Any], Any]:
     """Return the function that takes from an object all that is compared."""
     names = [each.name for each in fields(kind) if each.compare]
     return attrgetter(*names) if names else lambda _: ()
+
+
+def _set_once(self: Any, name: str, value: object) -> None:
+    """Set a field that is not set yet, as ``__init__`` does."""
+    if name in self.__dict__ or name not in self._fields:
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+    self.__dict__[name] = value
+
+
+def _keep(self: Any, name: str) -> None:
+    """Refuse to delete."""
+    raise FrozenInstanceError(f"cannot delete field {name!r}")
 
 
 def _equal(self: Any, other: Any) -> Any:

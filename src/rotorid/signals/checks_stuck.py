@@ -8,11 +8,11 @@ comes to rest by and by, and what drives rests where it drives nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from rotorid.frozen import frozen
 from rotorid.record import Check, Floats, Record, Verdict
 from rotorid.signals.checks_samples import DITHER, is_input, quantum
 from rotorid.signals.sums import median
@@ -40,7 +40,7 @@ _POINTS = 5  # of a rest that are looked at: of a moving channel chance puts no 
 _TRIED = 3  # rests that are measured to their ends
 
 
-@dataclass(frozen=True)
+@frozen
 class _Rest:
     """Samples of a channel that stay within a tolerance: from `first` up to before `after`."""
 
