@@ -1,6 +1,7 @@
 """A part that the model leaves out and four sensors do not see: told beside the answer."""
 
 import re
+from types import SimpleNamespace
 
 import adverse
 import numpy as np
@@ -72,8 +73,36 @@ def test_a_machine_with_one_place_has_no_part_between():
     assert "model" not in {c.check for c in estimate.checks}
 
 
-def test_what_decides_that_it_is_told():
-    assert (left_out.PART, left_out.FAR) == (0.01, 5.0)
+@pytest.mark.parametrize(("moved", "told"), [(4.9, 0), (5.1, 1)])
+def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told(
+    monkeypatch, moved, told
+):
+    asked = []
+    part = SimpleNamespace(name="mass between x1 and x2", nuisance=None)
+    unknown = SimpleNamespace(name="k1")
+    layout = SimpleNamespace(free=np.arange(1), unknowns=[unknown])
+    solution = SimpleNamespace(point=None)
+    fit = SimpleNamespace(
+        records=("r",), prepared=SimpleNamespace(layout=layout), solution=solution
+    )
+    structure = SimpleNamespace(mass=lambda units: 40.0)
+    wide = SimpleNamespace(point=SimpleNamespace(jacobian=np.ones((3, 2))))
+    model = SimpleNamespace(coordinates=(), units={})
+
+    def unseen(fit, effects):
+        asked.extend(effect[0, 0] for _, effect in effects)
+        return [(part.name, np.array([moved]))]
+
+    for name, stands in {
+        "structure_of": lambda *at: structure,
+        "physical_at": lambda *at: None,
+        "parts_between": lambda *at: [part],
+        "moves_unseen": unseen,
+        "Case": lambda *at: SimpleNamespace(with_unknowns=lambda added: wide),
+    }.items():
+        monkeypatch.setattr(left_out, name, stands)
+    assert len(left_out.parts_left_out(model, fit)) == told
+    assert asked == pytest.approx([0.4])  # kg
 
 
 @pytest.mark.slow

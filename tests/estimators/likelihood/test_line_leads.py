@@ -1,6 +1,7 @@
 """A line that something else fills is named, and only where nothing else explains the data."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,50 @@ def test_the_drop_is_what_a_refit_without_the_line_gains(demo, record):
     assert case.point.cost - again.near().cost == pytest.approx(drops[worst], rel=0.02)
 
 
-def test_what_decides_about_a_line():
-    assert (line_leads.HOLDS, line_leads.ORDERS, line_leads.BESIDE) == (0.5, 3, 0.25)
-    assert (line_leads.MAINS, line_leads.ON) == ((50.0, 60.0), 1e-3)
+@pytest.mark.parametrize(("share", "told"), [(0.49, False), (0.51, True)])
+def test_a_line_that_holds_half_of_the_misfit_is_one_too_many(monkeypatch, share, told):
+    monkeypatch.setattr(line_leads, "_drops", lambda case: iter([(1e3 * share, 0, 1)]))
+    lines = SimpleNamespace(frequency=np.array([20.0, 40.0]))
+    lead = line_leads.line_lead(SimpleNamespace(records=[SimpleNamespace(lines=lines)]), 1e3)
+    assert (lead is not None) == told
+
+
+@pytest.mark.parametrize(
+    ("hertz", "hum"),
+    [
+        (50.04, True),
+        (50.06, False),
+        (149.86, True),
+        (59.95, True),
+        (60.07, False),
+        (180.1, True),
+        (25.0, False),
+        (30.0, False),
+        (75.0, False),
+        (90.0, False),
+    ],
+)
+def test_lines_of_the_mains(hertz, hum):
+    """A thousandth beside them, or on their multiples."""
+    assert ("hum of the mains" in line_leads.source(hertz)) == hum
+
+
+def test_lines_of_the_rotation_are_no_odd_ones(monkeypatch):
+    """The first three orders, from a quarter of the lines' distance on; and lines of no period."""
+    frequency = 10.0 * np.arange(1, 13) - 2.4
+    lines = SimpleNamespace(frequency=frequency, speed=np.full(12, 2 * np.pi * 30.0), scatter=1)
+    at = SimpleNamespace(problem=SimpleNamespace(equations=1, lines=12))
+    point = SimpleNamespace(records=[at], residual=np.ones(24))
+    monkeypatch.setattr(line_leads, "projected_jacobian", lambda point: np.eye(24)[:, :1])
+    case = SimpleNamespace(records=[SimpleNamespace(lines=lines)], point=point)
+    assert [line for *_, line in line_leads._drops(case)] == [0, 1, 3, 4, 6, 7, 9, 10, 11]
+    lines.frequency = frequency - 0.2  # .26 of the distance
+    assert len(list(line_leads._drops(case))) == 12
+
+
+def test_a_line_that_is_left_out_weighs_a_millionth(demo, record):
+    seen = bind(demo.model, record)
+    (without,) = line_leads.without([seen], 0, 2)
+    ratio = without.lines.covariance.matrices / seen.lines.covariance.matrices
+    weight = 1 / np.sqrt(np.abs(ratio[:, 0, 0]))
+    assert weight == pytest.approx([1, 1, 1e-6, 1, 1, 1])

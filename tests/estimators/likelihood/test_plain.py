@@ -1,6 +1,7 @@
 """Mistakes that are plain are told on a hundred lines, before thousands are searched."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from test_spectra import KNOWN, MODEL, levitated
@@ -70,4 +71,18 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
     assert estimate.status in ("rejected", "not_converged")
     assert len(asked) == 1
     assert asked[0] <= PLAIN_LINES == 100
-    assert (plain.GROSS, plain.LIKELY, plain.FOLLOWED) == (3.0, 2.0, 4)
+
+
+@pytest.mark.parametrize(
+    ("costs", "followed"),
+    [((10.0, 19.9, 20.1), 2), ((10.0,) * 6, 4), ((10.0, 14.0, 16.0, 12.0, 11.0), 4)],
+)
+def test_which_mistakes_are_followed(monkeypatch, costs, followed) -> None:
+    """Four at the most, screened within twice the lowest cost; those that explain are kept."""
+    monkeypatch.setattr(plain, "screened", lambda prepared, cost: cost)
+    monkeypatch.setattr(plain, "minimized", lambda prepared, cost, *way: SimpleNamespace(cost=cost))
+    monkeypatch.setattr(plain, "_costs", lambda point, times: not 2.9 < times < 3.1)
+    mistakes = [SimpleNamespace(undo=lambda records, cost=cost: cost) for cost in costs]
+    prepared = SimpleNamespace(layout=SimpleNamespace(start=None))
+    found = plain._without_a_mistake(prepared, (), mistakes)
+    assert [point.cost for point, _ in found] == sorted(costs)[:followed]

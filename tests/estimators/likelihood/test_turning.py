@@ -1,6 +1,7 @@
 """The rotation against the angle that was given: slow creep, steps, and no false alarm."""
 
 import re
+from types import SimpleNamespace
 
 import adverse
 import numpy as np
@@ -43,8 +44,30 @@ def test_a_creep_that_costs_amplitude_is_rejected() -> None:
     estimate = adverse.estimate_of(made("rigid", 2, 1 - 2e-4))
     assert estimate.status == "rejected"
     assert [w for w in estimate.warnings if w.startswith("speed: the unbalance turns with 8398.")]
-    assert (turning.CREEPS, turning.STRAYS, turning.JUMPS) == (3.5, 6.0, 8.0)
-    assert (turning.LOST, turning.LEAST_PERIODS) == (0.155, 8)
+
+
+def creep(rate: float, std: float, step: float = 0.0, periods: int = 100) -> turning.Creep:
+    """Return a creep and a step of deviation one."""
+    return turning.Creep(rate, std, step, 1.0, 1, periods, 0.0)
+
+
+def test_from_where_on_the_rotation_moves_against_its_angle() -> None:
+    assert [creep(-x, 1.0).creeps for x in (3.4, 3.6)] == [False, True]
+    assert [creep(-x, 1.0).strays for x in (5.9, 6.1)] == [False, True]
+    # .155 rad over the record cost a thousandth of the unbalance's line.
+    assert [creep(x / 100, 1e-9).strays for x in (-0.154, 0.156)] == [False, True]
+    assert [creep(0.0, 1.0, -x).jumps for x in (7.9, 8.1)] == [False, True]
+
+
+@pytest.mark.parametrize(("periods", "asked"), [(7, False), (8, True)])
+def test_eight_periods_tell_a_slope_from_scatter(monkeypatch, periods, asked) -> None:
+    seen = []
+    at = SimpleNamespace(ends=None, whiten=lambda rows: seen.append(1) or np.zeros((4, 1)))
+    lines = SimpleNamespace(scatter=np.zeros(1), periods=periods)
+    record = SimpleNamespace(lines=lines, periodic=SimpleNamespace(speed=100.0))
+    monkeypatch.setattr(turning, "_turned", lambda *at: None)
+    assert turning._creep(at, record) is None  # nothing turns here
+    assert bool(seen) == asked
 
 
 def test_a_step_between_mark_and_columns_is_rejected() -> None:

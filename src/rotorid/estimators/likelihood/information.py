@@ -51,7 +51,8 @@ OWED = 0.1
 LOOSE = 0.1
 """Predicted deviation, as a share of the value, from which other answers are looked for."""
 CLOSE = 15.0
-"""Minima whose cost is higher by no more than this fit as well: 15 has a chance of 1e-4."""
+"""What costs more by no more than this fits as well, other minima and other suspects: 15 has a
+chance of 1e-4."""
 APART = 5.0
 """Minima further apart than this many deviations are different answers."""
 UNLIKELY = 0.01

@@ -21,6 +21,9 @@ from rotorid.record import Floats
 
 Undo = Callable[[Sequence[Observation]], list[Observation]]
 
+GROSS = 3.0
+"""Cost over its expectation from which on mistakes that are no small changes are tried: no swap,
+sign or unit of a channel that says anything costs less."""
 FACTORS = {
     "mil instead of um, um instead of mil, or inches instead of mm": 25.4,
     "mm instead of um, or mA instead of A": 1e3,

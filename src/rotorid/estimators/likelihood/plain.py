@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotorid.estimators.likelihood.inference import Inference, infer
-from rotorid.estimators.likelihood.leads import Lead, discrete_leads
+from rotorid.estimators.likelihood.leads import GROSS, Lead, discrete_leads
 from rotorid.estimators.likelihood.preparation import Prepared
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.refits import assembled, minimized, screened
@@ -25,9 +25,6 @@ from rotorid.estimators.likelihood.thinning import PLAIN_LINES, thinned
 from rotorid.frozen import frozen
 from rotorid.observation import Observation
 
-GROSS = 3.0
-"""Cost over its expectation from which on a channel may be another: no swap and no sign costs less
-that says anything."""
 LIKELY = 2.0
 """Mistakes that are followed have a screened cost within this factor of the lowest."""
 FOLLOWED = 4

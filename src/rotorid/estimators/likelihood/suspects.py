@@ -24,7 +24,9 @@ from rotorid.estimators.likelihood.candidates import (
 )
 from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
+from rotorid.estimators.likelihood.information import CLOSE
 from rotorid.estimators.likelihood.leads import (
+    GROSS,
     Lead,
     discrete_leads,
     exact_inputs,
@@ -87,15 +89,9 @@ TURNS = 5
 """Steps towards the share of what a sensor reads besides: Newton's, so that five reach it."""
 SCREENED = 5
 """Mistakes that are followed to the minimum after the screening."""
-GROSS = 3.0
-"""Cost over its expectation from which on mistakes that are no small changes are tried: no swap,
-sign or unit of a channel that says anything costs less."""
 PLAIN = 1.5
 """Cost over its expectation from which on 400 lines of a record tell suspects apart as well as
-thousands: of 3200 real equations a half is 20 deviations, and 100 times what `ALIKE` needs."""
-ALIKE = 15.0
-"""Suspects whose costs differ by less cannot be told apart: as for alternatives (theory, 7), times
-the cost over its expectation where even the best leaves a misfit."""
+thousands: of 3200 real equations a half is 20 deviations, and 100 times what `CLOSE` needs."""
 EVEN = 1.0
 """Suspects whose costs differ by less stand in the order in which channels and places are listed,
 inputs first: so little says nothing (likelihoods alike to a factor of 1.6), and where the minima
@@ -661,7 +657,7 @@ class _Search:
         value, inputs = free.suspect.value or 0.0, set(self.model.inputs)
         actuator = delay.channels <= inputs
         late = value < 0 if actuator else value > 0 and not delay.channels & inputs
-        if not late or free.left < self.expected + ALIKE:
+        if not late or free.left < self.expected + CLOSE:
             return []
         label = next(iter(delay.channels))
         if len(delay.channels) > 1:
@@ -812,12 +808,16 @@ def _acted_on(term: str) -> str:
 
 
 def alike(findings: Sequence[Finding], expected: float) -> list[Finding]:
-    """Return the best finding and those that the data cannot tell from it."""
+    """Return the best finding and those that the data cannot tell from it.
+
+    Their costs differ by no more than those of alternatives do (theory, 7), times the cost over its
+    expectation where even the best leaves a misfit.
+    """
     tried = [f for f in findings if f.tried]
     if not tried:
         return list(findings[:1])
     least = min(f.left for f in tried)
-    margin = ALIKE * max(1.0, least / max(expected, 1.0))
+    margin = CLOSE * max(1.0, least / max(expected, 1.0))
     return [f for f in tried if f.left - least < margin]
 
 
