@@ -43,7 +43,7 @@ def test_how_many_candidates_are_freed_before_mistakes_are_thought_of(
     monkeypatch.setattr(search, "scored", lambda self, options: scored)
     monkeypatch.setattr(search, "freed", lambda self, option: gone.append(option.term) or [])
     monkeypatch.setattr(search, "mistakes", lambda self: mistakes.append(1) or [])
-    for name in ("shifted", "mistaken_modes", "without_line"):
+    for name in ("shifted", "mistaken_modes", "without_line", "without_bounds"):
         monkeypatch.setattr(search, name, lambda self: [])
     for name in ("table_leads", "response_leads"):
         monkeypatch.setattr(suspects, name, lambda *case: [])
@@ -199,7 +199,8 @@ def test_a_screening_grants_errors_as_large_as_the_forces_and_takes_six_steps(mo
     point = SimpleNamespace(unknowns=np.zeros(1), cost=1.0)
     monkeypatch.setattr(refits, "evaluated", lambda problem, x, at: granted.append(at) or point)
     monkeypatch.setattr(refits, "_step", lambda problem, at, much: taken.append(much) or point)
-    assert refits._approached(None, np.zeros(1)) == 1.0
+    monkeypatch.setattr(refits, "outside", lambda *at: ())
+    assert refits._approached(SimpleNamespace(bounds=()), np.zeros(1)) == 1.0
     assert granted == [10.0, 1.0]
     assert taken == [10.0] * 6 + [1.0] * 6
 

@@ -27,6 +27,10 @@ GENERATOR = 4711
 EXACT = 1e-12
 """Share of a known value below which its deviation is lost in the rounding of what it weighs."""
 
+CONTRADICTED = 5.0
+"""Deviations beyond which a fixed value contradicts a constraint in which nothing is free: chance
+in a million; it would add its square to any misfit."""
+
 
 @frozen
 class Knowledge:
@@ -103,6 +107,7 @@ def prepare(
     exact, known = _relations(layout, knowledge)
     bounds = _bounds(layout, knowledge)
     _check_relations(layout, exact)
+    _refuse_contradicted(layout, known, bounds)
     modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
     return Prepared(layout, exact, Known(known, modes), bounds, held)
 
@@ -342,6 +347,39 @@ def _check_relations(layout: Layout, exact: Relations) -> None:
             "drop one",
             place="constraints",
         )
+
+
+def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) -> None:
+    """Refuse a fixed value that a constraint or bound contradicts, and a known one outside."""
+    unknowns = layout.unknowns
+    told = np.array([u.start if u.std is None or u.fixed else u.prior for u in unknowns])
+    anywhere = np.where(told != 0, told, 1.0)  # where no derivative is zero by chance
+    fixed, stated = (np.array([f(u) for u in unknowns]) for f in (_is_fixed, _is_stated))
+    for relations, most in ((known, CONTRADICTED), (bounds, 0.0)):
+        held_by = relations.jacobian(anywhere) != 0
+        values = relations.values(told)
+        for row, members in enumerate(held_by):
+            outside = relations is bounds and stated[members].all() and members.sum() == 1
+            off = abs(values[row]) if relations is known else -values[row]
+            if off > most and (outside or fixed[members].all()):
+                at = np.flatnonzero(members)
+                listed = ", ".join(f"{unknowns[i].name} = {told[i]:g}" for i in at)
+                way = "fixed" if fixed[members].all() else "known with a deviation"
+                raise InputError(
+                    f"{listed}, {way}, which {relations.texts[row]} contradicts",
+                    "values within their bounds, and constraints that fixed values keep",
+                    "change one of the two, or drop it",
+                    place=f"parameters.{unknowns[at[0]].name}" if at.size else "constraints",
+                )
+
+
+def _is_fixed(unknown: Unknown) -> bool:
+    return unknown.fixed
+
+
+def _is_stated(unknown: Unknown) -> bool:
+    """Tell whether a value of an unknown is given, with a deviation or without."""
+    return unknown.std is not None
 
 
 def generic(layout: Layout, exact: Relations) -> Floats:

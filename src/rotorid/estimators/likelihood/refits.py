@@ -16,7 +16,7 @@ from rotorid.estimators.likelihood.preparation import Prepared, generic
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.relations import Relations
 from rotorid.estimators.likelihood.solver import STAGES, anchored, evaluated, solve
-from rotorid.estimators.likelihood.tangent import retract, tangent
+from rotorid.estimators.likelihood.tangent import inside, outside, retract, tangent
 from rotorid.frozen import frozen
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -148,7 +148,10 @@ def screened(prepared: Prepared, records: Sequence[Observation]) -> float:
 
 
 def _approached(problem: Problem, start: Floats) -> float:
-    """Return the cost after a few steps at each stage of a screening."""
+    """Return the cost after a few steps at each stage of a screening, at the bounds if beyond.
+
+    All forces upside down are a rotor of negative mass: only its bounds tell it from the right one.
+    """
     x, cost = start, np.inf
     for relaxation in COARSE:
         point = evaluated(problem, x, relaxation)
@@ -160,7 +163,15 @@ def _approached(problem: Problem, start: Floats) -> float:
         if point is None:
             return np.inf
         x, cost = point.unknowns, point.cost
-    return cost
+    return cost if not len(outside(problem.bounds, x)) else _cost_inside(problem, x)
+
+
+def _cost_inside(problem: Problem, unknowns: Floats) -> float:
+    """Return the cost of a screening at the nearest point that keeps the bounds."""
+    size = np.abs(unknowns[problem.layout.free])
+    within = inside(problem, unknowns, np.where(size > 0, size, 1.0))
+    held = None if within is None else evaluated(problem, within, COARSE[-1])
+    return np.inf if held is None else held.cost
 
 
 def _step(problem: Problem, point: Point, relaxation: float) -> Point | None:

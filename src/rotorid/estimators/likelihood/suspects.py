@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from rotorid.estimate_parts import EXPLAINS, Suspect
+from rotorid.estimators.likelihood.bound_leads import held_bounds
 from rotorid.estimators.likelihood.candidates import (
     BENDS,
     Structure,
@@ -206,6 +207,8 @@ class Finding:
     cure: str
     tried: bool = True
     exact: bool = False
+    bound: bool | None = None
+    """Whether a bound that was set free is likely to be the mistake; None: it is none."""
 
 
 _Follow = Callable[[], list[Finding]]
@@ -363,10 +366,12 @@ class _Search:
         # responses likewise, which are too far off for screening at the values that were found.
         leads = table_leads(self.case, self.gross)
         leads += response_leads(self.case.records) if self.gross else ()
-        found = [f for lead in leads for f in self.followed(lead)]
+        found = self.without_bounds()
+        found += [f for lead in leads for f in self.followed(lead)]
         found += [f for option, _ in scored[:FIRST] for f in self.freed(option)]
         found += self.mistaken_modes()
-        if any(self.explained(finding) for finding in found) or not self.gross:
+        settled = any(self.explained(f) and f.bound is not False for f in found)
+        if settled or not self.gross:
             found += [f for option, _ in scored[FIRST:REFITTED] for f in self.freed(option)]
             found += [self.finding(o, s, tried=False) for o, s in scored[REFITTED:]]
         else:
@@ -380,6 +385,22 @@ class _Search:
     def explained(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
         return finding.left < GROSS * max(self.expected, 1.0)
+
+    def without_bounds(self) -> list[Finding]:
+        """Set free each bound that holds with equality; all together where none is enough."""
+        found: list[Finding] = []
+        for held in held_bounds(self.case):
+            if len(held.texts) > 1 and any(self.explained(finding) for finding in found):
+                break
+            point = held.dropped(self.case).near()
+            if point is None:
+                continue
+            value = held.value(self.case, point.unknowns)
+            drop, (said, cure) = self.case.point.cost - point.cost, held.told(value)
+            one = value if len(held.texts) == 1 else None
+            suspect = Suspect(held.term, drop, self.share(drop), one, held.unit)
+            found.append(Finding(suspect, point.cost, said, cure, bound=held.close(value)))
+        return found
 
     def options(self) -> list[Option]:
         """Return everything that can be set free by itself."""
@@ -747,8 +768,9 @@ def _ranked(
 ) -> list[Finding]:
     """Order findings by the cost that is left, one for each term.
 
-    Those that were tried come first, and of those that the data cannot tell apart the ones that
-    need no further unknown, then known values, which are no new terms.
+    Those that were tried come first, and of those that the data cannot tell apart a bound that is
+    a little too narrow, then the ones that need no further unknown, then known values, which are no
+    new terms.
     """
     best: dict[str, Finding] = {}
     for finding in _in_order(findings, expected, places):
@@ -757,8 +779,9 @@ def _ranked(
     ordered = list(best.values())
     group = alike(ordered, expected)
     channels = {_acted_on(f.suspect.term) for f in group if f.exact}
-    told = [f for f in group if f.exact]
-    rest = [f for f in group if not f.exact and _acted_on(f.suspect.term) not in channels]
+    told = [f for f in group if f.bound]
+    told += [f for f in group if f.exact]
+    rest = [f for f in group if f not in told and _acted_on(f.suspect.term) not in channels]
     told += sorted(rest, key=_standing)
     return [*told, *(f for f in ordered if f not in group)]
 
@@ -790,9 +813,10 @@ def _in_order(
 def _standing(finding: Finding) -> int:
     """Return 0 for a known value, 1 for a term, 3 for data left out, which explains nothing.
 
-    A bandwidth, 2, comes after the delay that it looks like.
+    A bandwidth, 2, comes after the delay that it looks like; a bound that would be far off likewise
+    after what may have led there, a sign or a unit.
     """
-    kinds = {"prior ": 0, "bandwidth[": 2, "line ": 3}
+    kinds = {"prior ": 0, "bound ": 2, "bandwidth[": 2, "line ": 3}
     return next((n for kind, n in kinds.items() if finding.suspect.term.startswith(kind)), 1)
 
 
