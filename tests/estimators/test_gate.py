@@ -117,6 +117,43 @@ def test_a_seal_is_no_polar_inertia(coupling, size, faults):
     assert len(verdict.faults) == faults
 
 
+PLANE = """
+title = "a mass in two planes"
+equations = {equations}
+coordinates = {{ x = "m", y = "m" }}
+inputs = {{ F = "N", G = "N" }}
+[parameters]
+m = {{ unit = "kg", nominal = 2.0 }}
+n = {{ unit = "kg", nominal = 3.0 }}
+k = {{ unit = "N/m", nominal = 1e5 }}
+"""
+IN_X, IN_Y = "m*x'' + k*x", "n*y'' + k*y"
+
+
+@pytest.mark.parametrize(
+    "equations",
+    [
+        [f"{IN_X} = F", f"{IN_Y} = G"],
+        [f"{IN_Y} = G", f"{IN_X} = F"],
+        [f"-({IN_Y}) = -G", f"{IN_X} = F"],
+        [f"2*({IN_X}) = 2*F", f"{IN_Y} = G"],
+        [f"{IN_X} + {IN_Y} = F + G", f"{IN_X} - ({IN_Y}) = F - G"],
+    ],
+)
+def test_equations_stand_in_any_order(equations):
+    model = parse_model(PLANE.format(equations=equations))
+
+    def judged(m: float) -> gate.Verdict:
+        values = {**model.nominal, "m": m}
+        found = tuple(Value(p.name, p.unit, values[p.name], 1e-4, 1e-4) for p in model.parameters)
+        estimate = Estimate("plane", "ml", "ok", found, covariance=1e-8 * np.eye(len(found)))
+        return gate.physical(model, estimate)
+
+    assert judged(2.0) == gate.Verdict()
+    if "+ n" not in equations[0]:  # of sums no equation is that of x
+        assert "a negative inertia of x" in judged(-2.0).faults[0]
+
+
 @pytest.mark.parametrize("name", ["m", "I_t"])
 def test_what_the_model_declares_positive_is_positive(name):
     found = gate.physical(RIGID, rigid_estimate(**{name: -1.0}))

@@ -19,6 +19,7 @@ from rotorid.estimators.expectation import Expectation
 from rotorid.frozen import frozen
 from rotorid.models import Model
 from rotorid.models.expression import symbol
+from rotorid.models.force_balance import force_balance
 from rotorid.models.linear import LinearForm, speed_factor
 from rotorid.record import Check, Floats
 from rotorid.units import dimension_of
@@ -224,8 +225,15 @@ def _inertia(reduced: Model, linear: LinearForm, base: Floats, covariance: Float
     whole = np.tensordot(base, mass, 1)
     if linear.rows != linear.coordinates or not whole.any():
         return Verdict()
+    balance = force_balance(reduced, whole)
+    if balance.faults:
+        return Verdict()  # sums of equations, or scaled: no energy to see
+    # What has the sign of its inertia turned is not turned back: that is what is judged.
+    rows, scales = balance.rows, np.abs(balance.scales)[:, None]
+    mass, gyroscopic = mass[:, rows] / scales, gyroscopic[:, rows] / scales
+    whole = np.tensordot(base, mass, 1)
     if np.abs(whole - whole.T).max() > ROUNDING * np.abs(whole).max():
-        return Verdict()  # rows in another order than coordinates, or scaled: no energy to see
+        return Verdict()
     scale = np.sqrt(np.abs(np.diag(whole)))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
