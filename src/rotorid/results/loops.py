@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -116,31 +117,14 @@ def loop_sensitivity(
             f"{shape}: lines of rising frequency, inputs, sensors",
             "give a command for each input from each sensor, 0 where there is none",
         )
-    reads = np.array(rows)
-    here, returned = _loops(machine, turning, omega, response, reads, known)
-    slopes, peaks = [], []
-    for direction in [] if machine.covariance is None else machine.root.T:
-        if not direction.any():
-            continue
-        sides = [
-            _loops(
-                replace(machine, values=machine.values + s * STEP * direction),
-                turning,
-                omega,
-                response,
-                reads,
-                known,
-            )[0]
-            for s in (1, -1)
-        ]
-        slopes.append((sides[0] - sides[1]) / (2 * STEP))
-        ends = [peak_of(hertz, side.T)[0] for side in sides]
-        peaks.append((ends[0] - ends[1]) / (2 * STEP))
+    closed = partial(
+        _loops, speed=turning, omega=omega, response=response, reads=np.array(rows), known=known
+    )
+    here, returned = closed(machine)
+    slopes, peaks = _changes(machine, hertz, lambda other: closed(other)[0])
     axes = []
     top, where = peak_of(hertz, here.T)
-    poles = plant_poles(*_plant(machine, turning, known)[:3])
-    right = poles_on_the_right(omega, returned, poles)
-    caveat = "" if right == 0 else f"{UNTOLD}, {right}" if isinstance(right, str) else UNSTABLE
+    caveat = _caveat(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
     if caveat == UNSTABLE:
         top = np.full(len(top), np.inf)
     for j, name in enumerate(machine.model.inputs):
@@ -151,6 +135,31 @@ def loop_sensitivity(
         found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
         axes.append(AxisSensitivity(name, hertz, *found))
     return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned))
+
+
+def _changes(
+    machine: Machine, hertz: Floats, closed: Callable[[Machine], Complexes]
+) -> tuple[list[Complexes], list[Floats]]:
+    """Return how S and its peaks change by one deviation, for each direction of the plant's."""
+    slopes, peaks = [], []
+    for direction in [] if machine.covariance is None else machine.root.T:
+        if not direction.any():
+            continue
+        sides = [
+            closed(replace(machine, values=machine.values + s * STEP * direction)) for s in (1, -1)
+        ]
+        slopes.append((sides[0] - sides[1]) / (2 * STEP))
+        ends = [peak_of(hertz, side.T)[0] for side in sides]
+        peaks.append((ends[0] - ends[1]) / (2 * STEP))
+    return slopes, peaks
+
+
+def _caveat(omega: Floats, returned: Complexes, poles: Complexes) -> str:
+    """Say that the loop is not stable, or why it is not told; empty where it is."""
+    right = poles_on_the_right(omega, returned, poles)
+    if isinstance(right, str):
+        return f"{UNTOLD}, {right}"
+    return UNSTABLE if right else ""
 
 
 def _row(machine: Machine, text: str) -> Floats:
