@@ -83,6 +83,16 @@ def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
         assert "name the column of the excitation" in told.found
 
 
+def test_references_of_which_none_moves_are_told(record: rid.Record) -> None:
+    samples = record.samples.copy()
+    samples[:, 4:] = 0.0
+    told = lines_of(record, samples).checks
+    assert [(check.channel, check.verdict) for check in told] == [
+        ("r_x", "warning"),
+        ("r_y", "warning"),
+    ]
+
+
 def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
     samples = record.samples.copy()
     samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(

@@ -22,6 +22,7 @@ from rotorid.frozen import frozen
 from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record, Verdict
 from rotorid.signals.checks_quiet import Motion, check_quiet
+from rotorid.signals.checks_references import check_references
 from rotorid.signals.checks_samples import (
     check_clipped,
     check_copied,
@@ -145,14 +146,21 @@ def spectra(
         motion = _motion(window, every, window.channels(references), window.rotation())
         noise = _quiet_noise(quiet, names, frequency, window, motion)
     elif references:
-        noise = _noise_beside(window, every, window.channels(references), kept, "references")
+        driven = window.channels(references)
+        noise = _noise_beside(window, every, driven, kept, "references")
+        held = check_references(references, driven, names, every, record.sample_rate)
+        noise = replace(noise, checks=tuple(held))
     else:
         noise = _input_noise(window, every, names, inputs, kept)
     found = _lines_in(window, names, kept, every, noise.covariance)
+    checks = _checked(window, found.channels, tuple(references))
+    stuck = {
+        check.channel for check in checks if (check.check, check.verdict) == (REFERENCE, "warning")
+    }
     return replace(
         found,
         warnings=noise.told,
-        checks=(*_checked(window, found.channels, tuple(references)), *noise.checks),
+        checks=(*checks, *(check for check in noise.checks if check.channel not in stuck)),
         beside=noise.beside,
         shown=noise.shown,
         parts=_Parts(window, tuple(names), ends, noise.covariance, frequency),
@@ -242,6 +250,8 @@ def _checked(
     stuck = check_stuck(whole, steady=False, references=references)
     stuck = [replace(c, check=REFERENCE) if c.channel in references else c for c in stuck]
     idle = [c for name in references for c in _idle(name, whole.column(name))]
+    if references and len(idle) == len(references):  # not an axis at rest: all of them
+        idle = [replace(check, verdict="warning") for check in idle]
     # Not refused: of a simulation without noise two sensors may well be alike.
     copied = check_copied(channels, used - used.mean(axis=0))
     told = [replace(c, verdict="warning") for c in copied]
