@@ -194,6 +194,7 @@ def lost(name: str) -> rid.Estimate:
         (None, ["x,y"], {"masses": ["1 g"]}, "without the radius"),
         (None, ["x,y"], {"radius": "30"}, "without a unit"),
         (None, ["x,y"], {"radius": "3 cm", "holes": 0}, "0 holes"),
+        (None, ["x,y"], {"radius": "3 cm", "holes": 2.5}, r"2.5 holes.*whole number"),
         (None, ["x,y"], {"radius": "3 cm", "holes": 2}, "reach every direction"),
         (None, ["x,y"], {"radius": "3 cm", "masses": ["0 g"]}, "a number above 0"),
         (lost("mu"), ENDS, {}, "leaves mu undetermined.*second speed"),

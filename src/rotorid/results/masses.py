@@ -49,8 +49,10 @@ class Masses:
                 'give it: --radius "30 mm"',
                 place="radius",
             )
-        if holes is not None and holes < 1:
-            raise InputError(f"{holes} holes", "1 or more", "count them", place="holes")
+        if holes is not None and (holes < 1 or holes != int(holes)):
+            raise InputError(
+                f"{holes} holes", "a whole number, 1 or more", "count them", place="holes"
+            )
         sizes = tuple(_positive(mass, "kg", "masses") for mass in masses)
         if len(sizes) * (holes or FREE) > MOST:
             raise InputError(
