@@ -101,6 +101,20 @@ def test_slope_and_step_by_hand() -> None:
     assert not straight.creeps
 
 
+def test_what_neither_slope_nor_step_explains_is_no_speed() -> None:
+    """A tone between the lines turns the line of the rotation to and fro."""
+    periodic = SimpleNamespace(time=np.zeros((40, 1)), speed=100.0, fundamental=10.0)
+    record = SimpleNamespace(periodic=periodic)
+    place = np.arange(40.0)
+    noise = np.where(place % 2 == 0, 1.0, -1.0)
+    for size, words in ((4.5, "the unbalance turns"), (5.5, "a tone between the lines")):
+        creep = turning._fitted(3.0 * (place - 19.5) + size * noise, 1.0, 20.0)
+        assert creep.strays
+        assert words in turning.told(record, creep)
+    straight = turning._fitted(3.0 * (place - 19.5) + noise, 1.0, 20.0)
+    assert straight.scatter == pytest.approx(1.0, rel=0.05)
+
+
 def test_no_creep_without_turning_or_with_few_periods() -> None:
     trial = made("rigid", 4)
     for name, samples in trial.columns.items():

@@ -31,6 +31,8 @@ over from period to period a little more."""
 LOST = 0.155
 """Angle in rad over the record by which a creep costs a thousandth of the unbalance's line, which
 no deviation of the angle makes good: sin(a / 2) / (a / 2) = 1 - a^2 / 24."""
+SCATTERS = 5.0
+"""Scatter about slope and step, over that of noise, from which on neither is what moves it."""
 LEAST_PERIODS = 8
 """Periods below which slope and scatter are not told apart."""
 
@@ -52,6 +54,8 @@ class Creep:
     periods : int
     ahead : float
         Periods from t = 0 to the middle of those used.
+    scatter : float
+        What slope and step leave, over noise.
     """
 
     rate: float
@@ -61,6 +65,7 @@ class Creep:
     place: int
     periods: int
     ahead: float
+    scatter: float = 1.0
 
     @property
     def creeps(self) -> bool:
@@ -148,6 +153,7 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
     length = np.sqrt((steps**2).sum(axis=1))
     found = steps @ rest / length
     best = int(np.argmax(np.abs(found)))
+    left = rest - found[best] * steps[best] / length[best]
     return Creep(
         slope,
         std / float(np.sqrt(size)),
@@ -156,6 +162,7 @@ def _fitted(angles: Floats, std: float, middle: float) -> Creep:
         best + 1,
         count,
         middle,
+        float(np.linalg.norm(left) / (std * np.sqrt(count - 3))),
     )
 
 
@@ -163,6 +170,14 @@ def told(record: Observation, creep: Creep) -> str:
     """Say how the rotation moves against its angle, and what to do."""
     periodic = record.periodic
     assert periodic is not None
+    if creep.scatter > SCATTERS:
+        return (
+            f"the line of the rotation moves by {creep.scatter:.3g} times its noise from period to "
+            "period, neither as with a speed that is off nor as with lost samples: a tone between "
+            "the lines (another machine, a whirl at part of the speed) leaks into it, or the speed "
+            "wanders; look at the spectrum (rotorid inspect --report), take periods that hold "
+            "whole cycles of the tone, or record a mark (encoder or keyphasor)"
+        )
     if creep.jumps and not creep.strays:
         when = float(periodic.time[creep.place, 0])
         return (
