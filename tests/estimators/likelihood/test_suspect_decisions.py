@@ -265,7 +265,7 @@ def test_a_channel_unlike_the_others_of_its_kind(monkeypatch, times, unlike) -> 
 def test_speeds_that_were_mistaken() -> None:
     """Of a rotor that is said to turn at 100 rad/s: what is right instead, either way round."""
     record = SimpleNamespace(lines=SimpleNamespace(speed=np.full(3, 100.0)))
-    found = {(lead.said, round(lead.value, 3)) for lead in leads._speeds([record], [])}
+    found = {(lead.said, round(lead.value, 3)) for lead in leads._speeds([record], {})}
     right = {
         "rad/s taken for rpm": 954.930,
         "rpm taken for rad/s": 10.472,

@@ -269,11 +269,14 @@ def _turned_pairs(
 
 
 def discrete_leads(
-    records: Sequence[Observation], structure: Structure | None, speeds: Sequence[float]
+    records: Sequence[Observation],
+    structure: Structure | None,
+    speeds: Mapping[int, Sequence[float]],
 ) -> tuple[list[Lead], list[Lead]]:
     """Return swaps, signs and speeds, then swaps, signs and units of several channels.
 
-    `speeds` are those that the data show. The unit of one channel is found by its factor.
+    `speeds` are those that the data show, by the number of the record. The unit of one channel is
+    found by its factor.
     """
     record = records[0]
     pairs = planes(record, structure)
@@ -355,36 +358,64 @@ def _units(record: Observation) -> list[Lead]:
     return found
 
 
-def _speeds(records: Sequence[Observation], shown: Sequence[float]) -> list[Lead]:
-    """Return mistaken units of the speed, its direction, and speeds that the data show."""
-    given = [float(s) for r in records for s in np.unique(r.lines.speed)]
-    if any(len(np.unique(r.lines.speed)) > 1 for r in records):
-        return []  # tables: see `table_leads`
-    if len(set(given)) != 1:  # every record has its own: one factor for all
-        shown = ()
-    now = given[0]
+def _speeds(records: Sequence[Observation], shown: Mapping[int, Sequence[float]]) -> list[Lead]:
+    """Return mistaken units of the speed, its direction, and speeds that the data show.
+
+    Of all records alike, and of each record that may show another.
+    """
+    every = [np.unique(record.lines.speed) for record in records]
+    given = {k: float(speeds[0]) for k, speeds in enumerate(every) if len(speeds) == 1}
     found = []
+    if len(given) == len(records):  # no tables: see `table_leads`
+        alike = len(set(given.values())) == 1
+        seen = [speed for speeds in shown.values() for speed in speeds] if alike else ()
+        found += _mistaken(given, list(dict.fromkeys(seen)), "")
+    for number in [k for k in shown if k in given and len(records) > 1]:
+        where = f" of record {number + 1}"
+        found += _mistaken({number: given[number]}, shown[number], where)
+    return found
+
+
+def _mistaken(given: Mapping[int, float], shown: Sequence[float], where: str) -> list[Lead]:
+    """Return what the speeds of some records may be instead, by one mistake with all of them."""
+    found, now = [], next(iter(given.values()))
     for said, factor in (("the right one", 1.0), *SPEEDS.items()) if now else ():
         for way in (1.0, -1.0):
             if factor * way == 1.0:
                 continue
-            text = "the rotor turning the other way" if way < 0 else ""
+            text = f"the rotor{where} turning the other way" if way < 0 else ""
             if factor != 1.0:
-                text = f"the speed {said}" + (", and its direction reversed" if way < 0 else "")
-            found.append(_speed(text, now, now * factor * way))
+                reversed_too = ", and its direction reversed" if way < 0 else ""
+                text = f"the speed{where} {said}{reversed_too}"
+            right = {k: speed * factor * way for k, speed in given.items()}
+            found.append(_speed(text, given, right, where))
     for speed in shown:
-        text = f"a speed of {speed * 30 / np.pi:.6g} rpm, which the data show"
-        found += [_speed(text, now, speed), _speed(f"{text}, the other way", now, -speed)]
+        text = f"a speed{where} of {speed * 30 / np.pi:.6g} rpm, which the data show"
+        for told, size in ((text, speed), (f"{text}, the other way", -speed)):
+            found.append(_speed(told, given, dict.fromkeys(given, size), where))
     return found
 
 
-def _speed(text: str, now: float, speed: float) -> Lead:
-    """Return the lead of another speed."""
+def _speed(text: str, given: Mapping[int, float], right: Mapping[int, float], where: str) -> Lead:
+    """Return the lead of other speeds of some records."""
 
-    def undo(record: Observation) -> Observation:
-        if now:
-            return turning(record, speed / now)
-        return record.with_lines(record.lines.at_speed(speed))
+    def undo(records: Sequence[Observation]) -> list[Observation]:
+        return [
+            _turned(record, given[k], right[k]) if k in given else record
+            for k, record in enumerate(records)
+        ]
 
-    cure = f"correct speed (or the lines of the encoder): {speed * 30 / np.pi:.6g} rpm would do"
-    return Lead("speed", text, cure, _each(undo), speed, "rad/s")
+    speeds = list(dict.fromkeys(right.values()))
+    told = ", ".join(f"{speed * 30 / np.pi:.6g}" for speed in speeds)
+    each = " one after the other" if len(speeds) > 1 else ""
+    cure = f"correct speed{where} (or the lines of the encoder): {told} rpm{each} would do"
+    term = f"speed[{next(iter(given))}]" if where else "speed"
+    value = speeds[0] if len(speeds) == 1 else None
+    return Lead(term, text, cure, undo, value, "" if value is None else "rad/s")
+
+
+def _turned(record: Observation, now: float, speed: float) -> Observation:
+    """Return a record at another speed than it was said to be."""
+    if now:
+        return turning(record, speed / now)
+    return record.with_lines(record.lines.at_speed(speed))

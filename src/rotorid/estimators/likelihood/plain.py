@@ -52,7 +52,7 @@ def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem
     point = minimized(prepared, fewer, prepared.layout.start, STAGES)
     if point is None or not _costs(point, GROSS):
         return None
-    leads, _ = discrete_leads(fewer, None, ())
+    leads, _ = discrete_leads(fewer, None, {})
     right = _without_a_mistake(prepared, fewer, leads)
     if right:
         # The start may have been bad, and nothing else: from there the records as they are.

@@ -105,6 +105,16 @@ LARGEST = 4e7
 of some hundred refits takes some tenths of a second."""
 FEWEST = 20
 """Lines that tell one mistake of a drawing from another, at the least."""
+ASKED = 4
+"""Records, those that fit worst, of each of which the speed may be wrong by itself: some twenty
+mistakes each; the record with the mistake is among them, as the others agree."""
+SAME_SPEED = 1e-3
+"""Speeds that differ by less are one, as it is stated and as a line shows it."""
+LOOK_FOR_THE_SPEED = (
+    "give the speed at which the machine ran: look at the checks, and with rotorid inspect at the "
+    "lines that the record shows"
+)
+"""What to do about a speed that is wrong where no line tells the right one."""
 INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
 """What to do about a term that a drawing lacks."""
 BEGINS = 'write phase = "unknown" in that record, or name the column of the mark (keyphasor, angle)'
@@ -380,7 +390,7 @@ class _Search:
                 found += [self.finding(o, s, tried=False) for o, s in scored[FIRST:]]
         if not any(self.explained(f) and not f.suspect.term.startswith("unit[") for f in found):
             found += self.without_line()
-        return _ranked(found, self.expected, _places(options))
+        return _ranked(_one_speed(found, self.expected), self.expected, _places(options))
 
     def explained(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
@@ -688,16 +698,22 @@ class _Search:
         found = self.refitted(Option(_term(lag), "Hz", lag, cure=cure))
         return [found] if found is not None else []
 
-    def speeds(self) -> list[float]:
-        """Return the speeds of the nearest line and of the worst, which may be the rotor's own."""
-        worst = []
-        for record, at in zip(self.case.records, self.case.point.records, strict=True):
+    def speeds(self) -> dict[int, list[float]]:
+        """Return the speeds of the nearest line and of the worst, which may be the rotor's own.
+
+        Of the records that fit worst, by their numbers.
+        """
+        found, pairs = {}, list(zip(self.case.records, self.case.point.records, strict=True))
+        misfit = [-float(np.mean(at.line_costs)) for _, at in pairs]
+        for number in np.argsort(misfit, kind="stable")[:ASKED].tolist():
+            record, at = pairs[number]
             frequency = record.lines.frequency
             given = np.abs(record.lines.speed).mean() / (2 * np.pi)
             nearest = int(np.abs(frequency - given).argmin())
             order = [nearest, *np.argsort(-at.line_costs)[:2].tolist()]
-            worst += [2 * np.pi * float(frequency[k]) for k in order if frequency[k] > 0]
-        return list(dict.fromkeys(worst))
+            worst = [2 * np.pi * float(frequency[k]) for k in order if frequency[k] > 0]
+            found[number] = list(dict.fromkeys(worst))
+        return found
 
 
 def _columns(case: Case, options: Sequence[Option]) -> tuple[Floats, list[str]]:
@@ -784,6 +800,25 @@ def _ranked(
     rest = [f for f in group if f not in told and _acted_on(f.suspect.term) not in channels]
     told += sorted(rest, key=_standing)
     return [*told, *(f for f in ordered if f not in group)]
+
+
+def _one_speed(findings: Sequence[Finding], expected: float) -> list[Finding]:
+    """Return findings with the speeds of a record that fit alike as one of no value.
+
+    Without a line at the right speed, any speed between the lines explains the data.
+    """
+    found = list(findings)
+    for term in {f.suspect.term for f in findings if f.suspect.term.startswith("speed")}:
+        group = alike([f for f in found if f.suspect.term == term], expected)
+        values = np.array([f.suspect.value for f in group], dtype=float)
+        if np.ptp(values) > SAME_SPEED * np.abs(values).max():
+            number = term.partition("[")[2].rstrip("]")
+            where = f" of record {int(number) + 1}" if number else ""
+            suspect = replace(group[0].suspect, value=None, unit="")
+            said = f"another speed{where} than the one given, which one no line tells"
+            told = replace(group[0], suspect=suspect, said=said, cure=LOOK_FOR_THE_SPEED)
+            found = [told, *(f for f in found if f.suspect.term != term)]
+    return found
 
 
 def _in_order(

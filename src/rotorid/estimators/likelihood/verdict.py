@@ -55,7 +55,9 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         if windows is not None:
             total += gate.agreement(free, *windows)
     total += _time(fit) + _against_its_angle(fit)
-    if not any(suspect.term == "speed" for suspect in estimate.suspects):  # that says it better
+    if not any(
+        suspect.term.startswith("speed") for suspect in estimate.suspects
+    ):  # that says it better
         total += against_angle(fit.solution.point, fit.records)
     if fit.solution.converged and not fit.inference.null.shape[1]:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
