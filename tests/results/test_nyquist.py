@@ -1,10 +1,11 @@
 """Poles of a loop counted on the right, against eigenvalues."""
 
 import numpy as np
+import pytest
 import scipy
 
 import rotorid as rid
-from rotorid.results.nyquist import plant_poles, poles_on_the_right
+from rotorid.results.nyquist import _from_above, plant_poles, poles_on_the_right
 
 GRID = 2 * np.pi * np.concatenate([np.geomspace(1e-3, 1, 200)[:-1], np.geomspace(1, 1e5, 12000)])
 
@@ -150,3 +151,17 @@ def test_a_loop_that_runs_away_has_no_sensitivity():
     (axis, *_) = found(8e3, 20.0, np.arange(0.5, 60.0, 1.0))
     assert axis.zone == "A or worse"
     assert "not told, the loop still acts at its end" in axis.verdict
+
+
+@pytest.mark.parametrize(
+    ("away", "angle"),
+    [
+        (1 + 1j, 0.25),
+        (1.1e-9 - 1j, -0.5),
+        (-0.9e-9 - 1j, -0.5),  # on the axis, to rounding
+        (-1.1e-9 - 1j, 1.5),
+        (-1 + 1j, 0.75),
+    ],
+)
+def test_a_pole_on_the_right_has_gone_past_half_a_turn(away, angle):
+    assert _from_above(np.array([7.0 * away]))[0] / np.pi == pytest.approx(angle, abs=1e-6)

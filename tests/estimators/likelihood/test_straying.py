@@ -54,7 +54,9 @@ def test_a_drift_that_the_halves_do_not_tell_is_told(record: rid.Record) -> None
 def test_each_shape_is_told(record: rid.Record, order: int) -> None:
     count = len(record.samples)
     shape = np.polynomial.Legendre.basis(order)(np.linspace(-1, 1, count))
-    assert strays(answer(record, SPEED * np.arange(count) / RATE + 0.02 * shape))
+    (told,) = strays(answer(record, SPEED * np.arange(count) / RATE + 0.02 * shape))
+    degrees = float(re.findall(r"by ([\d.]+) degrees", told)[0])
+    assert degrees == pytest.approx(np.degrees(0.02 * np.ptp(shape)), rel=0.2)
 
 
 def test_the_speeds_of_a_drift_are_told(record: rid.Record) -> None:
