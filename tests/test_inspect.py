@@ -93,6 +93,8 @@ def test_a_sweep_is_not_searched_for_a_period(
     shown = capsys.readouterr().out
     assert "run.csv: ok." in shown
     assert "; no period; speed 2400 rpm" in shown
+    headings = next(line for line in shown.splitlines() if line.startswith("channel"))
+    assert headings.split() == ["channel", "unit", "low", "high", "rms", "1x", "2x", "3x"]
     path.write_text(SWEEP.replace('model = "jeffcott"', 'model = "?"'), encoding="utf-8")
     assert run(["inspect", str(path)]) == 0
     assert "; no period; speed 2400 rpm" in capsys.readouterr().out

@@ -32,7 +32,10 @@ def inspection_page(found: Inspection | LineInspection) -> Page:
 
 
 def _measured(found: Inspection) -> Page:
-    return [table(_HEADINGS, map(_row, found.channels)), *_noise(found)]
+    rows = [_row(facts) for facts in found.channels]
+    told = [k for k in range(len(_HEADINGS)) if any(row[k] for row in rows)]
+    shown = table([_HEADINGS[k] for k in told], ([row[k] for k in told] for row in rows))
+    return [shown, *_noise(found)]
 
 
 def _tabled(found: LineInspection) -> str:

@@ -189,7 +189,7 @@ def inspect_record(
 
 def _no_period(whole: bool) -> Check:
     if whole:
-        return Check("period", "", "none, as the file says: taken as a whole", "ok")
+        return Check("period", "", "no period, as the file says: taken as a whole", "ok")
     text = "no period found: see docs/inspect.md for records that do not repeat"
     return Check("period", "", text, "note")
 
