@@ -223,7 +223,7 @@ def monomial_table(
 ) -> tuple[Monomials, Mapping[Factors, int]]:
     """Return the monomials in use, and where each product of unknowns stands among them."""
     loads = {f for f in layout.monomial_factors if f is not None}
-    loads |= {load.factors for load in _loads(layout)}
+    loads |= {load.factors for load in every_load(layout)}
     loads |= {_sorted(layout, m) for m in np.unique(stiffness.monomial).tolist()}
     distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
     exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
@@ -247,7 +247,7 @@ class Load:
     coefficient: float
 
 
-def _loads(layout: Layout) -> list[Load]:
+def every_load(layout: Layout) -> list[Load]:
     """Return the loads of the model, and those that are freed to see what they explain."""
     found = []
     for term in linear_form(layout.model).load_terms:
@@ -266,7 +266,7 @@ def load_lines(
     layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g by order of the rotor angle, and the orders."""
-    linear, loads = linear_form(layout.model), _loads(layout)
+    linear, loads = linear_form(layout.model), every_load(layout)
     signals = list(dict.fromkeys(load.signal for load in loads))
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1
@@ -394,7 +394,7 @@ def _scaled_loads(
     Shapes (load,), (order, line, row, load) and (order,).
     """
     load, orders = load_lines(layout, lines, where, turned)
-    loading = np.unique(np.array([where[x.factors] for x in _loads(layout)], dtype=np.int64))
+    loading = np.unique(np.array([where[x.factors] for x in every_load(layout)], dtype=np.int64))
     loads = np.zeros((*load.shape[:2], len(rows), len(loading)), dtype=np.complex128)
     loads[:, :, : load.shape[2]] = load[..., loading]
     return loading, np.asarray(loads / rows[:, None], dtype=np.complex128), orders

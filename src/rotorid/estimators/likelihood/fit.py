@@ -15,6 +15,7 @@ from rotorid.estimators.likelihood.assembly import assemble
 from rotorid.estimators.likelihood.beside import by_equation_errors
 from rotorid.estimators.likelihood.inference import Inference, infer
 from rotorid.estimators.likelihood.information import Doubt, questioned
+from rotorid.estimators.likelihood.mirrors import Mirrors
 from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
 from rotorid.estimators.likelihood.plain import Plain, plainly
 from rotorid.estimators.likelihood.preparation import Knowledge, Prepared, prepare
@@ -23,6 +24,7 @@ from rotorid.estimators.likelihood.search import explained, search
 from rotorid.estimators.likelihood.shared_noise import Shared, shared_noise
 from rotorid.estimators.likelihood.shown_speed import by_shown_speed
 from rotorid.estimators.likelihood.solver import Solution, settle, solve
+from rotorid.estimators.likelihood.tangent import outside
 from rotorid.estimators.likelihood.thinning import thinned
 from rotorid.estimators.likelihood.turning import Creep, creeps
 from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
@@ -54,6 +56,8 @@ class Fit:
         What the search itself came upon that is plainly wrong.
     shared : Shared or None
         Noise that sensors share, by which deviations were widened.
+    signs : sequence of str
+        Which signs no record tells.
     """
 
     prepared: Prepared
@@ -64,6 +68,7 @@ class Fit:
     creeps: tuple[Creep | None, ...] = ()
     plain: Plain | None = None
     shared: Shared | None = None
+    signs: tuple[str, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -220,10 +225,14 @@ def located(
 def questioned_fit(found: Fit) -> Fit:
     """Ask whether the minimum is the answer, and what its deviations are."""
     solution, inference, doubt = found.solution, found.inference, Doubt()
+    mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
+    turned = mirrors.best(solution) if found.plain is None else solution
+    if turned is not solution:
+        solution, inference = turned, infer(turned.point, found.problem.exact)
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if solution.converged and explained(solution, inference):
         start, problem = found.prepared.layout.start, solution.point.problem
-        solution, inference, doubt = questioned(problem, start, solution, inference)
+        solution, inference, doubt = questioned(problem, start, solution, inference, mirrors)
     inference = by_equation_errors(inference, solution.point, found.records)
     inference = _by_misfit(solution, inference)
     common = None
@@ -231,7 +240,9 @@ def questioned_fit(found: Fit) -> Fit:
         common = shared_noise(solution.point, inference, found.records)
     if common is not None:
         inference = replace(inference, covariance=common.covariance)
-    return replace(found, solution=solution, inference=inference, doubt=doubt, shared=common)
+    signs = tuple(mirrors.warnings(solution, inference)) if solution.converged else ()
+    answered = replace(found, solution=solution, inference=inference, doubt=doubt)
+    return replace(answered, shared=common, signs=signs)
 
 
 def _by_misfit(solution: Solution, inference: Inference) -> Inference:
@@ -294,11 +305,42 @@ def _globally(
     plain = plainly(prepared, records, problem) if found is None else None
     if plain is not None:
         return (plain.solution, plain.inference), plain
-    found = found or search(problem, prepared.layout.start)
+    start = _in_order(problem, prepared.layout.start, records)
+    found = found or search(problem, start)
+    if len(problem.bounds) and (found is None or not (found[0].converged and explained(*found))):
+        found = _in_other_places(problem, start, records) or found
     ends = [end for end in (near, found) if end is not None]
     if not ends:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
     return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost)), None
+
+
+def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -> Floats:
+    """Return the start with hidden parts in the places that the bounds tell."""
+    if not len(outside(problem.bounds, start)):
+        return start
+    mirrors = Mirrors.of(problem, records, start)
+    return next(iter(mirrors.inside(problem.bounds, start)), start)
+
+
+def _in_other_places(
+    problem: Problem, start: Floats, records: Sequence[Observation]
+) -> tuple[Solution, Inference] | None:
+    """Return the answer that keeps the bounds once hidden parts have changed places, if any does.
+
+    A start with the parts in the wrong places leads to their mirror image, or to the bound.
+    """
+    mirrors = Mirrors.of(problem, records, start)
+    if not mirrors.exchanges:
+        return None
+    free = replace(problem, bounds=problem.bounds.subset(np.zeros(0, dtype=np.int64)), sketch=None)
+    end = search(free, start)
+    if end is None or not (end[0].converged and explained(*end)):
+        return None
+    for x in mirrors.inside(problem.bounds, end[0].point.unknowns):
+        settled = settle(problem, x)
+        return settled, infer(settled.point, problem.exact)
+    return None
 
 
 def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:

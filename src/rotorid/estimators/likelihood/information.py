@@ -6,7 +6,7 @@ puts on a line, fills the Jacobian (theory, section 7). Three questions are aske
 
 - Would the noise-free response to the measured forces give the stated deviations, at the answer
   and about the start? If they are much smaller, noise was taken for information.
-- Do other starts end at another answer with as low a cost?
+- Do other starts end at another answer with as low a cost, or do the equations have one?
 - Does the cost rise over the stated deviations as they say? Along the bent valley of a weakly
   excited rotor other parameters leave their intervals long before the cost does: their deviations
   are widened to what the cost says.
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from rotorid.estimators.likelihood.cost import Evaluation
 from rotorid.estimators.likelihood.inference import Inference, along_relations, infer
+from rotorid.estimators.likelihood.mirrors import APART, CLOSE, Mirrors, exchanged
 from rotorid.estimators.likelihood.problem import Point, Problem
 from rotorid.estimators.likelihood.response import response, responses
 from rotorid.estimators.likelihood.search import AGREE, further_starts
@@ -50,11 +51,6 @@ OWED = 0.1
 """Share of an unknown's variance along such directions from which on it is one of theirs."""
 LOOSE = 0.1
 """Predicted deviation, as a share of the value, from which other answers are looked for."""
-CLOSE = 15.0
-"""What costs more by no more than this fits as well, other minima and other suspects: 15 has a
-chance of 1e-4."""
-APART = 5.0
-"""Minima further apart than this many deviations are different answers."""
 UNLIKELY = 0.01
 """Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
 ALWAYS = 3
@@ -80,11 +76,14 @@ class Doubt:
         Unknowns whose stated deviations do not hold: the cost is no parabola over them.
     alternatives : sequence of Point
         Other minima that fit as well.
+    exchanges : sequence of str
+        Which parts change places in some of them, and what would tell them apart.
     """
 
     noise: tuple[str, ...] = ()
     bent: tuple[str, ...] = ()
     alternatives: tuple[Point, ...] = ()
+    exchanges: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.noise or self.bent or self.alternatives)
@@ -232,29 +231,42 @@ def _idle_share(at: Evaluation, count: int) -> Floats:
 
 
 def questioned(
-    problem: Problem, start: Floats, solution: Solution, inference: Inference
+    problem: Problem,
+    start: Floats,
+    solution: Solution,
+    inference: Inference,
+    mirrors: Mirrors | None = None,
 ) -> tuple[Solution, Inference, Doubt]:
     """Return the lowest minimum that is found, how far it may be off, and whether it is the answer.
 
-    Further starts and the valley of the minimum itself may lead to a lower one.
+    Further starts and the valley of the minimum itself may lead to a lower one, and so may the
+    other places of hidden parts, where a prior tells them.
     """
+    mirrors = mirrors or Mirrors(problem.layout)
     asked = _Asked.of(problem, start, solution, inference)
     unlikely = inference.expectation.p_value(solution.point.cost) < UNLIKELY
     others = _minima(problem, start, solution, unlikely or bool(asked.loose.any()))
+    others = [mirrors.as_started(other) for other in others]
+    others += [image.solution for image in mirrors.images(solution)]
     lower = _lower(others, solution)
     if lower is not None:
         others = [*(o for o in others if o is not lower), solution]
         solution, inference = lower, infer(lower.point, problem.exact)
         asked = _Asked.of(problem, start, solution, inference)
     valley = asked.valley(inference)
-    lower = _lower(_bottom(valley), solution)
+    lower = _lower([mirrors.as_started(end) for end in _bottom(valley)], solution)
     if lower is not None:
         others.append(solution)
         solution, inference = lower, infer(lower.point, problem.exact)
         asked = _Asked.of(problem, start, solution, inference)
         valley = asked.valley(inference)
-    apart = tuple(_apart(others, solution, asked.stated, asked.told))
-    doubt = replace(asked.doubt(valley.wider), alternatives=apart)
+    images = mirrors.images(solution)
+    mirrored = [image.solution for image in images]
+    apart = tuple(_apart([*mirrored, *others], solution, asked.stated, asked.told))
+    told = [i.exchange for i in images if any(i.solution.point is point for point in apart)]
+    x = solution.point.unknowns
+    parts = tuple(exchanged(problem.layout, exchange, x) for exchange in told if exchange)
+    doubt = replace(asked.doubt(valley.wider), alternatives=apart, exchanges=parts)
     covariance = inference.covariance * np.outer(valley.wider, valley.wider)
     return solution, replace(inference, covariance=covariance), doubt
 
@@ -418,7 +430,9 @@ def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:
             "their stated deviations before the misfit rises"
         )
     if found:
-        found.append(f"cure: {_cure(problem, start, doubt)}")
+        found += [f"cure: {exchange}" for exchange in doubt.exchanges]
+        if doubt.noise or doubt.bent or not doubt.exchanges:
+            found.append(f"cure: {_cure(problem, start, doubt)}")
     return found
 
 

@@ -273,6 +273,7 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
         )
     found += close_modes(fit.problem.known.modes, point.unknowns)
     found += doubt_warnings(fit.problem, fit.prepared.layout.start, fit.doubt)
+    found += fit.signs
     return [*found, *_misfit_warnings(fit, p_value)]
 
 

@@ -25,7 +25,6 @@ from rotorid.estimators.likelihood.candidates import (
 )
 from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure, levers
 from rotorid.estimators.likelihood.inference import infer, projected_jacobian
-from rotorid.estimators.likelihood.information import CLOSE
 from rotorid.estimators.likelihood.leads import (
     GROSS,
     Lead,
@@ -39,6 +38,7 @@ from rotorid.estimators.likelihood.leads import (
     unit,
 )
 from rotorid.estimators.likelihood.line_leads import line_lead
+from rotorid.estimators.likelihood.mirrors import CLOSE
 from rotorid.estimators.likelihood.modal import ModalRows
 from rotorid.estimators.likelihood.mode_leads import mode_mistakes
 from rotorid.estimators.likelihood.nuisances import (

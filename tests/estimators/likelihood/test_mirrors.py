@@ -1,0 +1,393 @@
+"""Answers that fit as well by a symmetry of the equations: found, told, and no false alarm."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import rotorid as rid
+from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.estimators.likelihood import mirrors
+from rotorid.estimators.likelihood.fit import _problem
+from rotorid.estimators.likelihood.mirrors import Mirrors, exchanged
+from rotorid.estimators.likelihood.nuisances import asked_nuisances
+from rotorid.estimators.likelihood.preparation import prepare
+from rotorid.identify import identify
+from rotorid.observation import bind
+from rotorid.rig.lines import add_noise, line_record
+
+OVERHUNG = """
+title = "A disc beside its shaft's end, which bends with it"
+equations = [
+  "m*x'' + c*x' + k*x + kc*theta_y = F_x + Omega^2*(ux*cos(phi) - uy*sin(phi))",
+  "m*y'' + c*y' + k*y - kc*theta_x = Omega^2*(ux*sin(phi) + uy*cos(phi))",
+  "0.05*theta_x'' + ct*theta_x' + I_p*Omega*theta_y' + kt*theta_x - kc*y = 0",
+  "0.05*theta_y'' + ct*theta_y' - I_p*Omega*theta_x' + kt*theta_y + kc*x = 0",
+]
+[coordinates]
+x = "m"
+y = "m"
+theta_x = "rad"
+theta_y = "rad"
+[inputs]
+F_x = "N"
+[parameters]
+m = { unit = "kg", nominal = 5.0 }
+I_p = { unit = "kg m^2", nominal = 0.08 }
+c = { unit = "N s/m", nominal = 20.0 }
+ct = { unit = "N m s", nominal = 0.2 }
+k = { unit = "N/m", nominal = 2e5 }
+kt = { unit = "N m", nominal = 3000.0 }
+kc = { unit = "N", nominal = -1.5e4 }
+ux = { unit = "kg m", nominal = 4e-5 }
+uy = { unit = "kg m", nominal = 2e-5 }
+"""
+WINGS = """
+title = "A body between two wings"
+equations = [
+  "m1*x1'' + c1*x1' + k1*(x1 - x2) = 0",
+  "m2*x2'' + c2*x2' + k2*x2 + k1*(x2 - x1) + k3*(x2 - x3) = F",
+  "m3*x3'' + c3*x3' + k3*(x3 - x2) = 0",
+]
+[coordinates]
+x1 = "m"
+x2 = "m"
+x3 = "m"
+[inputs]
+F = "N"
+[parameters]
+m1 = { unit = "kg", nominal = 1.0, positive = true }
+c1 = { unit = "N s/m", nominal = 8.0, positive = true }
+k1 = { unit = "N/m", nominal = 2e5, positive = true }
+m2 = { unit = "kg", nominal = 3.0, positive = true }
+c2 = { unit = "N s/m", nominal = 20.0, positive = true }
+k2 = { unit = "N/m", nominal = 3e5, positive = true }
+m3 = { unit = "kg", nominal = 0.6, positive = true }
+c3 = { unit = "N s/m", nominal = 5.0, positive = true }
+k3 = { unit = "N/m", nominal = 3e5, positive = true }
+"""
+LINES = tuple(range(1, 30))
+SPEED = 2 * np.pi * 50
+
+
+def record_of(model, sensors, speed=0.0, seed=0, noise=2e-8, silent=False):
+    """Return a record of the nominal machine."""
+    rng = np.random.default_rng(seed)
+    forces = 2.5 * np.exp(2j * np.pi * rng.random((len(LINES), len(model.inputs))))
+    record = line_record(
+        model,
+        model.values(model.nominal),
+        forces * (not silent),
+        harmonics=LINES,
+        fundamental=10.0,
+        sample_rate=2000.0,
+        periods=40,
+        speed=speed,
+        sensors=sensors,
+    )
+    deviation = dict.fromkeys(record.names, noise)
+    return add_noise(record, deviation | dict.fromkeys(model.inputs, 0.02 * (not silent)), rng)
+
+
+def mirrors_of(model, records, estimator=None):
+    """Return the problem of some records, and its symmetries at the nominal values."""
+    chosen = estimator or MaximumLikelihood()
+    bound = tuple(bind(model, record) for record in records)
+    nuisances = asked_nuisances(bound, chosen.nuisances)
+    prepared = prepare(model, chosen.knowledge(model), nuisances, False, model.nominal)
+    problem = _problem(prepared, bound)
+    return problem, Mirrors.of(problem, bound, prepared.layout.start)
+
+
+@pytest.fixture(scope="module")
+def overhung():
+    return record_of(rid.parse_model(OVERHUNG), ["x", "y"], SPEED)
+
+
+@pytest.fixture(scope="module")
+def wings():
+    return record_of(rid.parse_model(WINGS), ["x2"])
+
+
+def test_a_sign_that_no_record_tells_is_that_of_the_start(overhung):
+    told = (
+        "no record tells the sign of kc: that of its start is taken; "
+        "a sensor of theta_x or theta_y would tell; "
+        "where physics tells, positive = true in the model says so"
+    )
+    costs = []
+    for start, sign in ((-1.6e4, -1.0), (1.6e4, 1.0)):
+        found = identify(
+            rid.parse_model(OVERHUNG), overhung, MaximumLikelihood(start={"kc": start})
+        )
+        assert found.status == "ok"
+        assert found.value("kc") == pytest.approx(sign * 1.5e4, abs=5 * found.std("kc"))
+        assert told in found.warnings
+        assert found.alternatives == ()
+        costs.append(found.misfit.cost)
+    assert costs[0] == pytest.approx(costs[1], rel=1e-6)
+
+
+def test_the_mirror_image_is_turned_to_the_start(overhung, monkeypatch):
+    # A search that ended in the mirror image, as noisy records make it.
+    model = rid.parse_model(OVERHUNG)
+    plain = identify(model, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
+    nominal = mirrors.Mirrors._agreement
+    monkeypatch.setattr(
+        mirrors.Mirrors, "_agreement", lambda self, x: lambda turn: -nominal(self, x)(turn)
+    )
+    turned = identify(model, overhung, MaximumLikelihood(start={"kc": -1.6e4}))
+    assert turned.value("kc") == pytest.approx(-plain.value("kc"), rel=1e-9)
+    assert turned.std("kc") == pytest.approx(plain.std("kc"), rel=1e-6)
+    assert turned.misfit.cost == pytest.approx(plain.misfit.cost, rel=1e-9)
+    names = [value.name for value in plain.free]
+    sign = np.where(np.array(names) == "kc", -1.0, 1.0)
+    scale = np.array([plain.std(name) for name in names])
+    np.testing.assert_allclose(
+        turned.covariance * np.outer(sign / scale, sign / scale),
+        plain.covariance / np.outer(scale, scale),
+        atol=1e-6,
+    )
+
+
+def test_a_sensor_a_prior_or_the_model_tells_a_sign(overhung):
+    model = rid.parse_model(OVERHUNG)
+    tilted = record_of(model, ["x", "y", "theta_x"], SPEED)
+    positive = OVERHUNG.replace("nominal = -1.5e4", "nominal = 1.5e4, positive = true")
+    assert mirrors_of(model, [tilted])[1].turns == ()
+    assert mirrors_of(rid.parse_model(positive), [overhung])[1].turns == ()
+    for std, turns in ((5e3, 0), (2e4, 1)):  # 36 and 2.25 more for the other sign
+        known = MaximumLikelihood(known={"kc": (-1.5e4, std)})
+        assert len(mirrors_of(model, [overhung], known)[1].turns) == turns
+    both = MaximumLikelihood(constraints=(Constraint("kc - 3*m", -15015.0),))
+    assert mirrors_of(model, [overhung], both)[1].turns == ()
+
+
+def test_a_bound_tells_a_sign(overhung):
+    model = rid.parse_model(OVERHUNG)
+    found = identify(model, overhung, MaximumLikelihood(bounds={"kc": (None, 0.0)}))
+    assert found.status == "ok"
+    assert not [w for w in found.warnings if "sign" in w]
+
+
+def test_two_signs_of_which_the_start_has_one_are_both_answers():
+    # kd couples back to y what kc couples to theta: only their product is told.
+    text = OVERHUNG.replace("- kc*y = 0", "- kd*y = 0").replace("+ kc*x = 0", "+ kd*x = 0")
+    text = text.replace("[coordinates]", "[coordinates]", 1)
+    text += 'kd = { unit = "N", nominal = -1.5e4 }\n'
+    model = rid.parse_model(text)
+    record = record_of(model, ["x", "y"], SPEED)
+    knowledge = {"kd": (-1.5e4, 1.5e4), "kc": (-1.5e4, 1.5e4)}
+    problem, found = mirrors_of(model, [record], MaximumLikelihood(known=knowledge))
+    (turn,) = found.turns
+    assert {problem.layout.unknowns[i].name for i in turn.unknowns} == {"kc", "kd"}
+    x = problem.layout.start.copy()
+    x[problem.layout.index["kd"]] *= -1
+    solution = mirrors.Solution(problem.at(x), True, 0)
+    assert found.as_started(solution) is solution
+
+
+def test_wings_may_change_places_from_every_start(wings):
+    model = rid.parse_model(WINGS)
+    exchanged_start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
+    for start in ({}, exchanged_start):
+        found = identify(model, wings, MaximumLikelihood(start={**model.nominal, **start}))
+        assert found.status == "not_identifiable"
+        (other,) = found.alternatives
+        assert other.cost == pytest.approx(found.misfit.cost, rel=1e-9)
+        values = dict(other.parameters)
+        for a, b in (("m1", "m3"), ("c1", "c3"), ("k1", "k3")):
+            assert values[a] == pytest.approx(found.value(b), rel=1e-9)
+            assert values[b] == pytest.approx(found.value(a), rel=1e-9)
+        assert any(
+            "cure: m1, c1 and k1 may change places with m3, c3 and k3" in w for w in found.warnings
+        )
+
+
+@pytest.mark.parametrize(
+    "cure",
+    [
+        {"bounds": {"m1 - m3": (0.0, None)}},
+        {"known": {"m1": (1.0, 0.05)}},
+        {"known": {"k3": (3e5, 1e4)}},
+    ],
+)
+def test_what_is_told_as_a_cure_cures(wings, cure):
+    model = rid.parse_model(WINGS)
+    start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
+    start = {k: v for k, v in start.items() if k not in cure.get("known", {})}
+    found = identify(model, wings, MaximumLikelihood(start=start, **cure))
+    assert found.status == "ok"
+    for name, truth in model.nominal.items():
+        assert found.value(name) == pytest.approx(truth, abs=5 * found.std(name))
+
+
+def test_a_start_that_keeps_the_bound_may_lead_to_the_mirror_image(wings):
+    model = rid.parse_model(WINGS)
+    start = {"m1": 0.7, "k1": 3e5, "c1": 5.0, "m3": 0.69, "k3": 2e5, "c3": 8.0}
+    found = identify(model, wings, MaximumLikelihood(start=start, bounds={"m1 - m3": (0.0, None)}))
+    assert found.status == "ok"
+    assert found.value("m1") == pytest.approx(1.0, abs=5 * found.std("m1"))
+
+
+def test_a_sensor_of_a_wing_cures():
+    record = record_of(rid.parse_model(WINGS), ["x2", "x1"])
+    assert identify(rid.parse_model(WINGS), record, MaximumLikelihood()).status == "ok"
+    # A sensor of both alike tells nothing.
+    channel = rid.Channel("sum", "m", reads={"x1": 0.5, "x2": 1.0, "x3": 0.5})
+    _, found = mirrors_of(rid.parse_model(WINGS), [record_of(rid.parse_model(WINGS), [channel])])
+    assert len(found.exchanges) == 1
+
+
+def test_numbers_in_the_equations_go_with_the_places():
+    text = WINGS.replace("nominal = 0.6", "nominal = 1.0").replace("nominal = 5.0", "nominal = 8.0")
+    text = text.replace('k3 = { unit = "N/m", nominal = 3e5', 'k3 = { unit = "N/m", nominal = 2e5')
+    text = text.replace("k3*", "2*k3*").replace("m3*", "2*m3*").replace("c3*", "2*c3*")
+    model = rid.parse_model(text)
+    problem, found = mirrors_of(model, [record_of(model, ["x2"])])
+    (exchange,) = found.exchanges
+    np.testing.assert_allclose(exchange.factors, [0.5] * 3 + [1] * 3 + [2] * 3, rtol=1e-9)
+    told = exchanged(problem.layout, exchange, problem.layout.start)
+    assert "expression = 'm1 - 2*m3', min or max = '0 kg'" in told
+
+
+def test_fixed_wings_stay_where_they_are(wings):
+    model = rid.parse_model(WINGS)
+    one = MaximumLikelihood(fixed={"m1": 1.0})
+    assert mirrors_of(model, [wings], one)[1].exchanges == ()
+
+
+FLYING = """
+title = "A shaft with a wheel at either end, seen at its middle"
+equations = [
+  "m1*x1'' + k1*(x1 - x + L1*theta) = 0",
+  "M*x'' + k1*(x - x1 - L1*theta) + k3*(x - x3 + L3*theta) = F",
+  "J*theta'' + k1*L1*(L1*theta + x1 - x) + k3*L3*(L3*theta + x - x3) = 0",
+  "m3*x3'' + k3*(x3 - x - L3*theta) = 0",
+]
+[coordinates]
+x1 = "m"
+x = "m"
+theta = "rad"
+x3 = "m"
+[inputs]
+F = "N"
+[parameters]
+m1 = { unit = "kg", nominal = 1.0, positive = true }
+k1 = { unit = "N/m", nominal = 2e5, positive = true }
+L1 = { unit = "m", nominal = 0.3, positive = true }
+M = { unit = "kg", nominal = 3.0, positive = true }
+J = { unit = "kg m^2", nominal = 0.05, positive = true }
+k3 = { unit = "N/m", nominal = 3e5, positive = true }
+L3 = { unit = "m", nominal = 0.2, positive = true }
+m3 = { unit = "kg", nominal = 0.6, positive = true }
+"""
+
+
+@pytest.mark.parametrize(("text", "sensor"), [(WINGS, "x2"), (FLYING, "x")])
+def test_exchanges_cost_the_same_and_nothing_else_does(text, sensor):
+    # FLYING: the tilt turns its sign while the ends change places.
+    model = rid.parse_model(text)
+    problem, found = mirrors_of(model, [record_of(model, [sensor])])
+    (exchange,) = found.exchanges
+    rng = np.random.default_rng(5)
+    x = problem.layout.start * (1 + 0.05 * rng.uniform(-1, 1, len(problem.layout.start)))
+    cost = problem.at(x).cost
+    assert problem.at(exchange.of(x)).cost == pytest.approx(cost, rel=1e-9)
+    pairs = [(i, j) for i, j in enumerate(exchange.places) if i < j]
+    for chosen in product((False, True), repeat=len(pairs)):
+        if all(chosen) or not any(chosen):
+            continue
+        y = x.copy()
+        for (i, j), swapped in zip(pairs, chosen, strict=True):
+            if swapped:
+                y[[i, j]] = x[[j, i]]
+        assert abs(problem.at(y).cost / cost - 1) > 1e-6
+    assert "may change places" in exchanged(problem.layout, exchange, problem.layout.start)
+
+
+def drawn(rng):
+    """Return a machine of springs and levers whose couplings may have any sign."""
+    n = int(rng.integers(2, 5))
+    names = [f"q{i}" for i in range(n)]
+    rows = [f"m{i}*{q}'' + d*{q}' + k{i}*{q}" for i, q in enumerate(names)]
+    parameters = {f"m{i}": rng.uniform(0.5, 2) for i in range(n)}
+    parameters |= {f"k{i}": rng.uniform(1e5, 4e5) for i in range(n)} | {"d": 30.0}
+    for i in range(n):
+        for j in range(i):
+            if i - j == 1 or rng.random() < 0.5:
+                name = f"s{rng.integers(3)}"
+                parameters[name] = rng.choice([-1, 1]) * rng.uniform(2e4, 5e4)
+                rows[i] += f" + {name}*{names[j]}"
+                rows[j] += f" + {name}*{names[i]}"
+    rows[0] += " - F"
+    lines = [f'{k} = {{ unit = "1", nominal = {float(v)!r} }}' for k, v in parameters.items()]
+    text = 'title = "drawn"\nequations = [' + ", ".join(f'"{row} = 0"' for row in rows) + "]\n"
+    text += "[coordinates]\n" + "".join(f'{name} = "m"\n' for name in names)
+    return text + '[inputs]\nF = "N"\n[parameters]\n' + "\n".join(lines) + "\n", names
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_turns_of_drawn_machines_are_all_that_cost_the_same(seed):
+    rng = np.random.default_rng(seed)
+    text, names = drawn(rng)
+    model = rid.parse_model(text)
+    read = [name for name in names if rng.random() < 0.3] or [names[0]]
+    problem, found = mirrors_of(model, [record_of(model, read)])
+    layout = problem.layout
+    x = layout.start * (1 + 0.03 * rng.uniform(-1, 1, len(layout.start)))
+    cost = problem.at(x).cost
+    signed = [i for i, u in enumerate(layout.unknowns) if u.name.startswith("s")]
+    turned = {frozenset(): True}
+    for turn in found.turns:
+        turned |= {frozenset(turn.unknowns) ^ other: True for other in turned}
+    for signs in product((1.0, -1.0), repeat=len(signed)):
+        y = x.copy()
+        y[signed] *= signs
+        which = frozenset(i for i, sign in zip(signed, signs, strict=True) if sign < 0)
+        same = abs(problem.at(y).cost / cost - 1) < 1e-9
+        assert same == (which in turned), (text, read, which)
+
+
+def test_a_lever_in_squares_is_turned_to_its_start_and_not_told():
+    text = OVERHUNG.replace("kt*", "2*L^2*k*").replace("kt = ", "L = ")
+    text = text.replace('"N m", nominal = 3000.0', '"m", nominal = 0.087')
+    model = rid.parse_model(text)
+    problem, found = mirrors_of(model, [record_of(model, ["x", "y", "theta_x", "theta_y"], SPEED)])
+    (turn,) = found.turns
+    assert turn.coordinates == ()
+    assert [problem.layout.unknowns[i].name for i in turn.unknowns] == ["L"]
+    start = problem.layout.start
+    solution = mirrors.Solution(problem.at(turn.of(start)), True, 0)
+    assert (found.as_started(solution).point.unknowns == start).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "sensors"),
+    [
+        ("jeffcott", ["x"]),
+        ("rigid", ["x", "y"]),
+        ("three-mass", ["x1", "y1", "x3", "y3"]),
+        ("three-mass", ["x1", "y1"]),
+    ],
+)
+def test_shipped_models_have_no_symmetry_with_their_usual_sensors(name, sensors):
+    model = rid.load_model(name)
+    _, found = mirrors_of(model, [record_of(model, sensors, 300.0)])
+    assert found.turns == ()
+    assert found.exchanges == ()
+
+
+def test_ends_in_passive_bearings_change_places():
+    # Forces tell the ends of the three-mass rotor; without them a sensor in the middle does not.
+    model = rid.load_model("three-mass")
+    records = [record_of(model, ["x2", "y2"], 300.0, silent=silent) for silent in (False, True)]
+    assert mirrors_of(model, records[:1])[1].exchanges == ()
+    problem, found = mirrors_of(model, records[1:])
+    (exchange,) = found.exchanges
+    assert exchanged(problem.layout, exchange, problem.layout.start).startswith(
+        "m1, k1 and L1 may change places with m3, k2 and L2"
+    )
+    x = problem.layout.start * np.linspace(0.97, 1.03, len(problem.layout.start))
+    cost = problem.at(x).cost
+    assert problem.at(exchange.of(x)).cost == pytest.approx(cost, rel=1e-9)
