@@ -43,7 +43,7 @@ def test_how_many_candidates_are_freed_before_mistakes_are_thought_of(
     monkeypatch.setattr(search, "scored", lambda self, options: scored)
     monkeypatch.setattr(search, "freed", lambda self, option: gone.append(option.term) or [])
     monkeypatch.setattr(search, "mistakes", lambda self: mistakes.append(1) or [])
-    for name in ("shifted", "mistaken_modes", "without_line", "without_bounds"):
+    for name in ("shifted", "mistaken_modes", "without_line", "without_bounds", "trial_masses"):
         monkeypatch.setattr(search, name, lambda self: [])
     for name in ("table_leads", "response_leads"):
         monkeypatch.setattr(suspects, name, lambda *case: [])

@@ -66,8 +66,9 @@ from rotorid.estimators.likelihood.response_leads import response_leads
 from rotorid.estimators.likelihood.shifts import Shift, shifts
 from rotorid.estimators.likelihood.shown_speed import shown_lead
 from rotorid.estimators.likelihood.solver import HOPELESS
-from rotorid.estimators.likelihood.table_leads import table_leads
+from rotorid.estimators.likelihood.table_leads import is_table, table_leads
 from rotorid.estimators.likelihood.thinning import FEW, PLAIN_LINES, thinned
+from rotorid.estimators.likelihood.trial_leads import exchanges, moved_masses
 from rotorid.estimators.likelihood.unknowns import physical_factors
 from rotorid.frozen import frozen
 from rotorid.models import Model
@@ -119,6 +120,11 @@ INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or
 """What to do about a term that a drawing lacks."""
 BEGINS = 'write phase = "unknown" in that record, or name the column of the mark (keyphasor, angle)'
 """What to do about a record whose rotor angle begins elsewhere."""
+MARKED = (
+    "count the phases of that table from the mark of the first one: add that angle to them in the "
+    "file; or check at which angle its trial mass sat"
+)
+"""What to do about a table whose phases are counted from elsewhere: no key sets them free."""
 BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).tolist())
 """Angles from which that of a further record is looked for: half a right angle leads to it."""
 
@@ -379,7 +385,7 @@ class _Search:
         found = self.without_bounds()
         found += [f for lead in leads for f in self.followed(lead)]
         found += [f for option, _ in scored[:FIRST] for f in self.freed(option)]
-        found += self.mistaken_modes()
+        found += [*self.mistaken_modes(), *self.trial_masses()]
         settled = any(self.explained(f) and f.bound is not False for f in found)
         if settled or not self.gross:
             found += [f for option, _ in scored[FIRST:REFITTED] for f in self.freed(option)]
@@ -411,6 +417,15 @@ class _Search:
             suspect = Suspect(held.term, drop, self.share(drop), one, held.unit)
             found.append(Finding(suspect, point.cost, said, cure, bound=held.close(value)))
         return found
+
+    def trial_masses(self) -> list[Finding]:
+        """Try each trial mass at another angle, and the files of two records exchanged."""
+        found = []
+        for turned in moved_masses(self.case):
+            drop = self.case.point.cost - turned.point.cost
+            suspect = Suspect(turned.term, drop, self.share(drop), turned.angle, "rad")
+            found.append(Finding(suspect, turned.point.cost, turned.said, turned.cure, exact=True))
+        return found + [f for lead in exchanges(self.case) for f in self.followed(lead)]
 
     def options(self) -> list[Option]:
         """Return everything that can be set free by itself."""
@@ -465,10 +480,14 @@ class _Search:
         """Return where the rotor angle of a further record may begin."""
         taken = self.case.prepared.layout.index
         return [
-            Option(_term(n), "rad", n, cure=BEGINS)
+            Option(_term(n), "rad", n, cure=self._begins(n.record))
             for n in Phase.later(self.case.records, starts)
             if _term(n) not in taken
         ]
+
+    def _begins(self, number: int) -> str:
+        """Return what to do about a record whose angle begins elsewhere: a table has no key."""
+        return MARKED if is_table(self.case.records[number]) else BEGINS
 
     def _priors(self) -> list[Option]:
         layout = self.case.prepared.layout
