@@ -7,6 +7,7 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
+from rotorid.estimators import gate
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +64,13 @@ def test_a_sensor_that_stops_is_refused(record: rid.Record) -> None:
         rid.identify(MODEL, lines_of(record, frozen(record, "x")), KNOWN)
 
 
-def test_an_input_that_stops_is_told_before_any_suspect(record: rid.Record) -> None:
-    found = rid.identify(MODEL, lines_of(record, frozen(record, "F_x")), KNOWN)
+@pytest.fixture(scope="module")
+def stopped(record: rid.Record) -> rid.Estimate:
+    return rid.identify(MODEL, lines_of(record, frozen(record, "F_x")), KNOWN)
+
+
+def test_an_input_that_stops_is_told_before_any_suspect(stopped: rid.Estimate) -> None:
+    found = stopped
     assert found.status == "rejected"
     assert found.warnings[0].startswith("before any suspect, see to stuck, F_x: ")
     assert sum("stuck, F_x" in text for text in found.warnings) == 1
@@ -93,11 +99,14 @@ def test_references_of_which_none_moves_are_told(record: rid.Record) -> None:
     ]
 
 
-def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
+def test_a_sensor_that_plays_with_its_last_digit_is_told_first(
+    record: rid.Record, stopped: rid.Estimate
+) -> None:
     samples = record.samples.copy()
     samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
         -1, 2, len(samples)
     )
-    found = rid.identify(MODEL, lines_of(record, samples), KNOWN)
-    assert found.status == "rejected"
-    assert found.warnings[0].startswith("before any suspect, see to quantized, x: 4e-06 m in")
+    (told,) = lines_of(record, samples).checks
+    assert (told.check, told.channel, told.verdict) == ("quantized", "x", "warning")
+    (first, *_) = gate.seen_first(stopped, [told]).warnings
+    assert first.startswith("before any suspect, see to quantized, x: 4e-06 m in every sample")

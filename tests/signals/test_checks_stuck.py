@@ -84,5 +84,6 @@ def test_a_channel_whose_last_digit_is_all_that_moves(levels: int, told: str) ->
     samples = 4e-6 + 1e-7 * np.random.default_rng(3).integers(0, levels, COUNT)
     record = Record([Channel("x", "m")], samples[:, None], 1000.0)
     assert [check.verdict for check in check_quantized(record)] == [told]
+    assert not check_stuck(record, steady=False)
     force = replace(record, channels=(Channel("F", "N"),))
     assert [check.verdict for check in check_quantized(force)] == ["note"]

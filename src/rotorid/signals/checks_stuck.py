@@ -129,6 +129,8 @@ def _longest_within(
         return None
     best = max(rests, key=lambda rest: rest.after - rest.first)
     length = best.after - best.first
+    if length == len(samples):  # it never moves, which is told by itself
+        return None
     beside = max(2, int(length / STUCK_BESIDE))
     for part in (samples[: best.first], samples[best.after :]):
         whole = part[: len(part) // beside * beside].reshape(-1, beside)

@@ -11,6 +11,7 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators import gate
 from rotorid.estimators.gate import Verdict
+from rotorid.estimators.likelihood.few_lines import CLOSED, coherence, told_by_few
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.halves import (
     LEAST_PERIODS,
@@ -22,16 +23,12 @@ from rotorid.estimators.likelihood.straying import against_angle
 from rotorid.estimators.likelihood.table_leads import is_table, scale_of_time
 from rotorid.estimators.likelihood.turning import told
 from rotorid.models import Model
-from rotorid.observation import Observation
 
 TOO_GOOD = 1e-6
 """Chance of a cost this low below which the noise was taken for more than it is."""
 POWER = 12
 """Periods per sensor below which, in closed loop, the misfit test has no power: J / E[J] is .37
 there for a right model, since what carries over between periods cancels in the mean."""
-CLOSED = 0.1
-"""Mean coherence between the noise of inputs and sensors, beyond that of chance, that shows a
-closed loop (a levitated rotor has .4)."""
 MISFIT = 1e-3
 """The p-value below which what neighbouring lines have in common may be the model's error."""
 ORDERLY = 3.0
@@ -63,6 +60,7 @@ def verdict(model: Model, estimate: Estimate, fit: Fit) -> Verdict:
         layout, at = fit.prepared.layout, fit.solution.point.unknowns
         grows = growing_mode(layout, at, fit.covariance, fit.records)
         total += Verdict(faults=() if grows is None else (grows,))
+        total += Verdict(doubts=tuple(told_by_few(fit.solution.point, fit.records)))
     doubts = (*_too_good(fit), *_few_periods(fit), *_scattered(estimate, fit), *_alike(fit))
     return total + Verdict(doubts=tuple(doubts))
 
@@ -189,25 +187,12 @@ def _few_periods(fit: Fit) -> Iterator[str]:
         white = record.lines.covariance.kind == "white"
         if record.lines.scatter is None or not white or periods >= POWER * sensors:
             continue
-        if _coherence(record) > CLOSED:
+        if coherence(record) > CLOSED:
             yield (
                 f"{periods} periods for {sensors} sensors in closed loop: below {POWER * sensors} "
                 "the misfit hardly tells a wrong model from a right one, and deviations are too "
                 "wide; record more periods"
             )
-
-
-def _coherence(record: Observation) -> float:
-    """Return the mean coherence of the noise of inputs and sensors, less that of chance."""
-    matrices = record.lines.covariance.matrices
-    inputs, sensors = list(record.input_columns), [s.column for s in record.sensors]
-    power = np.einsum("kii->ki", matrices).real
-    cross = np.abs(matrices[:, inputs][:, :, sensors]) ** 2
-    whole = power[:, inputs][:, :, None] * power[:, sensors][:, None, :]
-    if not (whole > 0).any():
-        return 0.0
-    found = float((cross[whole > 0] / whole[whole > 0]).mean())
-    return found - 1 / max(record.lines.covariance.dof, 1)
 
 
 def block_scatter(fit: Fit) -> str | None:
