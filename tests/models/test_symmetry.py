@@ -96,7 +96,7 @@ def test_what_takes_too_long_is_left(monkeypatch):
 
 
 def test_coefficients_are_one_number_to_ten_digits():
-    for off, same in ((3e-9, True), (1e-7, False)):
+    for off, same in ((0.9e-8, True), (1.2e-8, False)):
         web = wings(second=1 + off)
         (places,) = web.exchanges([0, 1, 2, 3])
         known = dict.fromkeys(range(11), 1.0)

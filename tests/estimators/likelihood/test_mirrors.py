@@ -1,12 +1,14 @@
 """Answers that fit as well by a symmetry of the equations: found, told, and no false alarm."""
 
+from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimators import Constraint, MaximumLikelihood
+from rotorid.estimators import Constraint, MaximumLikelihood, Plan, predict_accuracy
 from rotorid.estimators.likelihood import mirrors
 from rotorid.estimators.likelihood.fit import _problem
 from rotorid.estimators.likelihood.mirrors import Mirrors, exchanged
@@ -156,8 +158,8 @@ def test_a_sensor_a_prior_or_the_model_tells_a_sign(overhung):
     positive = OVERHUNG.replace("nominal = -1.5e4", "nominal = 1.5e4, positive = true")
     assert mirrors_of(model, [tilted])[1].turns == ()
     assert mirrors_of(rid.parse_model(positive), [overhung])[1].turns == ()
-    for std, turns in ((5e3, 0), (2e4, 1)):  # 36 and 2.25 more for the other sign
-        known = MaximumLikelihood(known={"kc": (-1.5e4, std)})
+    for more, turns in ((15.2, 0), (14.8, 1)):  # misfit of the other sign
+        known = MaximumLikelihood(known={"kc": (-1.5e4, 3e4 / np.sqrt(more))})
         assert len(mirrors_of(model, [overhung], known)[1].turns) == turns
     both = MaximumLikelihood(constraints=(Constraint("kc - 3*m", -15015.0),))
     assert mirrors_of(model, [overhung], both)[1].turns == ()
@@ -210,16 +212,52 @@ def test_wings_may_change_places_from_every_start(wings):
         {"bounds": {"m1 - m3": (0.0, None)}},
         {"known": {"m1": (1.0, 0.05)}},
         {"known": {"k3": (3e5, 1e4)}},
+        {"fixed": {"k1": 2e5}},
     ],
 )
 def test_what_is_told_as_a_cure_cures(wings, cure):
     model = rid.parse_model(WINGS)
     start = {"m1": 0.6, "k1": 3e5, "c1": 5.0, "m3": 1.0, "k3": 2e5, "c3": 8.0}
-    start = {k: v for k, v in start.items() if k not in cure.get("known", {})}
+    start = {
+        k: v
+        for k, v in start.items()
+        if k not in {**cure.get("known", {}), **cure.get("fixed", {})}
+    }
     found = identify(model, wings, MaximumLikelihood(start=start, **cure))
     assert found.status == "ok"
     for name, truth in model.nominal.items():
-        assert found.value(name) == pytest.approx(truth, abs=5 * found.std(name))
+        assert found.value(name) == pytest.approx(truth, abs=5 * found.std(name), rel=1e-12)
+
+
+def test_a_value_that_is_hardly_known_does_not_tell_the_places(wings):
+    model = rid.parse_model(WINGS)
+    found = identify(model, wings, MaximumLikelihood(known={"m1": (1.0, 0.5)}))
+    assert found.status == "not_identifiable"
+    assert any("may change places" in w for w in found.warnings)
+
+
+def test_a_plan_tells_what_it_will_not_tell():
+    model = rid.parse_model(WINGS)
+    plan = Plan([[1.0]] * 19, range(1, 20), 10.0, 1000.0, 50, {"F": 1e-2, "x2": 1e-8})
+    for sensors, status in ((["x2"], "not_identifiable"), (["x2", "x1"], "ok")):
+        found = predict_accuracy(model, replace(plan, sensors=sensors))
+        assert found.status == status
+        assert len(found.alternatives) == (status != "ok")
+    model = rid.parse_model(OVERHUNG)
+    plan = replace(plan, forces=[[1.0]] * 19, noise={"F_x": 1e-2}, speed=SPEED, sensors=["x", "y"])
+    assert any("sign of kc" in w for w in predict_accuracy(model, plan).warnings)
+
+
+def test_natural_frequencies_do_not_tell_wings_apart():
+    model = rid.parse_model(WINGS)
+    modes = tuple(rid.Mode(hz, 0.1) for hz in (40.0, 80.0, 130.0))
+    prepared = prepare(
+        model, MaximumLikelihood(modes=modes).knowledge(model), (), False, model.nominal
+    )
+    problem, start = _problem(prepared, ()), prepared.layout.start
+    (exchange,) = [each for each in Mirrors.of(problem, (), start).exchanges if each.places[0] == 6]
+    assert problem.at(start).cost > 1
+    assert problem.at(exchange.of(start)).cost == pytest.approx(problem.at(start).cost, rel=1e-9)
 
 
 def test_a_start_that_keeps_the_bound_may_lead_to_the_mirror_image(wings):
@@ -391,3 +429,49 @@ def test_ends_in_passive_bearings_change_places():
     x = problem.layout.start * np.linspace(0.97, 1.03, len(problem.layout.start))
     cost = problem.at(x).cost
     assert problem.at(exchange.of(x)).cost == pytest.approx(cost, rel=1e-9)
+
+
+def test_a_sign_within_its_deviation_is_not_told(overhung):
+    problem, found = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
+    count = len(problem.layout.free)
+    for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
+        inference = SimpleNamespace(
+            covariance=np.eye(count) * (3e4 / deviations) ** 2,
+            undetermined=np.zeros(count, dtype=bool),
+        )
+        assert len(found.warnings(solution, inference)) == told
+    inference.undetermined[:] = True
+    assert found.warnings(solution, inference) == []
+
+
+def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkeypatch):
+    problem, found = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
+    settled = []
+    monkeypatch.setattr(mirrors, "settle", lambda *at: settled.append(at) or solution)
+    cost = solution.point.cost
+    assert found._image(solution, found.turns[0]).point.cost == pytest.approx(cost, rel=1e-9)
+    assert settled == []
+    for above, count in ((2e-9, 1), (0.5e-9, 1), (149.0, 2), (151.0, 2)):
+        image = SimpleNamespace(cost=cost + above * (cost if above < 1 else 1.0))
+        monkeypatch.setattr(type(problem), "at", lambda *_, image=image: image)
+        found._image(solution, found.turns[0])
+        assert len(settled) == count
+
+
+def test_six_turns_are_combined_and_seven_are_not(overhung):
+    problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    for count, every in ((6, 63), (7, 7)):
+        turns = tuple(mirrors.Turn((i,)) for i in range(count))
+        assert len(list(Mirrors(problem.layout, turns)._every_turn())) == every
+
+
+def test_places_of_large_machines_are_not_searched(overhung, monkeypatch):
+    problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    monkeypatch.setattr(mirrors, "_web", lambda *_: None)
+    monkeypatch.setattr(mirrors, "_turns", lambda *_: ())
+    monkeypatch.setattr(mirrors, "_exchanges", lambda *_: ("searched",))
+    for count, found in ((3000, 1), (3001, 0)):
+        monkeypatch.setattr(mirrors, "_links", lambda *_, count=count: ([], [None] * count))
+        assert len(Mirrors.of(problem, (), problem.layout.start).exchanges) == found

@@ -13,6 +13,8 @@ from rotorid.errors import InputError
 from rotorid.estimate import Estimate
 from rotorid.estimators.likelihood.fit import Fit
 from rotorid.estimators.likelihood.inference import infer
+from rotorid.estimators.likelihood.information import mirrored
+from rotorid.estimators.likelihood.mirrors import Mirrors
 from rotorid.estimators.likelihood.nuisances import asked_nuisances
 from rotorid.estimators.likelihood.preparation import Knowledge, prepare
 from rotorid.estimators.likelihood.problem import Problem
@@ -205,7 +207,11 @@ def predict_accuracy(
     )
     problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
     solution = Solution(problem.at(unknowns), True, 0)
-    fit = Fit(prepared, solution, infer(solution.point, problem.exact), records)
+    inference = infer(solution.point, problem.exact)
+    mirrors = Mirrors.of(problem, records, unknowns)
+    doubt = mirrored(mirrors, solution, inference)
+    signs = tuple(mirrors.warnings(solution, inference))
+    fit = Fit(prepared, solution, inference, records, doubt, signs=signs)
     estimate = summarize(model, fit)
     return estimate.with_(
         method="bound",

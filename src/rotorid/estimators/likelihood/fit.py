@@ -307,7 +307,7 @@ def _globally(
         return (plain.solution, plain.inference), plain
     start = _in_order(problem, prepared.layout.start, records)
     found = found or search(problem, start)
-    if len(problem.bounds) and (found is None or not (found[0].converged and explained(*found))):
+    if found is None or not (found[0].converged and explained(*found)):
         found = _in_other_places(problem, start, records) or found
     ends = [end for end in (near, found) if end is not None]
     if not ends:
@@ -326,20 +326,17 @@ def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -
 def _in_other_places(
     problem: Problem, start: Floats, records: Sequence[Observation]
 ) -> tuple[Solution, Inference] | None:
-    """Return the answer that keeps the bounds once hidden parts have changed places, if any does.
+    """Return the answer from a start with hidden parts in other places, if that is one.
 
-    A start with the parts in the wrong places leads to their mirror image, or to the bound.
+    Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.
     """
-    mirrors = Mirrors.of(problem, records, start)
-    if not mirrors.exchanges:
-        return None
-    free = replace(problem, bounds=problem.bounds.subset(np.zeros(0, dtype=np.int64)), sketch=None)
-    end = search(free, start)
-    if end is None or not (end[0].converged and explained(*end)):
-        return None
-    for x in mirrors.inside(problem.bounds, end[0].point.unknowns):
-        settled = settle(problem, x)
-        return settled, infer(settled.point, problem.exact)
+    fixed = [i for i, unknown in enumerate(problem.layout.unknowns) if unknown.fixed]
+    for exchange in Mirrors.of(problem, records, start, as_free=True).exchanges:
+        moved = exchange.of(start)
+        moved[fixed] = start[fixed]
+        found = search(problem, moved)
+        if found is not None and found[0].converged and explained(*found):
+            return found
     return None
 
 

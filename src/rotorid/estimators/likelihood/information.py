@@ -260,15 +260,37 @@ def questioned(
         solution, inference = lower, infer(lower.point, problem.exact)
         asked = _Asked.of(problem, start, solution, inference)
         valley = asked.valley(inference)
-    images = mirrors.images(solution)
-    mirrored = [image.solution for image in images]
-    apart = tuple(_apart([*mirrored, *others], solution, asked.stated, asked.told))
-    told = [i.exchange for i in images if any(i.solution.point is point for point in apart)]
-    x = solution.point.unknowns
-    parts = tuple(exchanged(problem.layout, exchange, x) for exchange in told if exchange)
-    doubt = replace(asked.doubt(valley.wider), alternatives=apart, exchanges=parts)
+    apart = _others(mirrors, solution, others, asked.stated, asked.told)
+    doubt = asked.doubt(valley.wider)
+    doubt = replace(doubt, alternatives=apart.alternatives, exchanges=apart.exchanges)
     covariance = inference.covariance * np.outer(valley.wider, valley.wider)
     return solution, replace(inference, covariance=covariance), doubt
+
+
+def mirrored(mirrors: Mirrors, solution: Solution, inference: Inference) -> Doubt:
+    """Return the other answers that the equations make of one."""
+    stated = np.sqrt(np.diag(inference.covariance).clip(0))
+    return _others(mirrors, solution, (), stated, ~inference.undetermined & (stated > 0))
+
+
+def _others(
+    mirrors: Mirrors,
+    solution: Solution,
+    others: Sequence[Solution],
+    stated: Floats,
+    told: NDArray[np.bool_],
+) -> Doubt:
+    """Return which of the mirror images and of other ends are other answers."""
+    images = mirrors.images(solution)
+    ends = [*(image.solution for image in images), *others]
+    apart = tuple(_apart(ends, solution, stated, told))
+    layout, x = mirrors.layout, solution.point.unknowns
+    parts = tuple(
+        exchanged(layout, image.exchange, x)
+        for image in images
+        if image.exchange and _distance(image.solution.point, solution.point, stated, told) > APART
+    )
+    return Doubt(alternatives=apart, exchanges=parts if apart else ())
 
 
 def _bottom(valley: Valley) -> list[Solution]:
@@ -399,15 +421,20 @@ def _apart(
     Over a parabola a cost that is higher by `CLOSE` is less than four deviations away: a point
     that fits as well from further off belies the deviations, be it a minimum or not.
     """
-    free = solution.point.problem.layout.free[asked]
     answers = [solution.point]
     for other in sorted(others, key=lambda s: s.point.cost):
         if other.point.cost > solution.point.cost + CLOSE:
             break
-        away = [np.abs(other.point.unknowns - at.unknowns)[free] / stated[asked] for at in answers]
-        if all(distance.max(initial=0.0) > APART for distance in away):
+        if all(_distance(other.point, at, stated, asked) > APART for at in answers):
             answers.append(other.point)
     return answers[1:]
+
+
+def _distance(one: Point, other: Point, stated: Floats, asked: NDArray[np.bool_]) -> float:
+    """Return how many deviations two answers lie apart."""
+    free = one.problem.layout.free[asked]
+    away = np.abs(one.unknowns - other.unknowns)[free] / stated[asked]
+    return float(away.max(initial=0.0))
 
 
 def doubt_warnings(problem: Problem, start: Floats, doubt: Doubt) -> list[str]:

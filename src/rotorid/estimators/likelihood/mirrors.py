@@ -24,6 +24,7 @@ from rotorid.estimators.likelihood.solver import Solution, settle
 from rotorid.estimators.likelihood.tangent import outside
 from rotorid.estimators.likelihood.unknowns import Layout, linear_form
 from rotorid.frozen import frozen
+from rotorid.models.linear import Kind
 from rotorid.models.symmetry import Bits, Link, Web
 from rotorid.observation import Observation
 from rotorid.record import Floats
@@ -106,11 +107,21 @@ class Mirrors:
     exchanges: tuple[Exchange, ...] = ()
 
     @classmethod
-    def of(cls, problem: Problem, records: Sequence[Observation], unknowns: Floats) -> Mirrors:
-        """Find the symmetries of a machine at an answer."""
+    def of(
+        cls,
+        problem: Problem,
+        records: Sequence[Observation],
+        unknowns: Floats,
+        *,
+        as_free: bool = False,
+    ) -> Mirrors:
+        """Find the symmetries of a machine at an answer; `as_free`: as if nothing were fixed."""
         layout = problem.layout
+        if as_free:
+            loose = (replace(u, std=None) if u.fixed else u for u in layout.unknowns)
+            layout = replace(layout, unknowns=tuple(loose))
         names, links = _links(layout, records, unknowns)
-        web = _web(problem, names, links, unknowns)
+        web = _web(problem, layout, names, links, unknowns)
         turns = tuple(_turns(web, names, layout))
         if len(links) > LARGE:
             return cls(layout, turns)
@@ -220,8 +231,8 @@ def _links(
     gone = {i for i, u in enumerate(layout.unknowns) if u.fixed and not unknowns[i]}
     links: list[Link] = []
     seen: set[Hashable] = set()
-    for number, record in enumerate(records):
-        terms = _terms_of(layout.of_record(number), record)
+    every = [_terms_of(layout.of_record(k), record) for k, record in enumerate(records)]
+    for number, terms in enumerate(every or [_unread(layout)]):
         signature = tuple(terms.items())
         if signature in seen:
             continue
@@ -234,6 +245,19 @@ def _links(
             )
             links.append(Link(kind, one, other, factors, coefficient))
     return list(nodes), links
+
+
+def _unread(layout: Layout) -> dict[Entry, float]:
+    """Return the terms of a machine of which natural frequencies alone are known."""
+    found: dict[Entry, float] = {}
+    for term in linear_form(layout.model).stiffness:
+        factors = layout.monomial_factors[term.monomial]
+        if factors is not None:
+            kind = Kind(term.order, term.factor, term.structural)
+            ends = ("row", term.row), ("coordinate", term.column)
+            key = kind, *ends, tuple(sorted(factors))
+            found[key] = found.get(key, 0.0) + term.coefficient
+    return found
 
 
 def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
@@ -273,9 +297,14 @@ def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
     return found
 
 
-def _web(problem: Problem, names: Sequence[Place], links: Sequence[Link], unknowns: Floats) -> Web:
+def _web(
+    problem: Problem,
+    layout: Layout,
+    names: Sequence[Place],
+    links: Sequence[Link],
+    unknowns: Floats,
+) -> Web:
     """Say which nodes may turn their signs, and which may change places."""
-    layout = problem.layout
     used = {f for link in links for f in link.factors}
     movable = {i for i in used if i < layout.named} - layout.idle
     colours: list[Hashable] = []
