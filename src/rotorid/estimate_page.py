@@ -21,7 +21,8 @@ NOTICED = 0.01  # p-value below which the tables say where the misfit lies
 WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
 SPOILT = 0.3  # relative error of an accepted prediction from which on its reason is told
 FAR = 10.0  # deviations in a value, from which on it is not shown in percent
-ROUNDING = 1e-6  # of its spread, below which a value is what rounding leaves of zero
+ROUNDING = 0.005  # deviations below which a value is zero: half the last digit of two
+ANYWHERE = 90.0  # deg, deviation of an angle from which on it may be any
 NAMED = 1e-3  # share of the misfit below which a suspect explains nothing, and is not listed
 MANY = 4  # pairs of one group of parameters, from which on its names are told once
 TOGETHER = 0.95  # correlation from which two parameters are named as known together
@@ -221,12 +222,12 @@ def _unbalance_tables(estimate: Answer, *, intervals: bool) -> list[Table]:
         angles = [
             None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
         ]
-        amount, angle = Value("", "", *sizes), Value("", "", angles[0] or 0.0, angles[1])
-        if intervals:
-            rows.append((plane.plane, *_ends(amount), unit, *_ends(angle)))
-        else:
-            first, second = (_row(value)[1:3] for value in (amount, angle))
-            rows.append((plane.plane, *first, unit, *second))
+        told = _ends if intervals else _value_and_std
+        first = told(Value("", "", *sizes))
+        second = told(Value("", "", angles[0] or 0.0, angles[1]))
+        if angles[1] is not None and angles[1] > ANYWHERE:
+            second = ("any", *("" for _ in second[1:]))
+        rows.append((plane.plane, *first, unit, *second))
     headings: tuple[str, ...]
     if intervals:
         headings = ("unbalance", "amount", "95 % from", "to", "unit", "at deg", "95 % from", "to")
@@ -290,7 +291,7 @@ def _inflated(values: Sequence[Value]) -> bool:
 
 
 def as_zero(value: float, spread: float) -> float:
-    """Return a value, and 0 for what rounding leaves of one beside its spread."""
+    """Return a value, and 0 for one that the two digits of its spread do not show."""
     return 0.0 if abs(value) < ROUNDING * spread else value
 
 
@@ -311,7 +312,12 @@ def _row(value: Value) -> tuple[str, ...]:
     return value.name, number, _two_digits(value.std), percent, inflated, unit
 
 
-def _ends(value: Value) -> tuple[str, str, str]:
+def _value_and_std(value: Value) -> tuple[str, ...]:
+    """Return a value and its deviation."""
+    return _row(value)[1:3]
+
+
+def _ends(value: Value) -> tuple[str, ...]:
     """Return a value and the ends of its 95 % interval, all to the same digit."""
     std = value.std_inflated or value.std
     if value.fixed or not std or not np.isfinite([value.value, std]).all():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rotorid.estimate import Estimate
+from rotorid.estimate_page import page
 from rotorid.estimate_parts import (
     Alternative,
     LineMisfit,
@@ -117,6 +118,17 @@ def test_models_in_words(name: str) -> None:
     for base in model.base.names:
         assert any(line.startswith(base) for line in lines)
     assert any("M q''" in line or "no M, D, G, K" in line for line in lines)
+
+
+@pytest.mark.parametrize("intervals", [False, True])
+def test_an_angle_that_may_be_any_is_not_told(intervals: bool) -> None:
+    """Of an unbalance that may as well be none: 30 g mm about zero."""
+    planes = [Unbalance("q_x, q_y", "kg m", 3e-11, 1.0, 3e-5, std) for std in (1.57, 1.58)]
+    shown = page_text(page(ESTIMATE.with_(unbalance=tuple(planes)), intervals=intervals))
+    known, free = (line for line in shown.splitlines() if line.startswith("q_x, q_y"))
+    assert "any" not in known
+    assert free.rstrip().endswith("any")
+    assert "any" not in shown.replace(free, "").partition("unbalance")[2]
 
 
 def test_suspects_with_what_they_explain() -> None:

@@ -43,7 +43,7 @@ def test_decisions() -> None:
     assert (records.MOST_BLOCKS, records.MOST_DOTS, records.MOST_STEMS) == (600, 400, 40)
     assert (machines.MOST_SHAPES, machines.MOST_PLACES, machines.HIGHEST) == (9, 12, 3.0)
     assert (machines.SAME, parameters.PLAIN) == (1e-9, (1e-3, 1e7))
-    assert (machines.EVEN, parameters.UNMOVED, EXPLAINS) == (1.5, 0.005, 0.2)
+    assert (machines.EVEN, parameters.ROUNDING, EXPLAINS) == (1.5, 0.005, 0.2)
 
 
 @pytest.mark.parametrize(

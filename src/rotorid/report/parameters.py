@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from rotorid.estimate import Estimate
-from rotorid.estimate_page import FAR, HALF_WIDTH, as_zero
+from rotorid.estimate_page import FAR, HALF_WIDTH, ROUNDING, as_zero
 from rotorid.estimate_parts import Value
 from rotorid.evidence import Prior
 from rotorid.frozen import frozen
@@ -15,8 +15,6 @@ from rotorid.frozen import frozen
 WIDTH = 140  # of a row's bars, in pixels
 PLAIN = (1e-3, 1e7)
 """Sizes between which a number is written without an exponent."""
-UNMOVED = 0.005
-"""Deviations below which a value has not moved: what is less is rounding, and no news."""
 _MARGIN = 4
 PM = "\N{PLUS-MINUS SIGN}"
 
@@ -110,7 +108,7 @@ def _unit(unit: str) -> str:
 
 def _row(value: Value, prior: Prior | None) -> Row:
     half = HALF_WIDTH * value.std if value.std else math.nan
-    number = figures(as_zero(value.value, half), half)
+    number = figures(as_zero(value.value, value.std or 0.0), half)
     if not math.isfinite(value.value):
         number = "not determined"
     far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
@@ -139,7 +137,7 @@ def _moved(value: Value, prior: Prior) -> str:
     if not prior.std > 0 or not math.isfinite(value.value):
         return ""
     moved = (value.value - prior.value) / prior.std
-    if abs(moved) < UNMOVED:
+    if abs(moved) < ROUNDING:
         return "0 std"
     return f"{moved:+.2g} std".replace("-", "\N{MINUS SIGN}")
 

@@ -25,8 +25,8 @@ from rotorid.record import Floats, Integers
 
 BENDS = "bending of the shaft"
 STIFFEN = (
-    "the shaft bends: take a model that does, such as three-mass or a rotor file of the drawing, "
-    "or only lines far below its first bending frequency"
+    "the shaft bends: take a rotor file of its drawing, or a model with a bending mode (docs/"
+    "write-a-model.md), or only lines far below its first bending frequency"
 )
 """What to do about a rotor that is not rigid."""
 BENDING = 4
