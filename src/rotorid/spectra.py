@@ -21,6 +21,7 @@ from rotorid.errors import InputError
 from rotorid.frozen import frozen
 from rotorid.lines import Beside, Lines, Samples, WholeClock
 from rotorid.record import Channel, Check, Complexes, Floats, Integers, Record, Verdict
+from rotorid.signals.checks_jumps import check_jumps
 from rotorid.signals.checks_quiet import Motion, check_quiet
 from rotorid.signals.checks_references import check_references
 from rotorid.signals.checks_samples import (
@@ -256,7 +257,7 @@ def _checked(
     copied = check_copied(channels, used - used.mean(axis=0))
     told = [replace(c, verdict="warning") for c in copied]
     single = (*check_dead(part), *stuck, *idle, *check_clipped(part), *check_quantized(part))
-    return (*single, *told)
+    return (*single, *told, *check_jumps(whole))
 
 
 def _idle(name: str, samples: Floats) -> list[Check]:
