@@ -467,11 +467,32 @@ def test_six_turns_are_combined_and_seven_are_not(overhung):
         assert len(list(Mirrors(problem.layout, turns)._every_turn())) == every
 
 
-def test_places_of_large_machines_are_not_searched(overhung, monkeypatch):
+def test_places_of_many_records_are_searched_in_the_first(wings, monkeypatch):
+    model = rid.parse_model(WINGS)
+    records = [wings, record_of(model, ["x2", "x1"])]
+    terms = 17  # of the first record: 8 of the wings, 7 of the body, its force, its sensor
+    problem, found = mirrors_of(model, records)
+    assert found.exchanges == ()
+    for most, count in ((terms, 1), (terms - 1, 0)):
+        monkeypatch.setattr(mirrors, "LARGE", most)
+        problem, found = mirrors_of(model, records)
+        assert len(found.exchanges) == count
+        solution = mirrors.Solution(problem.at(problem.layout.start), True, 0)
+        assert found.images(solution) == []
+
+
+@pytest.mark.parametrize(("count", "told"), [(3000, [()]), (3001, [(), (3000,)])])
+def test_places_are_searched_among_three_thousand_terms(overhung, monkeypatch, count, told):
     problem, _ = mirrors_of(rid.parse_model(OVERHUNG), [overhung])
+    asked = []
+
+    def links(*given):
+        asked.append(given[3:])
+        return [], [None] * count
+
+    monkeypatch.setattr(mirrors, "_links", links)
     monkeypatch.setattr(mirrors, "_web", lambda *_: None)
     monkeypatch.setattr(mirrors, "_turns", lambda *_: ())
-    monkeypatch.setattr(mirrors, "_exchanges", lambda *_: ("searched",))
-    for count, found in ((3000, 1), (3001, 0)):
-        monkeypatch.setattr(mirrors, "_links", lambda *_, count=count: ([], [None] * count))
-        assert len(Mirrors.of(problem, (), problem.layout.start).exchanges) == found
+    monkeypatch.setattr(mirrors, "_exchanges", lambda *_: ())
+    Mirrors.of(problem, (), problem.layout.start)
+    assert asked == told

@@ -39,8 +39,8 @@ SAME = 1e-9
 MOST = 6
 """Independent changes of sign that are combined: 64 answers; more are tried one by one."""
 LARGE = 3000
-"""Links from which no exchange is looked for: matrices from a drawing, whose shapes have no names
-that could change places."""
+"""Links up to which exchanges are looked for, in the first records that have no more: a second or
+two. Matrices from a drawing, whose shapes have no names that could change places, have more."""
 
 MOVING = {"row", "coordinate"}
 """Nodes that may turn and change places, beside parameters; inputs, loads and sensors stay."""
@@ -123,8 +123,9 @@ class Mirrors:
         names, links = _links(layout, records, unknowns)
         web = _web(problem, layout, names, links, unknowns)
         turns = tuple(_turns(web, names, layout))
-        if len(links) > LARGE:
-            return cls(layout, turns)
+        if len(links) > LARGE:  # what some records do not tell, all are asked by the cost
+            names, links = _links(layout, records, unknowns, LARGE)
+            web = _web(problem, layout, names, links, unknowns)
         return cls(layout, turns, tuple(_exchanges(web, names, layout, unknowns)))
 
     def as_started(self, solution: Solution) -> Solution:
@@ -224,9 +225,12 @@ def _broken(exact: Relations, unknowns: Floats) -> bool:
 
 
 def _links(
-    layout: Layout, records: Sequence[Observation], unknowns: Floats
+    layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float = np.inf
 ) -> tuple[list[Place], list[Link]]:
-    """Return the nodes and the terms of all records, those of records that are alike once."""
+    """Return the nodes and the terms of all records, those of records that are alike once.
+
+    `most`: of the first records only that have no more terms.
+    """
     nodes: dict[Place, int] = {("unknown", i): i for i in range(len(layout.unknowns))}
     gone = {i for i, u in enumerate(layout.unknowns) if u.fixed and not unknowns[i]}
     links: list[Link] = []
@@ -237,6 +241,8 @@ def _links(
         if signature in seen:
             continue
         seen.add(signature)
+        if len(links) + len(terms) > most:
+            break
         for (kind, row, column, factors), coefficient in terms.items():
             if coefficient == 0 or gone & set(factors):
                 continue
