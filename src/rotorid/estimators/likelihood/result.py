@@ -263,7 +263,8 @@ def _warnings(fit: Fit, p_value: float) -> list[str]:
     if not fit.solution.converged:
         found.append(
             "the search did not arrive at a minimum from this start and others about it, so "
-            "nothing is known of what the records determine; give a nearer start"
+            "nothing is known of what the records determine; give a nearer start (nominal, start), "
+            "and what is known of it: positive = true, min, max"
         )
     inference = fit.inference
     if not fit.records and not inference.expectation.dof and not inference.null.shape[1]:
