@@ -1,6 +1,6 @@
 """Calibration constants as unknowns; several records of one machine."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from rotorid.errors import InputError
 from rotorid.estimators import Constraint, MaximumLikelihood
 from rotorid.estimators.likelihood import nuisances
 from rotorid.estimators.likelihood.nuisances import Factor, Unknown
+from rotorid.frozen import frozen
 from rotorid.identify import identify
 from rotorid.record import Channel, Drive
 
@@ -309,7 +310,7 @@ def test_a_phase_that_its_prior_alone_determines_is_determined(demo, bearings):
     assert estimate.std("phase[0]") == pytest.approx(0.01, rel=1e-3)
 
 
-@dataclass(frozen=True)
+@frozen
 class Stretch(Factor):
     """A kind that the package does not have: a gain that grows with the square of frequency."""
 
