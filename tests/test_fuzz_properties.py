@@ -143,7 +143,7 @@ def lay(path: Path, layout: dict) -> tuple[np.ndarray, bool]:
     return values, layout["missing"] is None or layout["missing"] >= layout["parts"]
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(layouts())
 def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:
     """However an HDF5 file holds them: a gap is never read as a number."""

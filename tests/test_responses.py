@@ -259,6 +259,7 @@ class TestMistakes:
         assert result.status != "ok"
         assert result.suspects[0].term == term
 
+    @pytest.mark.slow
     def test_accelerances_taken_for_receptances(self) -> None:
         found, coherence = thinned()
         result = estimate(

@@ -77,6 +77,7 @@ def with_unknown(text, name, unit, nominal):
     return text + f'{name} = {{ unit = "{unit}", nominal = {nominal}, positive = true }}\n'
 
 
+@pytest.mark.slow
 def test_a_mass_at_one_end_of_the_shaft():
     first, estimate, record = first_suspect(with_disc("530 mm"))
     assert first.term == "mass at x_right_end, y_right_end"
@@ -93,6 +94,7 @@ def test_a_mass_at_the_other_end():
     accepted(with_unknown(with_disc("0 mm", "m_x"), "m_x", "kg", 0.01), record, m_x=0.025)
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_missing_has_a_negative_sign():
     """The wheel's hub was drawn twice: 25 g too much at the left end."""
     record = recorded(FLEXIBLE)

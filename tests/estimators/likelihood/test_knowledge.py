@@ -108,6 +108,7 @@ def test_bound_that_binds_is_an_equality(demo, noisy):
     assert bounded.std("I_t") == pytest.approx(free.std("I_t"), rel=0.05)
 
 
+@pytest.mark.slow
 def test_mass_is_kept_positive(demo, noisy):
     """A model with a mass that is not there: its estimate would as soon be negative."""
     model = demo.model

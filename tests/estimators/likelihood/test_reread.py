@@ -365,7 +365,7 @@ def test_a_mistaken_column_is_undone_before_the_law(
     found = identify(
         MODEL, misread(change, Channel("x", "m")), MaximumLikelihood(fixed=STILL, start=TRUTH)
     )
-    assert found.status in ("rejected", "not_identifiable")
+    assert found.status != "ok"  # exchanged, nothing is where its law could be read
     assert any(re.search(told, warning) for warning in found.warnings), found.warnings
 
 

@@ -190,6 +190,7 @@ def test_fewer_equations_than_unknowns_leave_something_open():
     assert estimate.status == "not_identifiable"
 
 
+@pytest.mark.slow
 def test_a_lower_minimum_becomes_the_answer():
     """A search that ended at the higher of two minima is set right by the further starts."""
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
