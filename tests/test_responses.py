@@ -233,6 +233,7 @@ class TestMistakes:
             signs.append(free.value("c") < 0)
         assert any(signs)
 
+    @pytest.mark.slow
     def test_a_sensor_upside_down(self) -> None:
         found, coherence = thinned()
         result = estimate(found * [1, -1], frequency=THIN, coherence=coherence, averages=20)

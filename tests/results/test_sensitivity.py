@@ -93,6 +93,7 @@ def test_how_many_lines_a_peak_is_fitted_to_and_what_they_leave():
         assert found == pytest.approx(size, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_broad_peak_in_noise_is_held():
     """More lines would have less noise and a bias as large: 78 % held with twenty of them."""
     on, rng = loop(2e5, 800.0), np.random.default_rng(5)

@@ -56,6 +56,7 @@ def test_a_wrong_bound_is_the_first_suspect(record, bounds, term, value):
     assert "check th" in estimate.warnings[0]
 
 
+@pytest.mark.slow
 def test_a_sign_that_the_model_forbids_is_looked_for_in_the_channels(record):
     """All forces upside down: a negative rotor would explain it, and m >= 0 is right."""
     spectra = record.spectra.copy()

@@ -43,15 +43,18 @@ def scale(factor, *channels):
     return change
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     ("change", "term", "value"),
     [
         (exchange(("x1", "y1")), "swap[x1, y1]", None),
-        (exchange(("F_x1", "F_x3")), "swap[F_x1, F_x3]", None),
-        (exchange(("theta_x", "theta_y")), "swap[theta_x, theta_y]", None),
+        pytest.param(exchange(("F_x1", "F_x3")), "swap[F_x1, F_x3]", None, marks=SLOW),
+        pytest.param(exchange(("theta_x", "theta_y")), "swap[theta_x, theta_y]", None, marks=SLOW),
         (scale(-1.0, "x2"), "sign[x2]", -1.0),
         (scale(1e-3, "y3"), "unit[y3]", 1e-3),
-        (scale(-1 / 25.4, "x1"), "gain[x1]", -1 / 25.4),
+        pytest.param(scale(-1 / 25.4, "x1"), "gain[x1]", -1 / 25.4, marks=SLOW),
     ],
 )
 def test_mistakes_are_named(demo, record, change, term, value):

@@ -69,6 +69,7 @@ def test_no_wrong_answer_is_called_ok_ever(setting):
     assert not wrong
 
 
+@pytest.mark.slow
 def test_pitch_at_rest_has_other_answers_and_a_cure():
     case = rotor_case(ADVERSE["standstill, equal forces"], 6)
     estimate = estimated(case)

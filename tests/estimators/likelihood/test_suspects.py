@@ -55,6 +55,7 @@ def test_asymmetric_stiffness(demo, faults, parameter):
     assert found[f"asymmetry {parameter}"] >= 18
 
 
+@pytest.mark.slow
 def test_asymmetric_stiffness_by_bearing_sensors(demo, faults, bearings):
     """Without the middle of the rotor its two ends are three points of cost apart."""
     clean = faults.asymmetric("k1", 0.005).record(bearings)
