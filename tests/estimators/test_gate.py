@@ -58,6 +58,37 @@ def test_what_is_fixed_counts_in_the_balance():
     assert gate.physical(RIGID, replace(smaller, parameters=heavy)).faults
 
 
+def scaled_estimate(inertia: float, stiffness: float) -> Estimate:
+    """Return an estimate of a mass on springs, so many times its nominal values."""
+    model = load_model("jeffcott")
+    size = {"m": inertia, "k": stiffness, "c": 7.0}
+    values = {p.name: size.get(p.name, 1.0) * p.nominal for p in model.parameters}
+    found = tuple(Value(p.name, p.unit, values[p.name], 1e-9, 1e-9) for p in model.parameters)
+    return Estimate("jeffcott", "ml", "ok", found, covariance=1e-18 * np.eye(len(found)))
+
+
+@pytest.mark.parametrize(
+    ("inertia", "stiffness", "doubted"),
+    [
+        (1000.0, 1000.0, True),  # positions in m that are told as mm
+        (1e-3, 1e-3, True),
+        (110.0, 110.0, True),
+        (90.0, 90.0, False),
+        (1 / 110.0, 1 / 110.0, True),
+        (1 / 90.0, 1 / 90.0, False),
+        (1000.0, 2900.0, True),
+        (1000.0, 3100.0, False),
+        (1.0, 1.0, False),
+    ],
+)
+def test_one_factor_in_all_values_is_a_unit(inertia, stiffness, doubted):
+    found = gate.physical(load_model("jeffcott"), scaled_estimate(inertia, stiffness))
+    assert not found.faults
+    assert bool(found.doubts) == doubted
+    if doubted:
+        assert "look the units up" in found.doubts[0]
+
+
 TILTING = parse_model("""
 title = "a tilting disc"
 equations = [

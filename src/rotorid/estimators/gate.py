@@ -61,6 +61,10 @@ CONTRADICTING = frozenset(
 speed and its period stay what they are, and that the samples are the quantity."""
 SILENT = frozenset({"dead", "stuck", "quantized"})
 """Checks whose warnings are of a channel that reads nothing: no suspect explains it better."""
+FAR = 100.0
+"""Factor to the nominal values from which on it is a unit's: nobody guesses so badly."""
+ALIKE = 3.0
+"""Ratio of such factors up to which they are one: guesses are right to 40 percent or so."""
 _INERTIA = dimension_of("kg m^2")
 ROUNDING = 1e-9
 """Share of its terms below which a balance of inertias is rounding."""
@@ -135,7 +139,7 @@ def physical(model: Model, estimate: Estimate) -> Verdict:
     free = [v for v in estimate.parameters if not v.fixed]
     if not all(np.isfinite([v.value, v.std if v.std is not None else 0.0]).all() for v in free):
         return Verdict()
-    total = _signs(model, (*estimate.parameters, *estimate.derived))
+    total = _signs(model, (*estimate.parameters, *estimate.derived)) + _one_scale(model, free)
     reduced = model.substitute(fixed)
     found = _base(reduced, free, estimate.covariance)
     if found is None:
@@ -145,6 +149,36 @@ def physical(model: Model, estimate: Estimate) -> Verdict:
     if reduced.linear is not None and not _negative(total):
         total += _inertia(reduced, reduced.linear, base, covariance)
     return total
+
+
+def _one_scale(model: Model, free: Sequence[Value]) -> Verdict:
+    """Doubt inertias and stiffnesses that are all as many times what the model's author expected.
+
+    So they come out where all positions, or all forces, are in another unit: every balance of
+    forces holds as well.
+    """
+    ratios = []
+    for value in free:
+        powers, nominal = dict(dimension_of(value.unit).powers), model.nominal.get(value.name)
+        inertia_or_stiffness = (
+            powers.get("kg", 0) == 1
+            and powers.get("m", 0) in (0, 2)
+            and powers.get("s", 0) in (0, -2)
+        )
+        if inertia_or_stiffness and nominal and value.value:
+            ratios.append(abs(value.value / nominal))
+    if len(ratios) < 2 or max(ratios) > ALIKE * min(ratios):
+        return Verdict()
+    middle = float(np.exp(np.mean(np.log(ratios))))
+    if 1 / FAR < middle < FAR:
+        return Verdict()
+    return Verdict(
+        doubts=(
+            f"all inertias and stiffnesses are about {middle:.2g} times their nominal values: so "
+            "they come out where all positions, or all forces, are in another unit than "
+            "[channels] says; look the units up",
+        )
+    )
 
 
 def _negative(verdict: Verdict) -> bool:
