@@ -146,7 +146,8 @@ def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
         return 0
 
     monkeypatch.setattr("rotorid.cli.run", badly)
-    words = ("signal", "hang", "slow", "memory", "slow child", "memory of a child")
+    # The system keeps the largest of all children: what weighs comes before what is only slow.
+    words = ("signal", "hang", "slow", "memory", "memory of a child", "slow child")
     words += ("file", "change", "nan", "nothing")
     files = {"model.toml": b"title"}
     found = outcomes(*(Case(w, (w,), files, outputs=("out.json",)) for w in words))
