@@ -2,9 +2,9 @@
 
 The closed loop's poles are the zeros of ``D = det(I + L) prod (s - p)``, p those of the plant. From
 infinity, where all ``s - p`` point the same way and L is nothing, down to 0 the angle of D comes
-back to where it began if no zero lies on the right; each one there adds pi, and a pole of the
-controller at 0 (an integrator) takes pi/2, as do those of L's plant in D's size. Poles of the
-controller elsewhere on the right are not known of.
+back to where it began if no zero lies on the right; each one there adds pi, and each pole of the
+controller at 0 (an integrator) takes pi/2: the slope of the size of D at the first lines tells how
+many there are. Of poles of the controller on the right nothing is known: it is taken as stable.
 """
 
 from __future__ import annotations
