@@ -5,11 +5,15 @@
 #   VENV=path           where the environment lies
 #   PYTEST_ARGS="..."   further arguments of pytest
 #   ONLY="..."          modules whose constants `make mutants` changes
+#   ONLY="rig/* bad/*", SAMPLE=8, JOBS=2   names of the cases of `make golden`, every n-th, processes
 #   FUZZ_SECONDS=60     how long `make fuzz` tries each of FUZZ_TARGETS="model toml result csv mat"
 
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
 FUZZ_SECONDS ?= 60
+SAMPLE ?= 1
+JOBS ?= 2
+GOLDEN_ARGS ?=
 FUZZ_TARGETS ?= model toml result csv mat
 PYTHON ?= python3 python3.14 python3.13 python3.12 python3.11 python
 PYTEST_ARGS ?=
@@ -22,13 +26,15 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics docs mutants fuzz test-lowest test-newest clean
+.PHONY: help demo test statistics docs golden golden-record mutants fuzz test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
 	@echo "make test         set up, then lint, type check and the fast tests: minutes"
 	@echo "make statistics   the slow tests: coverage of deviations, banks of faults; the documentation"
 	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
+	@echo "make golden       what every command said, held against the record: SAMPLE=8 for a part"
+	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
 	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
 	@echo "make fuzz         damaged files for as long as FUZZ_SECONDS says, guided by coverage"
 	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
@@ -56,6 +62,12 @@ statistics: $(VENV)/.ready-test
 docs: $(VENV)/.ready-test
 	rm -rf docs/gallery
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
+
+golden: $(VENV)/.ready-test
+	$(BIN)/python -m golden compare --only "$(ONLY)" --sample $(SAMPLE) --jobs $(JOBS) $(GOLDEN_ARGS)
+
+golden-record: $(VENV)/.ready-test
+	$(BIN)/python -m golden record --only "$(ONLY)" --sample $(SAMPLE) --jobs $(JOBS) $(GOLDEN_ARGS)
 
 mutants: $(VENV)/.ready-test
 	$(BIN)/python tests/mutants.py $(ONLY)

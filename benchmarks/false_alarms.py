@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from good_records import MACHINES, good_record
 
-from rotorid.errors import InputError
-from rotorid.identify import identify
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
 
 
 @dataclass

@@ -27,7 +27,7 @@ from rotor_files import CORED
 
 import rotorid as rid
 import rotorid.models
-from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
+from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
 from rotorid.rig.lines import line_record

@@ -29,20 +29,20 @@ from rotor_bank import (
     structure_case,
 )
 
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.information import questioned
-from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
-from rotorid.estimators.likelihood.preparation import Knowledge, prepare
-from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.search import search
-from rotorid.estimators.likelihood.solver import solve
-from rotorid.observation import bind_all
+from rotorid.data.observation import bind_all
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.other_answers import questioned
+from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.solver import solve
+from rotorid.likelihood.starts import search
+from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
 
 
 def problem_of(case: Case, start: dict[str, float]) -> Problem:
     told = {name: value for name, value in start.items() if name not in case.fixed}
     records = bind_all(case.model, case.records)
-    nuisances = asked_nuisances(records, Nuisances())
+    nuisances = asked_unknowns(records, Nuisances())
     prepared = prepare(case.model, Knowledge(fixed=case.fixed, start=told), nuisances, False, {})
     likelihoods = tuple(assemble(prepared.layout, r, k) for k, r in enumerate(records))
     return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)

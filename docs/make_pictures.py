@@ -14,7 +14,7 @@ import numpy as np
 from rotorid import cli
 from rotorid.commands.demo import NOISE
 from rotorid.demo import run_demo
-from rotorid.report.demo_plots import draw_overview
+from rotorid.demo.page import draw_overview
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser

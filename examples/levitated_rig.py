@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 import rotorid as rid
-from rotorid.actuators import forces
+from rotorid.force.reading import forces
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import ProcessNoise
-from rotorid.signals.detection import detect_distortion
+from rotorid.signals.inspection import detect_distortion
 
 LINES, PERIOD = [1, 3, 5, 7, 9, 11], 500
 MAGNETS = """[actuators.all]

@@ -17,12 +17,13 @@ import numpy as np
 from rotor_bank import PAPER
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimators.likelihood import result
-from rotorid.estimators.likelihood.suspects import Suspicion
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel, Record
+from rotorid.likelihood import summary as result
+from rotorid.likelihood.rivals import Suspicion
 from rotorid.models import Model, load_model
-from rotorid.record import Channel, Complexes, Floats, Record
 
 TURN = 2 * np.pi
 WRONG = 5.0
@@ -325,7 +326,7 @@ class Case:
         """Return what is said of one record; without leads, which take their time, the rest."""
         with ExitStack() as stack:
             if not leads:
-                stack.enter_context(patch.object(result, "find_suspects", _no_suspects))
+                stack.enter_context(patch.object(result, "suspected", _no_suspects))
             return self._outcome(seed)
 
     def _outcome(self, seed: int) -> Outcome:

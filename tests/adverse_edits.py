@@ -9,7 +9,7 @@ import numpy as np
 from adverse import FUNDAMENTAL, RATE, ROTATION, TURN, Edit, Trial
 from scipy import signal
 
-from rotorid.record import Floats
+from rotorid.core.values import Floats
 
 
 def sensor(trial: Trial, number: int = 0) -> str:

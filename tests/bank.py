@@ -15,8 +15,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from rotorid.data.record import Channel, PeriodicRecord, Record
 from rotorid.models import Model, load_model, parse_model
-from rotorid.record import Channel, PeriodicRecord, Record
 from rotorid.signals.average import average
 
 Columns = Mapping[str, np.ndarray]

@@ -24,23 +24,23 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["rotorid"]):
-    import rotorid.experiment.loader
+    import rotorid.answer.result_file
+    import rotorid.core.toml
+    import rotorid.experiment.experiment
     import rotorid.experiment.schema
-    import rotorid.io.delimited
     import rotorid.io.mat
-    import rotorid.models.expression
+    import rotorid.io.text
     import rotorid.models.plain
     import rotorid.models.symbolic
-    import rotorid.result_file
+    import rotorid.models.text
     import rotorid.rig.file
     import rotorid.rig.schema
-    import rotorid.toml
 from corpus import CASES
 from corpus.texts import EXPRESSIONS, named
 from fuzz_files import FORMATS
 from fuzz_harness import BYTES, SECONDS
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 
 LOADED = 700  # MB of what is imported, with the counters of the coverage
 LONGEST = 20_000  # bytes of a file that is tried: what is wrong shows in small ones
@@ -57,17 +57,17 @@ def try_toml(data: bytes) -> None:
         rotorid.rig.file.parse_rig(data[1:].decode("utf-8", "replace"), folder=FOLDER)
     else:
         schema = rotorid.experiment.schema.ExperimentFile
-        rotorid.toml.parse_toml(data[1:], schema)
+        rotorid.core.toml.parse_toml(data[1:], schema)
 
 
 def try_result(data: bytes) -> None:
-    estimate = rotorid.result_file.load_estimate(laid(data, "result.json"))
+    estimate = rotorid.answer.result_file.load_estimate(laid(data, "result.json"))
     str(estimate)
     estimate.save(os.devnull)
 
 
 def try_csv(data: bytes) -> None:
-    read_all(rotorid.io.delimited.open_delimited(laid(data, "run.csv")))
+    read_all(rotorid.io.text.open_delimited(laid(data, "run.csv")))
 
 
 def try_mat(data: bytes) -> None:

@@ -29,8 +29,9 @@ from rotor_bank import (
 )
 
 import rotorid as rid
+from rotorid.core.values import Complexes
+from rotorid.data.record import PeriodicRecord
 from rotorid.models import Model
-from rotorid.record import Complexes, PeriodicRecord
 from rotorid.rig.file import load_rig
 from rotorid.rig.rig import Rig
 

@@ -17,7 +17,7 @@ import scipy.signal
 from rotor_bank import RATE, noisy_record
 
 import rotorid as rid
-from rotorid.record import Complexes, Floats
+from rotorid.core.values import Complexes, Floats
 from rotorid.results.sensitivity import zone_of
 from rotorid.rig import assembly
 from rotorid.rig.file import load_rig

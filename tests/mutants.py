@@ -1,6 +1,6 @@
 """Which decision constants does no fast test hold?
 
-    python tests/mutants.py [MODULE ...]      such as rotorid.signals or rotorid.units; all without
+    python tests/mutants.py [MODULE ...]      such as rotorid.core.units; all without it
 
 Every number in a module's upper-case constants is changed by itself (x 1.5 and x 0.5; a flag is
 turned over), and the fast tests that cover the module are run on a copy of the sources. A constant
@@ -26,7 +26,6 @@ SOURCE = ROOT / "src"
 # Constants that decide nothing about a result, by module: what a picture looks like, how much of
 # a long text a message shows, and data (printed figures, units, codes of other programs).
 LEFT_OUT = {
-    "rotorid.plots": {"*"},
     "rotorid.report": {"*"},
     "rotorid.demo.paper": {"*"},
     "rotorid.models.plain": {"*"},  # beyond them the grammar reads the same, but slower

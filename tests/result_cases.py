@@ -16,13 +16,14 @@ from linear_machines import SUPPORTED
 from rotor_bank import RATE, noisy_record
 
 import rotorid as rid
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.inference import Inference, infer
-from rotorid.estimators.likelihood.preparation import prepare
-from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.solver import Solution, solve
-from rotorid.observation import bind_all
-from rotorid.record import Complexes, Drive, Floats
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.observation import bind_all
+from rotorid.data.record import Drive
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.preparation import prepare
+from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.solver import Solution, solve
 from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.models import Model, load_model, parse_model
-from rotorid.record import Channel, Complexes, Floats, PeriodicRecord
 
 PERIODS = 260
 SAMPLES = 250

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.actuators import forces
-from rotorid.plots.still import MOST_IMAGE
+from rotorid.force.reading import forces
+from rotorid.report.figure import MOST_IMAGE
 from rotorid.rig.file import load_rig
 
 LINES = [1, 3, 5, 7, 9, 11]
@@ -128,6 +128,7 @@ def test_what_refuses_an_experiment_names_its_file(tmp_path: Path) -> None:
         experiment.identify("batch")
 
 
+@pytest.mark.slow
 def test_values_show_themselves(record: rid.Record) -> None:
     """A repr fits a screen; a notebook gets tables, and no name of a user becomes a tag."""
     model = rid.load_model("three-mass")
@@ -142,6 +143,7 @@ def test_values_show_themselves(record: rid.Record) -> None:
     assert "<b>" not in hostile._repr_html_()
 
 
+@pytest.mark.slow
 def test_records_draw_themselves_in_a_notebook(record: rid.Record) -> None:
     """A picture within the page, and not too large a one, however many channels there are."""
     wide = rid.Record(

@@ -18,11 +18,11 @@ import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import cli, commands
+from rotorid.answer.parts import SourceFile, Value
 from rotorid.commands.console import show
-from rotorid.commands.sources import source_of
-from rotorid.estimate_parts import SourceFile, Value
-from rotorid.limits import HASHED_BYTES
-from rotorid.tables import table
+from rotorid.commands.provenance import source_of
+from rotorid.core.limits import HASHED_BYTES
+from rotorid.core.tables import table
 
 
 @pytest.fixture
@@ -355,6 +355,7 @@ def test_an_interrupt_is_one_line_and_no_file(
     assert not (folder / "demo.json").exists()
 
 
+@pytest.mark.slow
 def test_silent_in_a_pipe(folder: Path) -> None:
     process = subprocess.run(command("identify", "run.toml"), capture_output=True, check=True)
     assert process.stderr == b""
@@ -408,7 +409,7 @@ def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.Monke
     assert time.process_time() - started < 1
     path.write_bytes(bytes(range(256)) * 100_000)
     assert source_of(path).sha256 != ""
-    monkeypatch.setattr("rotorid.commands.sources.HASHED_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("rotorid.commands.provenance.HASHED_BYTES", path.stat().st_size - 1)
     assert source_of(path).sha256 == ""
     assert HASHED_BYTES == 16_000_000_000
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.findings import bias_share, log_ratios
 from rotorid.demo.paper import COLUMNS, TABLE, printed_error
 from rotorid.demo.run import ESTIMATORS, FUNDAMENTAL, HARMONICS, SPEED, excitation, simulate_record
-from rotorid.errors import InputError
-from rotorid.identify import identify
 from rotorid.models import load_model
 from rotorid.signals.average import average
 
@@ -58,6 +58,7 @@ def in_paper_order(result: DemoResult, values: np.ndarray) -> np.ndarray:
     return values[[result.names.index(row.base) for row in TABLE]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", REFERENCE)
 def test_rms_errors_agree_with_the_reference(demo: DemoResult, estimator: str) -> None:
     rms = in_paper_order(demo, demo.rms(estimator))
@@ -137,6 +138,7 @@ def test_table_holds_every_base_parameter_once(demo: DemoResult) -> None:
     assert (*COLUMNS, "ml") == demo.estimators
 
 
+@pytest.mark.slow
 def test_records_depend_on_the_generator_alone() -> None:
     done = []
     two = run_demo(2, rng=np.random.default_rng(5))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rotorid.distributions import f_limit, f_tail
+from rotorid.core.distributions import f_limit, f_tail
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 7), (2, 9), (2, 518), (8, 30)])

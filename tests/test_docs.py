@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.models.expression import MAX_TERMS
+from rotorid.core.units import quantity, si_factor
 from rotorid.models.symbolic import MAX_DEGREE, MAX_NESTING
-from rotorid.units import quantity, si_factor
+from rotorid.models.text import MAX_TERMS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -119,6 +119,7 @@ def write(record: rid.Record, path: Path, channels: dict[str, dict[str, str]]) -
                 file[column] = samples
 
 
+@pytest.mark.slow
 def test_python_of_the_readme_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -200,7 +201,7 @@ def test_the_drawing_is_that_of_its_script_and_of_the_models() -> None:
     along = loads @ rigid.monomial_values(rigid.values({**rigid.nominal, "zeta": 0.0}))
     assert along[0, 0] > 0
     assert along[1, 1] == pytest.approx(along[0, 0])
-    from rotorid.actuators.laws import Linear
+    from rotorid.force.laws import Linear
 
     law = Linear(120.0, 2e5)
     assert law.force(np.array([1.0]), np.array([0.0]))[0] > 0

@@ -11,23 +11,23 @@ import pytest
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.errors import InputError
-from rotorid.experiment import columns as columns_module
+from rotorid.core.errors import InputError
+from rotorid.experiment import draft as columns_module
 from rotorid.experiment import draft as draft_module
-from rotorid.experiment.columns import (
+from rotorid.experiment.draft import (
     _LIKE,
     Found,
     assign,
     by_planes,
     currents,
+    draft,
     is_excitation,
     likeness,
     role_of,
     sensors_at_inputs,
 )
-from rotorid.experiment.draft import draft
 from rotorid.io import open_table
-from rotorid.signals.periodicity import Period
+from rotorid.signals.period_search import Period
 
 MODEL = rid.load_model("jeffcott")
 RATE, PERIOD = 2000.0, 200
@@ -275,6 +275,7 @@ def write_sweep(path: Path, axis: int, *, marks: bool = True) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_planes_of_a_logger_are_those_of_the_model_in_their_order(tmp_path: Path) -> None:
     files = [write_sweep(tmp_path / f"{axis}.csv", axis) for axis in (0, 3)]
     text = draft(files, "three-mass", tmp_path)
@@ -455,6 +456,7 @@ def test_a_file_of_many_columns_is_read_once(tmp_path: Path) -> None:
     assert [c.name for c in columns] == [n for i, n in enumerate(names) if i not in (7, 900)]
 
 
+@pytest.mark.slow
 def test_a_file_that_stands_for_too_much(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as data:

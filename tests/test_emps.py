@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import rotorid as rid
+from rotorid.answer.predict import predict
 from rotorid.cli import run
-from rotorid.predict import predict
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "emps"
@@ -109,7 +109,7 @@ def test_without_periods(folder: Path) -> None:
     for name, value in WITHOUT_PERIODS.items():
         assert found.value(name) == pytest.approx(value, rel=0.005), name
         assert abs(found.value(name) - PUBLISHED[name][0]) < found.std(name)
-    assert {"low-pass", "left out", "blocks"} <= {c.check for c in found.checks}
+    assert {"low-pass", "left out", "blocks"} <= {c.about for c in found.checks}
     error = found.prediction["F"]
     assert error is not None
     assert error.relative_error == pytest.approx(0.0394, abs=0.0005)

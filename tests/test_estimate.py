@@ -7,16 +7,18 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from bank import BANK, JEFFCOTT, THREE_MASS, Grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from severities import causes
 
-from rotorid.errors import InputError, ReadError
-from rotorid.estimate import Estimate, check_units
-from rotorid.estimate_parts import (
+from rotorid import Batch, LeastSquares, Sequential
+from rotorid.answer.estimate import Estimate, check_units
+from rotorid.answer.parts import (
     Alternative,
     EquationMisfit,
     LineMisfit,
@@ -27,9 +29,9 @@ from rotorid.estimate_parts import (
     Suspect,
     Value,
 )
-from rotorid.estimators import Batch, LeastSquares, Sequential
-from rotorid.record import Check
-from rotorid.result_file import load_estimate
+from rotorid.answer.result_file import load_estimate
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.notes import Note, Severity
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
@@ -37,7 +39,19 @@ DEVIATIONS = st.none() | FINITE.map(abs)
 ROOTS = st.floats(-1e100, 1e100).map(lambda x: x if abs(x) > 1e-100 else 0.0)
 ASSIGNMENTS = st.lists(st.tuples(NAMES, FINITE), max_size=3).map(tuple)
 SOURCES = st.lists(st.builds(SourceFile, NAMES, NAMES), max_size=2).map(tuple)
-VERDICTS = st.sampled_from(["ok", "note", "warning", "refused"])
+
+NOTES = st.builds(
+    Note,
+    NAMES,
+    st.sampled_from(get_args(Severity)),
+    NAMES,
+    NAMES,
+    st.lists(NAMES, max_size=2).map(tuple),
+    DEVIATIONS,
+    NAMES,
+    DEVIATIONS,
+    DEVIATIONS,
+)
 
 
 @st.composite
@@ -62,13 +76,10 @@ def estimates(draw):
         derived=tuple(draw(st.lists(bare, max_size=3))),
         covariance=root @ root.T,
         misfit=draw(st.none() | st.builds(Misfit, FINITE, FINITE, st.integers(0, 999), FINITE)),
-        suspects=tuple(
-            draw(st.lists(st.builds(Suspect, NAMES, FINITE, DEVIATIONS, DEVIATIONS), max_size=3))
-        ),
+        notes=tuple(draw(st.lists(NOTES, max_size=5))),
         prediction=draw(st.dictionaries(NAMES, st.none() | st.builds(Prediction, FINITE))),
         lines_hz=tuple(draw(st.lists(FINITE, max_size=3))),
         periods=draw(st.integers(0, 10**6)),
-        warnings=tuple(draw(st.lists(NAMES, max_size=3))),
         condition_number=draw(DEVIATIONS),
         line_misfit=tuple(
             draw(st.lists(st.builds(LineMisfit, st.integers(0, 9), FINITE, FINITE, FINITE)))
@@ -77,7 +88,6 @@ def estimates(draw):
             draw(st.lists(st.builds(EquationMisfit, st.integers(0, 9), NAMES, FINITE, FINITE)))
         ),
         alternatives=tuple(draw(st.lists(st.builds(Alternative, FINITE, ASSIGNMENTS)))),
-        checks=tuple(draw(st.lists(st.builds(Check, NAMES, NAMES, NAMES, VERDICTS)))),
         provenance=draw(st.none() | st.builds(Provenance, SOURCES, NAMES, NAMES, NAMES)),
     )
 
@@ -90,6 +100,7 @@ def test_writing_then_reading_is_the_identity(estimate, tmp_path_factory):
     assert load_estimate(path) == estimate
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("method", [LeastSquares, Batch, Sequential])
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)
 def test_results_of_the_bank(problem, method, tmp_path):
@@ -179,7 +190,7 @@ def test_rows_of_version_2():
 
 def test_a_file_of_version_1_still_loads(tmp_path):
     data = json.loads(json.dumps(VALID))
-    for key in ("alternatives", "checks", "provenance", "equation_misfit"):
+    for key in ("alternatives", "checks", "provenance", "equation_misfit", "notes"):
         del data[key]
     data["schema"] = "rotorid-estimate/1"
     data["suspects"] = [{"term": "damping", "drop": 2.0}]
@@ -188,7 +199,17 @@ def test_a_file_of_version_1_still_loads(tmp_path):
     found = load_estimate(path)
     assert found.suspects == (Suspect("damping", 2.0),)
     assert (found.alternatives, found.checks, found.provenance) == ((), (), None)
+    assert found.warnings == ("above its noise",)
     assert found.value("a") == 1.0
+
+
+def test_a_file_without_notes_has_its_warnings_and_checks(tmp_path):
+    path = tmp_path / "words.json"
+    path.write_text(json.dumps({k: v for k, v in VALID.items() if k != "notes"}), "utf-8")
+    found = load_estimate(path)
+    views = ("warnings", "checks", "suspects")
+    assert {k: found.to_dict()[k] for k in views} == {k: VALID[k] for k in views}
+    assert found.checks == (Note("clipping", "warns", "3 samples", on=("x1",)),)
 
 
 def test_a_file_of_a_later_version_is_refused_by_name(tmp_path):
@@ -332,6 +353,7 @@ def test_repr_fits_a_screen():
     assert "ml: ok; parameter0 = 0, parameter1 = 1e+05" in text
 
 
+@pytest.mark.slow
 def test_data_frame():
     frame = estimate_of(derived=(Value("c", "m", 3.0, 0.5),)).to_frame()
     assert list(frame.columns) == ["kind", "unit", "value", "std", "std_inflated", "fixed"]
@@ -382,9 +404,12 @@ VALID = Estimate(
     covariance=np.array([[0.01]]),
     prediction={"F": Prediction(0.1)},
     misfit=Misfit(1.0, 1.0, 3, 0.5),
-    suspects=(Suspect("damping", 2.0, 0.5, 3.0, "N s/m"),),
+    notes=(
+        *causes(Suspect("damping", 2.0, 0.5, 3.0, "N s/m")),
+        Note("clipping", "warns", "3 samples", on=("x1",)),
+        Note("misfit", "doubts", "above its noise"),
+    ),
     alternatives=(Alternative(1.5, (("a", 2.0),)),),
-    checks=(Check("clipping", "x1", "3 samples", "warning"),),
     provenance=Provenance((SourceFile("a.csv", "00"),), "model = 1", "0.1", "rotorid identify"),
 ).to_dict()
 JUNK = [None, "x", 3, -1.5, [], {}, [1], {"a": 1}, [[1, 2], [3]], True, 10**400, "nan"]
@@ -404,7 +429,16 @@ def test_a_damaged_file_is_read_or_refused(key, junk, drop):
 @settings(max_examples=200, deadline=None)
 @given(
     st.sampled_from(
-        ["parameters", "misfit", "suspects", "prediction", "alternatives", "checks", "provenance"]
+        [
+            "parameters",
+            "misfit",
+            "suspects",
+            "prediction",
+            "alternatives",
+            "checks",
+            "notes",
+            "provenance",
+        ]
     ),
     st.sampled_from(
         ["name", "value", "std", "fixed", "cost", "drop", "F", "parameters", "verdict", "files"]

@@ -11,7 +11,7 @@ from working_folder import make
 
 from rotorid import cli
 from rotorid.commands import NO_ANSWER, OK, WRONG_INPUT
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 
 OUTPUTS = ["--json", "new.json", "--report", "new.html"]
 COMMANDS = {
@@ -138,6 +138,7 @@ def test_an_error_is_one_line(
     assert sorted(here.iterdir()) == before
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("command", sorted(WORK))
 @pytest.mark.parametrize("error", [MemoryError(), KeyError("x")], ids=["memory", "key"])
 def test_wherever_it_is_raised(
@@ -156,6 +157,7 @@ def test_wherever_it_is_raised(
         assert sorted(here.iterdir()) == before
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"sensitivity"}))  # it asks for a sweep
 def test_the_commands_of_these_tests_work(
     command: str, here: Path, capsys: pytest.CaptureFixture[str]
@@ -193,7 +195,9 @@ def test_a_report_that_fails_spares_the_answer(
 def test_figures_that_cannot_be_written_are_shown(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rotorid.writing.os.fsync", raiser(OSError(28, "No space left on device")))
+    monkeypatch.setattr(
+        "rotorid.core.files.os.fsync", raiser(OSError(28, "No space left on device"))
+    )
     before = sorted(here.iterdir())
     assert cli.run(["identify", "run.toml", *OUTPUTS]) == WRONG_INPUT
     printed = capsys.readouterr()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.experiment.names import dynamics_of
 from rotorid.experiment.schema import DynamicsEntry
 
@@ -141,6 +141,7 @@ def test_a_sensor_of_a_combination(folder: Path) -> None:
     check_truth(estimate(experiment))
 
 
+@pytest.mark.slow
 def test_several_records_with_channels_of_their_own(folder: Path) -> None:
     write(folder / "fast.h5", speed=2 * SPEED)
     text = (
@@ -461,8 +462,8 @@ def test_a_sample_is_looked_over_for_gaps_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the file to every method: what was read in blocks, and what was cut, is not again."""
-    from rotorid import record
-    from rotorid.signals import block_average
+    from rotorid.data import record
+    from rotorid.signals import average as block_average
 
     looked_over = []
 

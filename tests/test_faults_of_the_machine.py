@@ -26,7 +26,7 @@ SLOW = [
     "-c",
     """
 import os, sys, time
-import rotorid.writing as writing
+import rotorid.core.files as writing
 class Slow:
     def __getattr__(self, name):
         found = getattr(os, name)
@@ -100,6 +100,7 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(here: Path) -> None:
     assert content(here) == before
 
 
+@pytest.mark.slow
 def test_an_output_that_is_full(here: Path) -> None:
     found = run("identify", "run.toml", "--json", "full.json", out="/dev/full")
     assert found.returncode == 2
@@ -110,6 +111,7 @@ def test_an_output_that_is_full(here: Path) -> None:
     assert run("identify", "none.toml", err="/dev/full").returncode == 2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)], ids=str)
 def test_closed_descriptors(here: Path, closed: tuple[int, ...]) -> None:
     """No file that is opened takes the place of a closed output, and gets its text."""
@@ -138,6 +140,7 @@ def test_a_reader_that_has_gone(here: Path, command: list[str]) -> None:
     assert found.stderr == ""
 
 
+@pytest.mark.slow
 def test_a_terminal_that_lacks_letters(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONIOENCODING", "cp1252")
     text = (here / "run.toml").read_text().replace('"run.csv"', '"läuft 日.csv"')
@@ -158,7 +161,7 @@ def test_a_signal_leaves_no_part_of_a_file(
     number: signal.Signals,
 ) -> None:
     before = content(here)
-    monkeypatch.setattr("rotorid.writing.os.fsync", lambda _: os.kill(os.getpid(), number))
+    monkeypatch.setattr("rotorid.core.files.os.fsync", lambda _: os.kill(os.getpid(), number))
     old = signal.signal(number, cli._stop)
     try:
         assert cli.run(["identify", "run.toml", "--json", "new.json", "-q"]) == 128 + number

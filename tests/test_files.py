@@ -12,12 +12,12 @@ import pytest
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.errors import InputError, ReadError
-from rotorid.files import check_beside, check_regular, open_regular, read_regular
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.files import check_beside, check_regular, open_regular, read_regular
+from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES, TOML_BYTES, TOML_VALUES
+from rotorid.core.toml import parse_toml
 from rotorid.io import READERS, open_table
-from rotorid.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES, TOML_BYTES, TOML_VALUES
 from rotorid.rig.file import load_rig
-from rotorid.toml import parse_toml
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -115,7 +115,7 @@ def test_a_pipe_put_in_the_place_of_a_file(tmp_path: Path, monkeypatch: pytest.M
     """Between the look at a file and its opening: it is opened without waiting, and looked at."""
     path = tmp_path / "run.toml"
     os.mkfifo(path)
-    monkeypatch.setattr("rotorid.files.check_regular", lambda *_: None)
+    monkeypatch.setattr("rotorid.core.files.check_regular", lambda *_: None)
     with pytest.raises(ReadError, match="found a pipe"):
         open_regular(path)
 

@@ -18,16 +18,16 @@ from sampled_bank import (
 )
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators.by_samples import CLEAR, DOUBTFUL, LOWER, MOVED, SURE
-from rotorid.estimators.sampled import NOISY, SLOW, SampledRegression
-from rotorid.filtered import SPILLED
-from rotorid.observation import bind
+from rotorid.core.errors import InputError
+from rotorid.data.filtered import SPILLED
+from rotorid.data.observation import bind
+from rotorid.linear.by_samples import CLEAR, DOUBTFUL, LOWER, MOVED, SURE
+from rotorid.linear.equations import NOISY, SLOW, SampledRegression
 from rotorid.results.evidence import record_evidence
 
 
 def told(estimate: rid.Estimate, check: str) -> str:
-    return next(c.found for c in estimate.checks if c.check == check)
+    return next(c.found for c in estimate.checks if c.about == check)
 
 
 def pulls(estimate: rid.Estimate, truth: dict[str, float]) -> np.ndarray:
@@ -158,7 +158,7 @@ def test_a_rest_is_left_out_of_what_holds_its_sign() -> None:
     assert len(shown.channels[0].wave_measured) == len(number) > 100
     # An axis that merely turns round is not at rest.
     turning = rid.identify(AXIS, rid.filtered(axis(np.random.default_rng(0)), 40.0), "ls")
-    assert "at rest" not in {c.check for c in turning.checks}
+    assert "at rest" not in {c.about for c in turning.checks}
 
 
 def test_how_much_may_lie_on_what_is_left_out() -> None:
@@ -195,7 +195,7 @@ def test_rotation_of_any_course(varying: bool) -> None:
     assert found.status == "ok"
     assert np.abs(pulls(found, truth)).max() < 4
     assert found.std("m*xi") < 1e-6
-    assert "speed" not in {c.check for c in found.checks}
+    assert "speed" not in {c.about for c in found.checks}
 
 
 @pytest.mark.parametrize(("creep", "rests"), [(0.8, True), (1.3, False)])
@@ -266,7 +266,7 @@ def test_a_bias_that_no_deviation_covers_is_turned_away(
     sure: float, status: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The lower cut-off moves this mass by 3.5 deviations; six are no answer."""
-    monkeypatch.setattr("rotorid.estimators.by_samples.SURE", sure)
+    monkeypatch.setattr("rotorid.linear.by_samples.SURE", sure)
     record = axis(np.random.default_rng(0), position_noise=2e-5)
     assert rid.identify(AXIS, rid.filtered(record, 100.0), "ls").status == status
 
@@ -398,6 +398,7 @@ def test_deviations_cover(kind: str) -> None:
     assert (rms < 1.25).all()
 
 
+@pytest.mark.slow
 def test_deviations_cover_at_all() -> None:
     """A few records, so that a mistake by a factor shows at once."""
     lows = [rid.filtered(axis(np.random.default_rng(s)), 40.0, decimate=10) for s in range(12)]

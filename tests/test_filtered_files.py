@@ -153,6 +153,7 @@ cf2 = { unit = "N m" }
 '''
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not (DATA / "double-pendulum").exists(),
     reason=f"no double pendulum in {DATA}; name that folder in ROTORID_DATA",

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import rotorid
-from rotorid.frozen import frozen
+from rotorid.core.frozen import frozen
 
 
 @frozen
@@ -121,7 +121,7 @@ def test_every_value_of_the_package_is_made_by_it():
         own += [
             (path.name, kind.name) for kind, text in decorators if text == "dataclass(frozen=True)"
         ]
-    assert not own, "take rotorid.frozen"
+    assert not own, "take rotorid.core.values"
 
 
 def test_the_methods_are_shared():

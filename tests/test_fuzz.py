@@ -39,6 +39,7 @@ def fuzz(*arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_some_damaged_files() -> None:
     assert "nothing found" in fuzz("--each", "15", "--seed", str(SEED), *FAST)
 
@@ -82,6 +83,7 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]
     return {outcome["name"]: outcome for outcome in json.loads(target.read_text())}
 
 
+@pytest.mark.sampled(63)
 @pytest.mark.parametrize("name", CASES)
 def test_corpus(name: str, corpus: dict[str, dict[str, Any]]) -> None:
     assert not corpus[name]["faults"], corpus[name]

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.io.opening import READERS
 from rotorid.models import parse_model
 
@@ -63,6 +63,7 @@ def grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
 TERMS = st.recursive(ATOMS, grown, max_leaves=30)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(TERMS, st.integers(1, 12))
 def test_nested_roots_and_powers_are_read_or_refused_in_time(term: str, repeats: int) -> None:
@@ -200,6 +201,7 @@ def laid(folder: Path, force: float = 1.0, motion: float = 1.0) -> None:
     (folder / "experiment.toml").write_bytes(good.OF_CSV)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.sampled_from(["ls", "ml", "batch"]),

@@ -5,8 +5,8 @@ import pytest
 from good_records import ROTORS, informs, listed, rotor_bound
 from rotor_bank import SETTINGS, rotor_case
 
-from rotorid.estimators import MaximumLikelihood
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
 
 
 @pytest.mark.parametrize(

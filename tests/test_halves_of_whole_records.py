@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import rotorid as rid
-from rotorid.estimators.likelihood.halves import answers_of_windows
+from rotorid.likelihood.doubts import answers_of_windows
 
 MODEL = """
 title = "a mass on a spring, held by a loop"
@@ -50,6 +50,7 @@ def answer(each: rid.Record) -> rid.Estimate:
     return rid.identify(rid.models.parse_model(MODEL), lines, "ml")
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_a_record_in_which_nothing_changed() -> None:
     for seed in range(4):
         found = answer(record(np.random.default_rng(seed)))

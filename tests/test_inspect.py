@@ -52,6 +52,7 @@ def test_without_a_fundamental_the_period_is_found(
     assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone(rig: Path) -> None:
     page = rig / "found.html"
     assert run(["inspect", str(rig / "rig.toml"), "--report", str(page)]) == 0

@@ -26,6 +26,7 @@ def test_mistakes_are_named(folder: Path) -> None:
     assert not [v.mistake.what for v in verdicts if v.status == "ok"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", ["3 % too much gain of x1", "column x2 for x1 too"])
 def test_a_mistake_is_named(folder: Path, what: str) -> None:
     (mistake,) = [m for m in MISTAKES if m.what == what]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimators import by_name
-from rotorid.linalg import SENSORS, sensor_rank
-from rotorid.observation import bind
+from rotorid.answer.identify import by_name
+from rotorid.core.linalg import SENSORS, sensor_rank
+from rotorid.data.observation import bind
 
 MODEL = rid.load_model("jeffcott")
 METHODS = ("ls", "batch", "sequential", "ml")

@@ -8,8 +8,8 @@ import pytest
 from coast_down import MODEL, TRUTH, run_down
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.order_tracking import BENT
+from rotorid.core.errors import InputError
+from rotorid.data.order_tracking import BENT
 
 JEFFCOTT = rid.parse_model(MODEL)
 TRIAL = 5e-5 + 2e-5j
@@ -112,6 +112,7 @@ def test_backward() -> None:
     assert estimate.value("k") == pytest.approx(TRUTH["k"], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_run_down_too_fast_to_settle_is_told() -> None:
     """At 60 N s/m the motion decays with 6 1/s, and 26 rad/s^2 are most of its square."""
     table = rid.phasors(run_down(np.random.default_rng(3), 1e-6, damping=60.0))
@@ -215,6 +216,7 @@ def load(folder: Path, text: str) -> rid.Experiment:
     return rid.load_experiment(folder / "experiment.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mark", ['angle = { column = "phi", unit = "rad" }', 'keyphasor = "kp"'])
 def test_an_experiment_file_of_samples(folder: Path, mark: str) -> None:
     text = CUT.replace('angle = { column = "phi", unit = "rad" }', mark)

@@ -7,8 +7,8 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.phasor_lines import phasor_lines
+from rotorid.core.errors import InputError
+from rotorid.data.tables import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 TRUE = rid.parse_model(MODEL)

@@ -42,6 +42,7 @@ def python_of(page: Path) -> list[str]:
 WITH_PYTHON = [p for p in PAGES if python_of(p) and p.name not in ELSEWHERE]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
 def test_python_of_every_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

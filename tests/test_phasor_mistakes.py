@@ -10,9 +10,9 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, load, write
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators.likelihood import solver
-from rotorid.estimators.likelihood.table_leads import FAR, NEAR
+from rotorid.core.errors import InputError
+from rotorid.likelihood import solver
+from rotorid.likelihood.rivals_tables import FAR, NEAR
 
 TRIAL = 5e-5 + 2e-5j
 NOISE = 1e-6
@@ -86,6 +86,7 @@ def test_the_tables_as_they_are(tmp_path: Path) -> None:
     assert worst(estimate) < 3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("change", "old", "new", "told"),
     [
@@ -111,9 +112,10 @@ def test_a_mistake_is_told(tmp_path: Path, change: Change, old: str, new: str, t
     assert any(re.search(told, warning) for warning in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_a_silent_probe_is_seen_before_any_model(tmp_path: Path) -> None:
     estimate = measured(tmp_path, silent)
-    assert [(c.check, c.channel, c.verdict) for c in estimate.checks] == [
+    assert [(c.about, ", ".join(c.on), c.verdict) for c in estimate.checks] == [
         ("silent", "y", "warning")
     ]
 
@@ -136,9 +138,10 @@ def test_degrees_read_as_radians_are_refused(tmp_path: Path) -> None:
         measured(tmp_path, text=text)
 
 
+@pytest.mark.slow
 def test_radians_look_like_it(tmp_path: Path) -> None:
     checks = measured(tmp_path, in_radians).checks
-    assert {(c.check, c.channel, c.verdict) for c in checks} == {
+    assert {(c.about, ", ".join(c.on), c.verdict) for c in checks} == {
         ("phase unit", "x", "warning"),
         ("phase unit", "y", "warning"),
     }
@@ -181,6 +184,7 @@ def test_rad_per_s_for_hz_is_a_doubt_only(tmp_path: Path) -> None:
     assert any("6.283 times as large (Hz taken for rad/s)" in w for w in estimate.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "factor", "speed"), [(9, 1.1, 1.0), (4, 1.0, 10.0)])
 def test_a_row_that_is_wrong_is_found(
     tmp_path: Path, row: int, factor: float, speed: float
@@ -202,6 +206,7 @@ def test_a_row_that_is_wrong_is_found(
     assert re.search(where, estimate.warnings[0])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("std", "status", "told"),
     [
@@ -215,6 +220,7 @@ def test_a_std_that_is_no_std_is_told(tmp_path: Path, std: str, status: str, tol
     assert any(re.search(told, w) for w in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_one_probe_tells_phases_that_count_backward(tmp_path: Path) -> None:
     text = TWO.replace(
         'y = { amplitude = "ay", phase = "py", unit = "um", std = "1 um" }\n', ""
@@ -236,6 +242,7 @@ def test_forces_that_are_zero_set_no_scale(tmp_path: Path) -> None:
     assert any("trial mass" in w for w in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_a_row_beyond_all_hope_is_soon_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from coast_down import MODEL, RPM, TRUTH, coast
 
 import rotorid as rid
-from rotorid.phasor_lines import phasor_lines
+from rotorid.data.tables import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j
 NOISE = 2e-6
@@ -71,6 +71,7 @@ def derived(estimate: rid.Estimate) -> tuple[np.ndarray, np.ndarray]:
     return np.array([size, np.arctan2(u_y, u_x), critical]), spread
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", [stated, repeated])
 def test_a_few_coast_downs(table: Table) -> None:
     ratios, chances = errors(table, 20)

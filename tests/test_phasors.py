@@ -10,8 +10,8 @@ from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, wri
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.errors import InputError
-from rotorid.phasor_lines import phasor_lines
+from rotorid.core.errors import InputError
+from rotorid.data.tables import phasor_lines
 
 
 @pytest.fixture

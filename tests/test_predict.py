@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators.information import information
-from rotorid.predict import predict
-from rotorid.report.verdict import verdict_of
+from rotorid.answer.predict import predict
+from rotorid.core.errors import InputError
+from rotorid.linear.family import information
+from rotorid.report.estimate import verdict_of
 from rotorid.results.evidence import with_evidence
 from rotorid.rig.file import load_rig
 from rotorid.rig.lines import line_record

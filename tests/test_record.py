@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.signals.average import average
 
 TWO = (Channel("a", "N"), Channel("b", "m"))

@@ -9,11 +9,11 @@ from io_writers import write_responses
 
 import rotorid as rid
 from rotorid.cli import run
-from rotorid.errors import InputError
-from rotorid.estimators.likelihood.response_leads import ALIKE, GROWS, LEAST, NONE
-from rotorid.estimators.likelihood.verdict import MISFIT
-from rotorid.lines import SilentClock
-from rotorid.responses import FAINT, POOLED
+from rotorid.core.errors import InputError
+from rotorid.data.lines import SilentClock
+from rotorid.data.tables import FAINT, POOLED
+from rotorid.likelihood.doubts import MISFIT
+from rotorid.likelihood.rivals_tables import ALIKE, GROWS, LEAST, NONE
 
 CHAIN = """
 title = "three masses in a row"
@@ -217,6 +217,7 @@ class TestMistakes:
         assert result.status == "rejected"
         assert any("set lag = true in the channels" in w for w in result.warnings)
 
+    @pytest.mark.slow
     def test_damping_below_zero_by_chance_is_no_growth(self) -> None:
         """A model without damping, and one whose damping is zero within its deviation."""
         assert (GROWS, NONE) == (3.0, 1e-9)
@@ -240,6 +241,7 @@ class TestMistakes:
         assert result.status != "ok"
         assert result.suspects[0].term == "sign[x3]"
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(("changed", "term"), [(np.conj, "lag"), (np.negative, "sign[force]")])
     def test_what_is_mistaken_of_all_is_named_first(
         self, changed: Callable[[np.ndarray], np.ndarray], term: str
@@ -273,6 +275,7 @@ class TestMistakes:
         assert result.suspects[0].term == "derivative"
         assert "responses of accelerations, where positions are said" in result.warnings[0]
 
+    @pytest.mark.slow
     def test_frequencies_in_another_unit_are_doubted(self) -> None:
         """No response tells: all masses are 39 times less, and the start is all there is."""
         found, coherence = thinned()
@@ -282,6 +285,7 @@ class TestMistakes:
 
 
 class TestBesideModes:
+    @pytest.mark.slow
     def test_one_that_contradicts_the_responses_is_named(self) -> None:
         """The records lead the search: a frequency that is 100 deviations off does not."""
         found, coherence = averaged(np.random.default_rng(1), 20)
@@ -372,6 +376,7 @@ def identified(experiment: rid.Experiment) -> rid.Estimate:
 
 
 class TestFiles:
+    @pytest.mark.slow
     def test_a_table_is_inspected(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         polar = "amplitude = 'a1', phase = 'p1', coherence = 'c1', unit = 'um/N'"
         load(folder, f"x1 = {{ input = 'F', {polar} }}")
@@ -515,6 +520,7 @@ class TestWindow:
         result = estimate(found[::2], [X1], **thin)
         assert not any("neighbouring lines" in w for w in result.warnings)
 
+    @pytest.mark.slow
     def test_fewer_than_fifty_lines_are_not_judged(self) -> None:
         assert (ALIKE, LEAST, MISFIT) == (0.2, 50, 1e-3)
         found, coherence = self.averaged(np.random.default_rng(3))

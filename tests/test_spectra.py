@@ -12,15 +12,15 @@ import pytest
 from scipy.linalg import expm
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.likelihood import fit
-from rotorid.identify import identify
-from rotorid.record import Channel, Record
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
+from rotorid.data.whole_record import TRANSIENT, spectra
+from rotorid.likelihood import fit
 from rotorid.signals import local_polynomial
+from rotorid.signals.checks.rotation import MUCH, shown_rotation
 from rotorid.signals.local_polynomial import columns_of, half_width, local_covariance
-from rotorid.signals.rotation_line import MUCH, shown_rotation
-from rotorid.spectra import TRANSIENT, spectra
 
 MODEL = rid.load_model("jeffcott")
 TRUTH = {"m": 5.0, "c": 500.0, "k": 4e5, "xi": 2e-5, "zeta": -1e-5}
@@ -74,6 +74,7 @@ def lines_of(record, **more):
     return spectra(record, (2.0, 200.0), references=["r_x", "r_y"], **more)
 
 
+@pytest.mark.slow
 def test_closed_loop_with_references(record):
     """The rotation fits no line, the ends are loose, the loop feeds noise into the forces."""
     estimate = identify(MODEL, lines_of(record), KNOWN)
@@ -84,12 +85,14 @@ def test_closed_loop_with_references(record):
     assert estimate.std("k") < 2e-3 * TRUTH["k"]
 
 
+@pytest.mark.slow
 def test_a_quiet_record_tells_the_noise(record):
     estimate = identify(MODEL, lines_of(record, quiet=levitated(2, excitation=0.0)), KNOWN)
     assert estimate.status == "ok"
     assert np.abs(deviations(estimate)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_without_references_the_misfit_sees_the_closed_loop():
     """Inputs taken as free of noise, where the loop feeds the sensor's noise into them."""
     loud = levitated(1, excitation=5.0, noise_std=1e-5)
@@ -101,6 +104,7 @@ def test_without_references_the_misfit_sees_the_closed_loop():
     assert first.endswith("give references or a quiet record first")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("order", "low"), [(None, 1.5), (0, 1.1)])
 def test_the_transient_is_needed(record, order, low):
     lines = lines_of(record)
@@ -142,6 +146,7 @@ def test_a_speed_less_than_a_line_off_is_named(record, off):
     assert re.search(r"correct speed: 3682\.[12]\d? rpm", estimate.warnings[0])
 
 
+@pytest.mark.slow
 def test_hum_beside_the_rotation_is_not_taken_for_it(record):
     """At the speed of the hum nothing is explained: the answer stays that of the speed stated."""
     time = np.arange(len(record.samples)) / RATE

@@ -86,6 +86,7 @@ def test_what_is_not_needed_is_not_loaded(
     assert printed in out
 
 
+@pytest.mark.slow
 def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) -> None:
     """No algebra, no formats but the file's own, no other method, no pictures."""
     path = tmp_path / "run.toml"
@@ -115,9 +116,3 @@ def test_public_names_are_there_and_listed() -> None:
     assert rid.__version__
     with pytest.raises(AttributeError, match="nothing"):
         _ = rid.nothing
-
-
-def test_a_function_wins_over_the_module_of_its_name() -> None:
-    """`rid.identify` is the function, whichever was imported first."""
-    code = "import rotorid.identify, rotorid.predict; import rotorid as rid; "
-    assert loaded(code + "print(callable(rid.identify), callable(rid.predict))")[1] == "True True\n"

@@ -1,6 +1,6 @@
 """Tables: one description, as text and as HTML."""
 
-from rotorid.tables import page_html, page_text, table
+from rotorid.core.tables import page_html, page_text, table
 
 SHOWN = table(
     ("name", "value", "unit", "note"),

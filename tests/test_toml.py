@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from rotorid.errors import ReadError
-from rotorid.toml import Schema, parse_toml, read_toml
+from rotorid.core.errors import ReadError
+from rotorid.core.toml import Schema, parse_toml, read_toml
 
 
 class Row(Schema):

@@ -8,9 +8,11 @@ import pytest
 from coast_down import RPM, coast, identify, write
 from test_own_parameters import MODEL, TRIAL, text
 
-from rotorid.estimators.likelihood import suspects, trial_leads
-from rotorid.estimators.likelihood.nuisances import Own, Unknown
-from rotorid.estimators.likelihood.nuisances.phase import Phase
+from rotorid.likelihood import rivals_channels
+from rotorid.likelihood import rivals_stated as trial_leads
+from rotorid.likelihood.effects import Replaces
+from rotorid.likelihood.unknowns import Own, Scalar
+from rotorid.likelihood.unknowns.rotor_angle import Phase
 
 SAT = np.degrees(np.angle(TRIAL))
 
@@ -31,6 +33,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "trial",
     [-TRIAL, TRIAL.conjugate(), TRIAL * np.exp(1.2j)],
@@ -49,6 +52,7 @@ def test_a_trial_mass_at_a_wrong_angle(folder: Path, trial: complex) -> None:
     assert "unknown" not in first
 
 
+@pytest.mark.slow
 def test_the_files_of_two_runs_exchanged(folder: Path) -> None:
     exchanged = text().replace("bare.csv", "other.csv").replace("run.csv", "bare.csv")
     estimate = identify(folder, exchanged.replace("other.csv", "run.csv"))
@@ -61,16 +65,20 @@ def test_the_files_of_two_runs_exchanged(folder: Path) -> None:
 def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> None:
     lines = SimpleNamespace(names=("x",), passive=True)
     records = [SimpleNamespace(lines=lines)] * 5
-    given, asked = Unknown("t_x", "kg m", 1.0, 0.0), Unknown("t_x", "kg m", 1.0)
-    own = [Own((u,), k, 0, False) for k, u in ((0, given), (2, given), (4, asked))]
+    given, asked = Scalar("t_x", "kg m", 1.0, 0.0), Scalar("t_x", "kg m", 1.0)
+    own = [
+        Own((u,), frozenset("t"), 0, False, record=k)
+        for k, u in ((0, given), (2, given), (4, asked))
+    ]
     layout = SimpleNamespace(nuisances=own)
     case = SimpleNamespace(records=records, prepared=SimpleNamespace(layout=layout))
-    found = trial_leads.exchanges(case)
+    found = list(trial_leads._exchanges(case))
     pairs = ["0, 1", "0, 2", "0, 3", "0, 4", "1, 2", "2, 3"]
     assert [lead.term for lead in found] == [
         f"swap[record {pair.replace(', ', ', record ')}]" for pair in pairs
     ]
-    assert found[3].undo([0, 1, 2, 3, 4]) == [4, 1, 2, 3, 0]
+    case.reading = lambda change: change([0, 1, 2, 3, 4])
+    assert found[3].change(case) == [4, 1, 2, 3, 0]
 
 
 @pytest.mark.parametrize(("off", "found"), [(0.9e-9, True), (1.1e-9, False)])
@@ -81,11 +89,11 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
     load = np.array([1.0, -1j])
     loads = {0: load, 1: way * load * (1 + off)}
     monkeypatch.setattr(trial_leads, "_columns", lambda case, parameters: loads)
-    unknown = Unknown("t", "kg m", 1.0, 0.0)
-    places = [(Own((unknown,), 1, k, False), np.array([k])) for k in (0, 1)]
+    unknown = Scalar("t", "kg m", 1.0, 0.0)
+    replaced = [(1, Replaces(k, False), k) for k in (0, 1)]
     layout = SimpleNamespace(
         base=False,
-        places=lambda: places,
+        replaced=replaced,
         load_only=lambda: {0, 1},
         unknowns=[unknown] * 2,
         start=np.array([1.0, 0.0]),
@@ -98,10 +106,9 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
 @pytest.mark.parametrize("table", [True, False])
 def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table: bool) -> None:
     """A table has no key that sets its phase free."""
-    monkeypatch.setattr(suspects, "is_table", lambda record: table)
+    monkeypatch.setattr(rivals_channels, "is_table", lambda record: table)
     monkeypatch.setattr(Phase, "later", lambda records, starts: [Phase.of(1)])
     layout = SimpleNamespace(index={})
     case = SimpleNamespace(records=["bare", "run"], prepared=SimpleNamespace(layout=layout))
-    (option,) = suspects._Search(None, case, np.zeros(0), None, 1.0)._angles((0.0,))
-    assert ('phase = "unknown"' in option.cure) != table
-    assert ("add that angle" in option.cure) == table
+    (rival,) = rivals_channels._angles(case)
+    assert ('phase = "unknown"' in rival.small.unknown.cure) != table

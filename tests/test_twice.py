@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.experiment.twice import check_tables
-from rotorid.phasor_lines import phasor_lines
-from rotorid.responses import response_lines
+from rotorid.core.errors import InputError
+from rotorid.data.tables import phasor_lines, response_lines
+from rotorid.experiment.duplicates import check_tables
 
 MODEL = """
 title = "a mass on a damper, shaken by two"
@@ -65,7 +64,7 @@ def write(path: Path, values: dict[str, np.ndarray]) -> None:
 
 
 @pytest.fixture
-def load(tmp_path: Path) -> Callable[..., rid.experiment.loader.Experiment]:
+def load(tmp_path: Path) -> Callable[..., rid.Experiment]:
     """Load an experiment of records, each a file and what is said of it."""
     (tmp_path / "model.toml").write_text(MODEL)
 
@@ -323,6 +322,7 @@ def test_scatter_that_is_none_tells_nothing(load, tmp_path: Path) -> None:
     assert not any("scatters as" in text for text in second.warnings)
 
 
+@pytest.mark.slow
 def test_few_periods_may_be_alike_by_chance(load, tmp_path: Path) -> None:
     """Of n periods n - 1 are free, on each line: eight of these are needed."""
     write(tmp_path / "run.h5", columns())
@@ -371,8 +371,8 @@ def test_excerpts_of_one_measurement_that_overlap(
 
 
 def test_excerpts_that_are_read_in_blocks(load, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("rotorid.io.blocks.WORTH", 0)
-    monkeypatch.setattr("rotorid.io.blocks.ROWS", 100)
+    monkeypatch.setattr("rotorid.io.record.WORTH", 0)
+    monkeypatch.setattr("rotorid.io.record.ROWS", 100)
     values = columns()
     write(tmp_path / "run.h5", values)
     write(tmp_path / "later.h5", {name: one[137:] for name, one in values.items()})

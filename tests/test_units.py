@@ -5,9 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError
-from rotorid.unit_text import _by_pint, _by_table, _table
-from rotorid.units import check_unit, multiply_units, si_factor, to_si
+from rotorid.core.errors import InputError
+from rotorid.core.units import (
+    _by_pint,
+    _by_table,
+    _table,
+    check_unit,
+    multiply_units,
+    si_factor,
+    to_si,
+)
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 from adverse import FUNDAMENTAL, TURN
 
 import rotorid as rid
-from rotorid import validation
-from rotorid.estimate import Estimate
-from rotorid.record import PeriodicRecord
-from rotorid.validation import ChannelError, channel_errors, verdict_of
+from rotorid.answer import validation
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.validation import ChannelError, channel_errors, verdict_of
+from rotorid.data.record import PeriodicRecord
 
 
 def identified(kind: str, seed: int) -> tuple[adverse.Trial, Estimate]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rotorid.values import ByContent, read_only, same
+from rotorid.core.values import ByContent, read_only, same
 
 
 @dataclass(frozen=True, eq=False)

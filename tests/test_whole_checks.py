@@ -7,7 +7,7 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.estimators import gate
+from rotorid.answer.judge import of_data
 
 
 @pytest.fixture(scope="module")
@@ -20,16 +20,18 @@ def lines_of(record: rid.Record, samples: np.ndarray) -> rid.Lines:
     return rid.spectra(changed, (2.0, 120.0), references=["r_x", "r_y"])
 
 
+@pytest.mark.slow
 def test_a_channel_that_is_cut_at_a_limit_is_told(record: rid.Record) -> None:
     assert not lines_of(record, record.samples).checks
     samples, x = record.samples.copy(), record.names.index("x")
     limit = np.quantile(np.abs(samples[:, x]), 0.98)
     samples[:, x] = np.clip(samples[:, x], -limit, limit)
     estimate = rid.identify(MODEL, lines_of(record, samples), KNOWN)
-    told = [check for check in estimate.checks if check.check == "clipped"]
-    assert [(check.channel, check.verdict) for check in told] == [("x", "warning")]
+    told = [check for check in estimate.checks if check.about == "clipped"]
+    assert [(", ".join(check.on), check.verdict) for check in told] == [("x", "warning")]
 
 
+@pytest.mark.slow
 def test_references_that_are_not_logged_to_the_end_are_told(record: rid.Record) -> None:
     """What they drove counts as noise then: too little is left of it in the misfit."""
     samples = record.samples.copy()
@@ -47,7 +49,7 @@ def test_one_column_for_two_sensors_is_told(record: rid.Record) -> None:
     samples = record.samples.copy()
     samples[:, record.names.index("y")] = -2 * samples[:, record.names.index("x")]
     (told,) = lines_of(record, samples).checks
-    assert (told.check, told.channel, told.verdict) == ("copied", "x, y", "warning")
+    assert (told.about, ", ".join(told.on), told.verdict) == ("copied", "x, y", "warning")
     assert "y is -2 times x, noise and all" in told.found
 
 
@@ -59,6 +61,7 @@ def frozen(record: rid.Record, name: str, value: float | None = None) -> np.ndar
     return samples
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stops_is_refused(record: rid.Record) -> None:
     with pytest.raises(rid.InputError, match=r"stuck, x: .* from 3.4998 to 5 s.*check its cable"):
         rid.identify(MODEL, lines_of(record, frozen(record, "x")), KNOWN)
@@ -80,12 +83,12 @@ def test_a_reference_that_stops_is_told(record: rid.Record) -> None:
     """It makes deviations too wide, and no answer wrong; at zero an axis may have been at rest."""
     for value, verdict in ((None, "warning"), (0.0, "note")):
         (told,) = lines_of(record, frozen(record, "r_x", value)).checks
-        assert (told.check, told.channel, told.verdict) == ("stuck reference", "r_x", verdict)
+        assert (told.about, ", ".join(told.on), told.verdict) == ("stuck reference", "r_x", verdict)
     for value, verdict in ((7.0, "warning"), (0.0, "note")):
         samples = record.samples.copy()
         samples[:, record.names.index("r_x")] = value
         (told,) = lines_of(record, samples).checks
-        assert (told.channel, told.verdict) == ("r_x", verdict)
+        assert (", ".join(told.on), told.verdict) == ("r_x", verdict)
         assert "name the column of the excitation" in told.found
 
 
@@ -93,20 +96,18 @@ def test_references_of_which_none_moves_are_told(record: rid.Record) -> None:
     samples = record.samples.copy()
     samples[:, 4:] = 0.0
     told = lines_of(record, samples).checks
-    assert [(check.channel, check.verdict) for check in told] == [
+    assert [(", ".join(check.on), check.verdict) for check in told] == [
         ("r_x", "warning"),
         ("r_y", "warning"),
     ]
 
 
-def test_a_sensor_that_plays_with_its_last_digit_is_told_first(
-    record: rid.Record, stopped: rid.Estimate
-) -> None:
+def test_a_sensor_that_plays_with_its_last_digit_is_told_first(record: rid.Record) -> None:
     samples = record.samples.copy()
     samples[:, record.names.index("x")] = 4e-6 + 1e-8 * np.random.default_rng(1).integers(
         -1, 2, len(samples)
     )
     (told,) = lines_of(record, samples).checks
-    assert (told.check, told.channel, told.verdict) == ("quantized", "x", "warning")
-    (first, *_) = gate.seen_first(stopped, [told]).warnings
-    assert first.startswith("before any suspect, see to quantized, x: 4e-06 m in every sample")
+    assert (told.about, ", ".join(told.on), told.verdict) == ("quantized", "x", "warning")
+    (first,) = of_data([told], "rejected")
+    assert first.text.startswith("before any suspect, see to quantized, x: 4e-06 m in every sample")

@@ -10,18 +10,11 @@ from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.errors import InputError
-from rotorid.estimators.likelihood.nuisances import Nuisances
-from rotorid.estimators.likelihood.nuisances.phase import HELD, NEAR, Phase
-from rotorid.experiment.zero_of_angle import (
-    ALIKE,
-    LARGE,
-    SAME_SPEED,
-    TURNED,
-    Wave,
-    check_rotation,
-)
-from rotorid.observation import bind_all
+from rotorid.core.errors import InputError
+from rotorid.data.observation import bind_all
+from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
+from rotorid.likelihood.unknowns import Nuisances
+from rotorid.likelihood.unknowns.rotor_angle import HELD, NEAR, Phase
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -67,6 +60,7 @@ def identify(folder: Path, noise: str, y: str = 'y = { column = "py", unit = "um
     return json.loads((folder / "run.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("noise", ['references = ["ex", "ey"]', 'quiet = "quiet.csv"'])
 def test_a_record_without_periods_is_identified(folder: Path, noise: str) -> None:
     found = identify(folder, noise)
@@ -75,6 +69,7 @@ def test_a_record_without_periods_is_identified(folder: Path, noise: str) -> Non
         assert abs(row["value"] - TRUTH[row["name"]]) < 4 * row["std"], row
 
 
+@pytest.mark.slow
 def test_what_was_assumed_of_the_noise_is_said(folder: Path) -> None:
     assert any("free of noise" in warning for warning in identify(folder, "")["warnings"])
 
@@ -97,6 +92,7 @@ def test_what_does_not_go_together_is_refused(
     assert message in line
 
 
+@pytest.mark.slow
 def test_least_squares_asks_for_periods(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     identify(folder, 'references = ["ex", "ey"]')
     capsys.readouterr()
@@ -148,6 +144,7 @@ def turning_file(folder: Path, turning: str, second: str = "") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) -> None:
     """One unbalance would have two directions; fitted, it takes minutes to reject them."""
     speed = f'speed = "{SPEED * 30 / np.pi} rpm"'
@@ -163,6 +160,7 @@ def test_records_that_count_the_angle_from_two_zeros_are_refused(turning: Path) 
     assert len(rid.load_experiment(turning_file(turning, "")).records()) == 2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("turn", [2.0, 3.1, 4.5])
 def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     """From the other side of the circle the search ended nowhere, after minutes."""
@@ -184,6 +182,7 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     assert abs(np.angle(np.exp(1j * (phase.value - there)))) < 4 * phase.std
 
 
+@pytest.mark.slow
 def test_a_record_in_another_unit_is_refused(turning: Path) -> None:
     """Its rotation is a thousand times that of the other, which turns at the same speed."""
     told = f'speed = "{SPEED * 30 / np.pi} rpm"'

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rotorid.commands import console
-from rotorid.errors import InputError
-from rotorid.writing import Kind, check_apart, check_target, seen, write_files, write_whole
+from rotorid.core.errors import InputError
+from rotorid.core.files import Kind, check_apart, check_target, seen, write_files, write_whole
 
 KIND = Kind("rotorid test", rb'\{\s*"kind": "test"')
 
@@ -34,7 +34,7 @@ def test_a_disk_that_fills_names_the_users_file(
         target = tmp_path / f"{step}.json"
         target.write_text("old")
         with monkeypatch.context() as patch:
-            patch.setattr(f"rotorid.writing.os.{step}", lambda *_, **__: fail())
+            patch.setattr(f"rotorid.core.files.os.{step}", lambda *_, **__: fail())
             with pytest.raises(OSError, match="No space left on device") as found:
                 write_whole(target, b"new")
         assert found.value.filename == str(target)
@@ -147,7 +147,7 @@ def test_what_came_meanwhile_is_kept(
     new, old = tmp_path / "new.json", tmp_path / "old.json"
     old.write_text("old")
     if not linked:
-        monkeypatch.setattr("rotorid.writing.os.link", lambda *_: os.open(tmp_path / "none", 0))
+        monkeypatch.setattr("rotorid.core.files.os.link", lambda *_: os.open(tmp_path / "none", 0))
     found = {new: seen(new), old: seen(old)}
     assert found[new] is None
     write_files({new: lambda: b"mine", old: lambda: b"mine"}, found)
@@ -163,7 +163,7 @@ def test_what_came_meanwhile_is_kept(
             write_files({new: another, old: lambda: b"mine again"}, found)
         assert late.read_text() == "somebody else's"
     new.unlink()
-    monkeypatch.setattr("rotorid.writing.seen", lambda _: None)
+    monkeypatch.setattr("rotorid.core.files.seen", lambda _: None)
     new.write_text("in the last moment")
     with pytest.raises(InputError, match=r"new\.json: found a file that another program wrote"):
         write_files({new: lambda: b"mine"}, {new: None})

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import rotorid as rid
-from rotorid.predict import predict
+from rotorid.answer.predict import predict
 
 HERE = Path(__file__).parent
 

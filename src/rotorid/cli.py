@@ -24,8 +24,7 @@ from click.shell_completion import CompletionItem
 
 from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
 from rotorid.commands.console import STDOUT, put, silence
-from rotorid.errors import InputError, UnfinishedError
-from rotorid.screen import LINE, one_line
+from rotorid.core.errors import LINE, InputError, UnfinishedError, one_line
 
 MAX_RUNS = 100_000  # of the demonstration: a day's work
 MAX_SEED = 2**128 - 1  # what a generator keeps of it

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.actuators.entry import LawEntry
+from rotorid.force.entry import LawEntry
 
 MAGNET = {"law": "differential", "K": "5e-6 N m^2/A^2", "bias": "2 A", "gap": "0.4 mm"}
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.actuators import Differential, Flux, ForceReading, forces
-from rotorid.actuators.source import ForceSource
-from rotorid.record import Channel, LawConstant, Record
+from rotorid.data.record import Channel, LawConstant, Record
+from rotorid.force.laws import Differential, Flux
+from rotorid.force.reading import ForceReading, ForceSource, forces
 
 MAGNET = Differential(
     constant=4e-6,

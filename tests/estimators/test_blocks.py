@@ -6,7 +6,7 @@ from sampled_bank import coloured
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from rotorid.estimators.blocks import (
+from rotorid.linear.solve import (
     ALONE,
     BLOCKS,
     CHANCE,

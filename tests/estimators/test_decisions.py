@@ -1,7 +1,9 @@
 """Shares below which something is rounding, or said to follow: each with its reason beside it."""
 
-from rotorid.estimators import derived, gate, weighted
-from rotorid.estimators.likelihood import exact
+from rotorid.answer import derived
+from rotorid.answer import machine_checks as gate
+from rotorid.likelihood import doubts as exact
+from rotorid.linear import solve as weighted
 
 
 def test_what_is_rounding_and_what_is_not() -> None:

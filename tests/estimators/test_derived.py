@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bank import ARM, BANK, THREE_MASS, combination, table
 
-from rotorid.estimators.derived import base_from_physical, physical_from_base
+from rotorid.answer.derived import base_from_physical, physical_from_base
 from rotorid.models import parse_model
 
 RNG_SEED = 20

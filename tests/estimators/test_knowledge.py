@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from bank import ARM, JEFFCOTT, RIGID, THREE_MASS, TRAIN
 
-from rotorid.errors import InputError, ModelError
-from rotorid.estimators import Batch, Constraint, LeastSquares, Sequential
-from rotorid.estimators.family import pose
-from rotorid.estimators.knowledge import constraint_polynomial, eliminate
-from rotorid.observation import bind_all
+from rotorid import Batch, Constraint, LeastSquares, Sequential
+from rotorid.core.errors import InputError, ModelError
+from rotorid.data.observation import bind_all
+from rotorid.linear.family import pose
+from rotorid.models.priors import constraint_polynomial, eliminate
 
 FAMILY = (LeastSquares, Batch, Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)
@@ -34,6 +34,7 @@ CONSTRAINTS = [
 ]
 
 
+@pytest.mark.sampled(6)
 @family
 @pytest.mark.parametrize(("expression", "value"), CONSTRAINTS)
 def test_a_constraint_holds_exactly(method, expression, value):

@@ -25,12 +25,12 @@ from bank import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError
-from rotorid.estimators import Batch, LeastSquares, Sequential
-from rotorid.identify import identify
+from rotorid import Batch, LeastSquares, Sequential
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
 from rotorid.models import load_model, parse_model
 from rotorid.models.symbolic import to_sympy
-from rotorid.record import Channel, Record
 from rotorid.signals.average import average
 
 FAMILY = (LeastSquares, Batch, Sequential)
@@ -137,6 +137,7 @@ def by_hand(model, record, free_weight):
     return design, target, variance
 
 
+@pytest.mark.sampled(8)
 @family
 @bank
 @settings(max_examples=5, deadline=None)
@@ -173,6 +174,7 @@ def test_lengths_in_millimetres_give_the_same_answer(method):
     assert [v.value for v in second.parameters] == [v.value for v in first.parameters]
 
 
+@pytest.mark.sampled(8)
 @family
 @bank
 def test_the_order_of_channels_equations_and_records_changes_nothing(problem, method):
@@ -229,7 +231,7 @@ def test_two_speeds_tell_what_one_cannot(method):
 
     single = identify(model, record(2), method())
     assert single.status == "not_identifiable"
-    assert "c, g are determined only together" in single.warnings
+    assert "not identifiable: c, g are determined only together" in single.warnings
     assert single.value("m") == pytest.approx(2.0)
     both = identify(model, [record(0), record(5)], method())
     assert both.status == "ok"
@@ -321,6 +323,7 @@ def machines(draw):
     )
 
 
+@pytest.mark.sampled(1)
 @family
 @settings(max_examples=40, deadline=None)
 @given(problem=machines())
@@ -350,7 +353,7 @@ def test_standstill_tells_nothing_of_rotation(method):
     assert estimate.status == "not_identifiable"
     assert names_of(estimate, known=False) == open_names
     for name in open_names:
-        assert f"{name} is not determined" in estimate.warnings
+        assert f"not identifiable: {name} is not determined" in estimate.warnings
     for name in names_of(estimate, known=True):
         assert estimate.value(name) == pytest.approx(still.true_base[name], rel=1e-9)
     for name in ("L1", "L2", "k1"):  # what follows from the rest is still given
@@ -367,9 +370,9 @@ def test_one_line_tells_mass_and_stiffness_only_together(method):
     assert estimate.status == "not_identifiable"
     assert names_of(estimate, known=True) == {"c"}
     assert estimate.value("c") == pytest.approx(75.0)
-    assert "m, k are determined only together" in estimate.warnings
-    assert "m*xi is not determined" in estimate.warnings
-    assert "m*zeta is not determined" in estimate.warnings
+    assert "not identifiable: m, k are determined only together" in estimate.warnings
+    assert "not identifiable: m*xi is not determined" in estimate.warnings
+    assert "not identifiable: m*zeta is not determined" in estimate.warnings
 
 
 @family
@@ -393,7 +396,8 @@ def test_zeros_determine_nothing(method, still):
     estimate = method().estimate(silent.model, silent.records)
     assert estimate.status == "not_identifiable"
     assert names_of(estimate, known=True) == set()
-    assert all(f"{name} is not determined" in estimate.warnings for name in TRAIN.base)
+    lost = {note.found for note in estimate.notes if note.severity == "open"}
+    assert lost >= {f"{name} is not determined" for name in TRAIN.base}
     assert estimate.derived == ()
 
 
@@ -416,7 +420,7 @@ def test_equations_that_nothing_drives(method):
     estimate = method().estimate(parse_model(text), [record])
     assert estimate.status == "not_identifiable"
     assert names_of(estimate, known=False) == {"b", "h"}
-    assert any(w.startswith("b is in no row that") for w in estimate.warnings)
+    assert any(w.startswith("not identifiable: b is in no row that") for w in estimate.warnings)
 
 
 def test_a_known_term_drives_as_well_as_an_input():
@@ -455,7 +459,7 @@ def test_fewer_equations_than_unknowns():
     for method in FAMILY:
         estimate = method().estimate(HOIST.model, [record])
         assert estimate.status == "not_identifiable"
-        assert "c is not determined" in estimate.warnings
+        assert "not identifiable: c is not determined" in estimate.warnings
         assert estimate.value("m") == pytest.approx(0.5 / 9.81)
 
 
@@ -618,6 +622,7 @@ SEED_NOISE = {
 }
 
 
+@pytest.mark.slow
 def test_ls_is_biased_where_the_others_are_not():
     """The attenuation of theory.md: noise in the regressors of rows without an input."""
     rng = np.random.default_rng(11)

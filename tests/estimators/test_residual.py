@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from severities import doubting, rejecting
 
 import rotorid as rid
-from rotorid.estimators import gate
-from rotorid.estimators.expectation import Expectation
-from rotorid.estimators.residual import Fitted, misfit
+from rotorid.answer import machine_checks as gate
+from rotorid.core.distributions import Expectation
+from rotorid.linear.solve import Fitted, misfit
 
 FAMILY = ("ls", "batch", "sequential")
 FREE, LINES, ROWS = 3, 6, 2
@@ -44,6 +45,7 @@ def drawn_equations(rng, dof=10**12):
     return draw
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", range(3))
 def test_mean_and_variance_are_those_of_the_residual(number):
     rng = np.random.default_rng([5, number])
@@ -92,6 +94,7 @@ def shaken(rng, apart=1.0, position=3e-7, periods=40):
     return rid.average(rid.Record(channels, noisy, 5000.0), 20.0, harmonics=HARMONICS)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", FAMILY)
 def test_a_right_model_is_what_its_noise_leaves(method, monkeypatch):
     chances, judge = [], gate.residual
@@ -114,6 +117,7 @@ def test_a_wrong_model_is_turned_away(method):
     assert estimate.prediction["F_y"].relative_error < gate.UNPREDICTED
 
 
+@pytest.mark.slow
 def test_the_bias_of_noise_is_that_of_many_records(monkeypatch):
     """What halves tell of a bias is, in the mean, by what many answers are off."""
     told, judge = [], gate.noise_bias
@@ -133,8 +137,8 @@ def test_the_bias_of_noise_is_that_of_many_records(monkeypatch):
 def test_a_bias_is_told_and_then_turned_away():
     std = np.array([1.0, 0.0])
     for bias, doubts, faults in ((0.9, 0, 0), (-1.1, 1, 0), (9.9, 1, 0), (-10.1, 0, 1)):
-        verdict = gate.noise_bias(["m", "fixed"], np.array([bias, 99.0]), std)
-        assert (len(verdict.doubts), len(verdict.faults)) == (doubts, faults)
+        notes = list(gate.noise_bias(["m", "fixed"], np.array([bias, 99.0]), std))
+        assert (len(doubting(notes)), len(rejecting(notes))) == (doubts, faults)
 
 
 def test_a_residual_is_doubted_and_then_turned_away():
@@ -145,5 +149,5 @@ def test_a_residual_is_doubted_and_then_turned_away():
         for _ in range(60):
             middle = (low + high) / 2
             low, high = (middle, high) if expected.p_value(middle) > chance else (low, middle)
-        verdict = gate.residual(low, expected)
-        assert (len(verdict.doubts), len(verdict.faults)) == counts
+        notes = list(gate.residual(low, expected))
+        assert (len(doubting(notes)), len(rejecting(notes))) == counts

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from bank import BANK, CHAIN, RIGID, THREE_MASS, TRAIN, Grid, line_response, table
 
-from rotorid.estimators import Batch, Sequential
-from rotorid.estimators.family import pose
-from rotorid.estimators.knowledge import Constraint
-from rotorid.estimators.sequential import _solve_stages, plan_stages
+from rotorid import Batch, Sequential
+from rotorid.data.observation import bind_all
+from rotorid.data.record import Channel, Record
+from rotorid.linear.estimators import _solve_stages, plan_stages
+from rotorid.linear.family import pose
 from rotorid.models import parse_model
-from rotorid.observation import bind_all
-from rotorid.record import Channel, Record
+from rotorid.models.priors import Constraint
 from rotorid.signals.average import average
 
 
@@ -114,7 +114,7 @@ def test_what_one_stage_leaves_open_and_no_other_determines(method):
     problem = confounded("0")
     estimate = method().estimate(problem.model, problem.records)
     assert estimate.status == "not_identifiable"
-    assert "c, g are determined only together" in estimate.warnings
+    assert "not identifiable: c, g are determined only together" in estimate.warnings
     assert np.isnan([estimate.value("c"), estimate.value("g")]).all()
     for name in "abk":
         assert estimate.value(name) == pytest.approx(problem.truth[name], rel=1e-9)
@@ -255,4 +255,4 @@ def test_no_stage_at_all():
     estimate = Sequential().estimate(parse_model(text), [record])
     assert estimate.status == "not_identifiable"
     assert np.isnan([v.value for v in estimate.parameters]).all()
-    assert any(w.startswith("m is in no row that") for w in estimate.warnings)
+    assert any(w.startswith("not identifiable: m is in no row that") for w in estimate.warnings)

@@ -5,7 +5,7 @@ import pytest
 from bank import JEFFCOTT, THREE_MASS
 
 import rotorid as rid
-from rotorid.estimators.unbalance import unbalance_of
+from rotorid.answer.unbalance import unbalance_of
 
 
 def made(name: str, deviation: float) -> tuple[rid.Model, rid.Estimate]:

@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from rotorid.estimators.weighted import (
-    Block,
-    pooled,
-    sandwich,
-    scatter_of_answers,
-    solve,
-)
-from rotorid.record import Channel, PeriodicRecord
+from rotorid.data.record import Channel, PeriodicRecord
+from rotorid.linear.solve import Block, pooled, sandwich, scatter_of_answers, solve
 from rotorid.signals.spectrum import synthesize
 
 

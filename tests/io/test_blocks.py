@@ -8,11 +8,12 @@ import pytest
 from io_writers import write_parquet, write_tdms
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.io import Source, blocks, open_table
-from rotorid.io.blocks import open_blocks
-from rotorid.signals.block_average import average_blocks
-from rotorid.signals.sums import PeriodSums
+from rotorid.core.errors import InputError
+from rotorid.io import Source, open_table
+from rotorid.io import record as blocks
+from rotorid.io.record import open_blocks
+from rotorid.signals.average import average_blocks
+from rotorid.signals.periods import PeriodSums
 
 SIZE, PERIODS, RATE = 50, 67, 1000.0
 RNG = np.random.default_rng(8)
@@ -54,6 +55,7 @@ def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("rows", [1, 7, 100, 1001, 10**6])
 def test_blocks_are_the_whole(path: Path, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blocks, "WORTH", 0)

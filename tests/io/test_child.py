@@ -32,6 +32,7 @@ def endless():
         pass
 
 
+@pytest.mark.slow
 def test_a_child_that_does_not_end_is_ended(monkeypatch):
     monkeypatch.setattr(child, "LEAST", 1)
     with pytest.raises(rid.ReadError, match="or never lets it end"):

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.errors import ReadError
-from rotorid.io.delimited import open_delimited
+from rotorid.core.errors import ReadError
+from rotorid.io.text import open_delimited
 
 
 def table(folder: Path, text: str | bytes) -> Path:

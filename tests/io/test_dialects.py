@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import ReadError
-from rotorid.io.delimited import open_delimited
-from rotorid.io.dialect import find_dialect
-from rotorid.io.preamble import SLOWEST
+from rotorid.core.errors import ReadError
+from rotorid.io.text import SLOWEST, find_dialect, open_delimited
 
 CONTROL_DESK = """\
 "ControlDesk Next Generation","CSV export 1.0"
@@ -174,9 +172,9 @@ def test_pyarrow_and_numpy_read_alike(tmp_path: Path, monkeypatch: pytest.Monkey
     for mark, point in ((",", "."), (";", ","), ("\t", ".")):
         rows = [mark.join(repr(x).replace(".", point) for x in row) for row in values.tolist()]
         path = table(tmp_path, "\n".join(["note", mark.join("abc"), *rows]))
-        monkeypatch.setattr("rotorid.io.delimited._FAST", 10**9)
+        monkeypatch.setattr("rotorid.io.text._FAST", 10**9)
         slow = open_delimited(path).read(["a", "c"])
-        monkeypatch.setattr("rotorid.io.delimited._FAST", 0)
+        monkeypatch.setattr("rotorid.io.text._FAST", 0)
         opened = open_delimited(path)
         assert opened._fast_numbers([0, 2]) is not None
         fast = opened.read(["a", "c"])
@@ -188,7 +186,7 @@ def test_pyarrow_and_numpy_read_alike(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_what_pyarrow_does_not_take_is_explained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rotorid.io.delimited._FAST", 0)
+    monkeypatch.setattr("rotorid.io.text._FAST", 0)
     for text, place in (
         ("a,b\n1,2\n3,\n4,5\n6,7\n", "line 3, column b"),
         ("a,b\n1,2\n3\n4,5\n", "line 3"),

@@ -21,7 +21,7 @@ from io_writers import (
 )
 
 import rotorid as rid
-from rotorid.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError
 from rotorid.io import Source, open_table
 
 X = np.linspace(-1.0, 1.0, 2000) ** 3
@@ -169,6 +169,7 @@ def test_names_of_channels_with_a_slash(tmp_path: Path) -> None:
         opened.find("ai0")
 
 
+@pytest.mark.slow
 def test_groups_of_an_mdf_file(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     write_mdf(tmp_path / "run.mf4", COLUMNS)

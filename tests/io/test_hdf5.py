@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid.errors import ReadError
+from rotorid.core.errors import ReadError
 from rotorid.io import hdf5_nodes
 from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
@@ -228,6 +228,7 @@ def numbers(kind: str) -> np.ndarray[Any, Any]:
     return (np.arange(24).reshape(12, 2) % 2).astype(kind)
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", ">i2", "u1", "<i8", "?", "<f2"])
 @pytest.mark.parametrize("shape", [(24,), (24, 1), (1, 24), (12, 2), (2, 12)])
 def test_bare_numbers_are_those_of_hdf5(kind: str, shape: tuple[int, ...], tmp_path: Path) -> None:

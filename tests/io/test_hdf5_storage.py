@@ -13,11 +13,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid.errors import ReadError
+from rotorid.core.errors import ReadError
+from rotorid.core.limits import CHUNK_BYTES, DEPTH, NODES
 from rotorid.io import hdf5_storage
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.mat import open_mat
-from rotorid.limits import CHUNK_BYTES, DEPTH, NODES
 
 VALUES = np.arange(600.0)
 
@@ -90,6 +90,7 @@ def test_virtual_data_sets_in_their_own_file(path: Path) -> None:
     assert column(path) == VALUES[::2].tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gone", range(3))
 def test_a_part_that_is_gone_is_a_gap(gone: int, path: Path, tmp_path: Path) -> None:
     """HDF5 reads it as 0.0 without a word."""
@@ -163,6 +164,7 @@ def test_parts_of_themselves_and_without_end(path: Path, tmp_path: Path) -> None
             column(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [0, 1])
 def test_many_parts(more: int, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second a file for an hour is looked at in seconds; more is refused."""
@@ -269,6 +271,7 @@ def test_chunks_that_fill_the_memory(path: Path) -> None:
         column(path, "y")
 
 
+@pytest.mark.slow
 def test_zeros_that_pack_without_bound(path: Path) -> None:
     """A channel at rest may be large; twelve of them from a few kB are too much."""
     with h5py.File(path, "w") as data:
@@ -297,6 +300,7 @@ def test_many_data_sets(path: Path) -> None:
             column(path, "x")
 
 
+@pytest.mark.slow
 def test_nested_groups(path: Path) -> None:
     with h5py.File(path, "w") as data:
         data["a/" * DEPTH + "x"] = VALUES

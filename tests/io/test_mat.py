@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import scipy.io
 
-from rotorid.errors import ReadError
+from rotorid.core.errors import ReadError
+from rotorid.core.limits import DEPTH, NODES
 from rotorid.io.mat import open_mat
-from rotorid.limits import DEPTH, NODES
 
 
 @pytest.fixture
@@ -217,6 +217,7 @@ def scipy_structure(values: np.ndarray) -> bytes:
     return stream.getvalue()[128:]
 
 
+@pytest.mark.slow
 def test_bounds_of_structure(tmp_path: Path) -> None:
     path = tmp_path / "c.mat"
     for depth, fine in ((DEPTH, True), (DEPTH + 2, False)):
@@ -234,6 +235,7 @@ def test_bounds_of_structure(tmp_path: Path) -> None:
         open_mat(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("each", "form"), [(700, "5"), (700, "7"), (300, "4")])
 def test_damaged_files_do_not_end_the_process(each: int, form: str, tmp_path: Path) -> None:
     """A reader that trusts the tags of a file ends the process on one damaged byte in seventy."""

@@ -11,10 +11,10 @@ import pytest
 import scipy.io
 from io_writers import WRITERS, write_mdf, write_tdms, write_uff
 
-from rotorid.errors import ReadError
+from rotorid.core.errors import ReadError
+from rotorid.core.limits import COLUMNS, COMPRESSION, UNPACKED_BYTES
 from rotorid.io import open_table, open_tables, tdms, universal
 from rotorid.io.table import check_held
-from rotorid.limits import COLUMNS, COMPRESSION, UNPACKED_BYTES
 
 TOO_MANY = "bytes of numbers declared in .* bytes; expected numbers that the file holds"
 
@@ -38,6 +38,7 @@ def test_columns_at_rest_together(tmp_path: Path) -> None:
         opened.read(list(values))
 
 
+@pytest.mark.slow
 def test_parquet(tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     pa = pytest.importorskip("pyarrow")

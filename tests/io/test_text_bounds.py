@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rotorid.errors import ReadError
-from rotorid.io import delimited, open_table
-from rotorid.io.dialect import find_dialect, is_value
-from rotorid.limits import (
+from rotorid.core.errors import ReadError
+from rotorid.core.limits import (
     COLUMNS,
     DIGITS,
     LINE_CHARACTERS,
@@ -21,6 +19,9 @@ from rotorid.limits import (
     SMALL_TEXT,
     UNIT_CHARACTERS,
 )
+from rotorid.io import open_table
+from rotorid.io import text as delimited
+from rotorid.io.text import find_dialect, is_value
 
 ROWS = "1,2\n" * 600
 
@@ -104,6 +105,7 @@ def test_rates_that_no_logger_has(tmp_path: Path) -> None:
         assert (open_table(path).read(["x"])["x"].rate is not None) == kept
 
 
+@pytest.mark.slow
 def test_long_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, started = table(tmp_path, "x,y\n" + ROWS + "1," * 7_990_000), time.process_time()
     assert path.stat().st_size < SMALL_TEXT == 16_000_000
@@ -139,6 +141,7 @@ def test_bounds_of_columns_and_fields(tmp_path: Path) -> None:
     assert not is_value("1" * (DIGITS + 1))
 
 
+@pytest.mark.slow
 def test_names_like_a_misspelt_one(tmp_path: Path) -> None:
     """The nearest is told, in a time that names of any length and number bear."""
     assert (NAMES, NAME_CHARACTERS) == (500, 100)

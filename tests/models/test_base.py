@@ -10,10 +10,9 @@ from bank import ARM, BANK, THREE_MASS, combination, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.models import load_model, parse_model
-from rotorid.models.base import monomial_name
-from rotorid.models.dependence import _relations, independent_signals
+from rotorid.models.base import _relations, independent_signals, monomial_name
 from rotorid.models.model import build_model
 from rotorid.models.symbolic import from_sympy, symbol, to_sympy
 
@@ -179,6 +178,7 @@ def test_columns_of_merged_parameters_hold_for_any_motion():
     np.testing.assert_allclose(signals @ (coefficients @ base + known), signals @ by_monomial)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(BANK), st.randoms(use_true_random=False))
 def test_the_way_of_writing_changes_nothing(problem, random):
@@ -242,6 +242,7 @@ def test_jacobian_at_zero():
     np.testing.assert_array_equal(model.base_jacobian([0.0, 2.0]), [[0, 0], [2, 0], [0, 12]])
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(
     st.sampled_from(BANK),
@@ -316,6 +317,7 @@ def test_identities_are_found_whatever_the_order(weights, data):
             assert total == pytest.approx(float(to_sympy(signal).subs(x, point)), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_many_functions_that_are_alike_near_zero_are_independent():
     x = symbol("x")
     several = [

@@ -3,9 +3,9 @@
 import pytest
 from bank import table
 
-from rotorid.errors import ModelError
+from rotorid.core.errors import ModelError
 from rotorid.models import Model, cost, load_model, parse_model, shipped_models
-from rotorid.models.terms import polynomial
+from rotorid.models.equations import polynomial
 
 
 def model_of(term: str, *more: str, names: int = 0) -> Model:
@@ -77,6 +77,7 @@ def test_a_bomb_is_one_line_that_names_the_limit(term: str, limit: str, spent: l
     assert spent[0] < cost.WORK + 50_000  # what is refused last is not done any more
 
 
+@pytest.mark.slow
 def test_equations_share_what_they_may_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     """Terms that cancel are counted as well, in the algebra and out of it."""
     monkeypatch.setattr(cost, "WORK", 50_000)
@@ -107,6 +108,7 @@ def test_honest_models_cost_little(spent: list[int]) -> None:
         assert spent[0] < 5_000, name
 
 
+@pytest.mark.slow
 def test_a_hundred_coordinates(spent: list[int]) -> None:
     """A chain of masses; with friction that is not linear it takes the algebra."""
     count = 100

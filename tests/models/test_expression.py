@@ -11,11 +11,10 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError
 from rotorid.models import load_model
-from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import FUNCTIONS, Expression, product
 from rotorid.models.symbolic import from_sympy, parse, symbol, to_sympy, vanishes
+from rotorid.models.text import FUNCTIONS, Expression, evaluate, product
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
 LINEAR = frozenset({"a", "b", "F"})
@@ -194,6 +193,7 @@ def test_refusals(text, message):
     assert len(str(caught.value)) < 500
 
 
+@pytest.mark.sampled(21)
 @pytest.mark.parametrize("depth", [20, 100, 200, 330, 500, 999, 5000])
 @pytest.mark.parametrize(
     "nest",
@@ -261,6 +261,7 @@ def valued(inner):
 VALUED = st.recursive(st.sampled_from(LEAVES + NUMBERS), valued, max_leaves=8)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_values_agree_with_numpy(data):

@@ -3,14 +3,15 @@
 import re
 
 import numpy as np
+import pytest
 from bank import table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError
-from rotorid.estimators import Batch, LeastSquares, Sequential
+from rotorid import Batch, LeastSquares, Sequential
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
 from rotorid.models import parse_model
-from rotorid.record import Channel, Record
 from rotorid.signals.average import average
 
 ATOMS = st.sampled_from(
@@ -33,6 +34,7 @@ EQUATIONS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(EQUATIONS, st.integers(0, 2), st.integers(0, 100))
 def test_an_answer_or_an_input_error(equations, turns, seed):

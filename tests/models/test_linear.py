@@ -19,10 +19,10 @@ from bank import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError, ModelError
-from rotorid.estimators.regression import Regression
+from rotorid.core.errors import InputError, ModelError
+from rotorid.data.observation import bind
+from rotorid.linear.equations import Regression
 from rotorid.models import load_model, parse_model
-from rotorid.observation import bind
 from rotorid.signals.spectrum import line_spectra
 
 SPEEDS = (0.0, 1.0, 2 * np.pi * 140, -300.0)

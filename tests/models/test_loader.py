@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError, ModelError, ReadError
+from rotorid.core.errors import InputError, ModelError, ReadError
 from rotorid.models import load_model, parse_model, shipped_models
 
 FILE = """

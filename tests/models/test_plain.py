@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import ModelError
+from rotorid.core.errors import ModelError
 from rotorid.models import load_model, shipped_models
+from rotorid.models.equations import Names, _plain_terms, polynomial
 from rotorid.models.plain import read_plain
 from rotorid.models.symbolic import equation_terms, polynomial_terms
-from rotorid.models.terms import Names, _plain_terms, polynomial
 
 NAMES = Names(("x", "y"), ("F", "G"), ("a", "b"))
 ATOMS = st.sampled_from(
@@ -47,6 +47,7 @@ def larger(inner):
 SIDES = st.recursive(ATOMS, larger, max_leaves=8)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(SIDES, SIDES)
 def test_plain_equations_are_what_the_grammar_makes_of_them(left, right):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimators.unbalance import unbalance_of
+from rotorid.answer.unbalance import unbalance_of
 from rotorid.models import parse_model
 from rotorid.results.machine import machine_of
 

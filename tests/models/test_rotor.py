@@ -11,20 +11,21 @@ from rotor_files import random_rotor, uniform
 import rotorid as rid
 import rotorid.models
 from rotorid.commands.models import run
-from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
-from rotorid.estimators.likelihood import fit as fitting
-from rotorid.estimators.likelihood import information, reduction
-from rotorid.estimators.likelihood.fit import fit
-from rotorid.estimators.likelihood.nuisances import Nuisances
-from rotorid.estimators.likelihood.preparation import Knowledge
-from rotorid.estimators.likelihood.thinning import thinned
+from rotorid.data.observation import bind_all
+from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
+from rotorid.likelihood import fit as fitting
+from rotorid.likelihood import other_answers as information
+from rotorid.likelihood import starts as reduction
+from rotorid.likelihood.fit import fit
+from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.starts import thinned
+from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.elements import Beam
-from rotorid.models.rotor.inertia import inertia
-from rotorid.models.rotor.mesh import bending
+from rotorid.models.rotor.fem import bending
+from rotorid.models.rotor.model import inertia
 from rotorid.models.rotor.reduction import Band
-from rotorid.observation import bind_all
-from rotorid.plots.rotors import drawing
+from rotorid.report.drawn import drawing
 from rotorid.rig.lines import add_noise, line_record
 
 BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
@@ -204,6 +205,7 @@ def recovered(model, record, start):
     return estimate
 
 
+@pytest.mark.slow
 def test_a_rotor_file_is_identified():
     model = rid.load_model("flexible")
     start = {name: value * 1.15 for name, value in model.nominal.items() if value > 0}
@@ -211,6 +213,7 @@ def test_a_rotor_file_is_identified():
     assert estimate.std("s_A") < 0.01
 
 
+@pytest.mark.slow
 def test_internal_external_and_structural_damping_are_told_apart():
     text = FLEXIBLE.read_text(encoding="utf-8")
     text = text.replace(
@@ -276,10 +279,11 @@ def spied(monkeypatch, told=None):
         return found
 
     monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
-    monkeypatch.setattr("rotorid.estimators.maximum_likelihood.shift_by_reduction", shift_seen)
+    monkeypatch.setattr("rotorid.likelihood.estimator.shift_by_reduction", shift_seen)
     return seen
 
 
+@pytest.mark.slow
 def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch, reducible):
     model, record, whole = reducible
     seen = spied(monkeypatch)
@@ -292,6 +296,7 @@ def test_a_reduced_rotor_gives_the_answer_of_the_whole_one(monkeypatch, reducibl
         np.testing.assert_allclose(estimate.std(name), whole.std(name), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
     monkeypatch, reducible
 ):
@@ -312,7 +317,7 @@ def test_shapes_are_taken_again_until_the_whole_rotor_would_not_move_the_answer(
         roughs.append(fitting.approached(*rest))
         return roughs[-1]
 
-    at = "rotorid.estimators.maximum_likelihood"
+    at = "rotorid.likelihood.estimator"
     monkeypatch.setattr(f"{at}.reduced", reduced)
     monkeypatch.setattr(f"{at}.approached", approached)
     monkeypatch.setattr(fitting, "thinned", few)
@@ -361,7 +366,7 @@ def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
         return at
 
     elsewhere = information.elsewhere
-    monkeypatch.setattr("rotorid.estimators.likelihood.information.elsewhere", watched)
+    monkeypatch.setattr("rotorid.likelihood.other_answers.elsewhere", watched)
     rid.identify(model, record, "ml")
     assert len(seen) == information.ALWAYS
     for few, many, at in seen:
@@ -369,6 +374,7 @@ def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
         assert at is None
 
 
+@pytest.mark.slow
 def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch):
     model = rid.load_model("flexible")
     record = drawn_record(model, np.random.default_rng(3))

@@ -13,10 +13,10 @@ from browser import Browser, browser
 import rotorid as rid
 from rotorid import cli
 from rotorid.demo import run_demo
+from rotorid.demo.page import demo_report
 from rotorid.demo.run import simulate_record
-from rotorid.report.answers import sensitivity_report
-from rotorid.report.demo import demo_report
 from rotorid.report.estimate import estimate_report
+from rotorid.report.machines import sensitivity_report
 from rotorid.results.evidence import with_evidence
 from rotorid.results.sensitivity import AxisSensitivity
 

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from report_pages import Page, check_self_contained, titles
+from severities import causes
 
-from rotorid.demo import DemoResult, findings, run_demo
-from rotorid.demo.paper import TABLE
-from rotorid.estimate import Estimate
-from rotorid.estimate_parts import (
+from rotorid import LeastSquares
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.evidence import Evidence, Prior
+from rotorid.answer.identify import identify
+from rotorid.answer.parts import (
     EquationMisfit,
     LineMisfit,
     Misfit,
@@ -21,20 +23,19 @@ from rotorid.estimate_parts import (
     Suspect,
     Value,
 )
-from rotorid.estimators import LeastSquares
-from rotorid.evidence import Evidence, Prior
-from rotorid.identify import identify
+from rotorid.answer.result_file import load_estimate
+from rotorid.answer.validation import ChannelError
+from rotorid.core.notes import Note
+from rotorid.data.record import PeriodicRecord
+from rotorid.demo import DemoResult, findings, run_demo
+from rotorid.demo.page import demo_report
+from rotorid.demo.paper import TABLE
 from rotorid.models import Model, load_model, parse_model
-from rotorid.record import PeriodicRecord
-from rotorid.report.demo import demo_report
-from rotorid.report.estimate import estimate_report
-from rotorid.report.parameters import figures, groups, relations
-from rotorid.report.validation import validation_report
-from rotorid.result_file import load_estimate
+from rotorid.report.estimate import estimate_report, figures, groups, relations
+from rotorid.report.records import validation_report
 from rotorid.results.evidence import record_evidence, with_evidence
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
-from rotorid.validation import ChannelError
 
 HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 
@@ -121,6 +122,7 @@ def test_demo_report_holds_table_findings_and_deviations(demo: DemoResult, demo_
         assert name + "".join(ratios) in text
 
 
+@pytest.mark.slow
 def test_demo_report_of_one_run() -> None:
     page = Page(demo_report(run_demo(1, rng=np.random.default_rng(3))))
     assert "bias cannot be told from scatter" in page.words
@@ -143,12 +145,13 @@ def test_estimate_report_shows_the_estimate(
     ]
     for value in estimate.parameters:
         assert value.name in page.words
-    for note in estimate.notes:
+    for note in estimate.sentences:
         assert note.removeprefix("note, ") in page.words
     for text in (model.title, *model.texts, "simulation", "Accepted: these 5 parameters explain"):
         assert text in page.words
 
 
+@pytest.mark.slow
 def test_the_page_is_that_of_the_file(estimate: Estimate, tmp_path: Path) -> None:
     """The same page from the result alone, to the byte."""
     estimate.save(tmp_path / "run.json")
@@ -166,8 +169,10 @@ def test_misfit_suspects_and_warnings_are_shown(estimate: Estimate) -> None:
     rejected = estimate.with_(
         status="rejected",
         misfit=Misfit(120.0, 84.2, 82, 1e-7),
-        suspects=(Suspect("damping k", 31.0, share=0.9),),
-        warnings=("the speed of the record is not that of the file",),
+        notes=(
+            *causes(Suspect("damping k", 31.0, share=0.9)),
+            Note("record", "remarks", "the speed of the record is not that of the file"),
+        ),
     )
     words = Page(estimate_report(rejected)).words
     assert "whose misfit is 1.43 times what noise leaves" in words
@@ -190,9 +195,11 @@ def test_hostile_names_are_text(estimate: Estimate, periods: PeriodicRecord) -> 
         method=HOSTILE,
         parameters=named,
         derived=named,
-        suspects=(Suspect(HOSTILE, 1.0, value=2.0, unit=HOSTILE),),
         prediction={HOSTILE: None},
-        warnings=(HOSTILE,),
+        notes=(
+            *causes(Suspect(HOSTILE, 1.0, value=2.0, unit=HOSTILE)),
+            Note("record", "remarks", HOSTILE),
+        ),
         provenance=Provenance((SourceFile(HOSTILE, "ab"),), HOSTILE, "1", HOSTILE),
         evidence=evidence,
     )

@@ -8,23 +8,20 @@ import pytest
 from report_pages import Page, check_self_contained, titles
 
 import rotorid as rid
-from rotorid.plots.machines import campbell as campbell_panel
-from rotorid.plots.machines import response, shapes
 from rotorid.report import machines
-from rotorid.report.answers import balance_report
-from rotorid.report.machines import BEYOND, SPEEDS, machine_part, modes_report
-from rotorid.report.modes_page import (
+from rotorid.report.drawn import campbell as campbell_panel
+from rotorid.report.drawn import response, shapes
+from rotorid.report.machine_tables import (
     mode_table,
+    modes_sentence,
     ringing,
     ringing_curves,
-    sentence_of,
     summary,
 )
-from rotorid.results.critical import campbell
+from rotorid.report.machines import BEYOND, SPEEDS, balance_report, machine_part, modes_report
+from rotorid.results.critical import campbell, response_of
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import modes
-from rotorid.results.unbalance import response_of
-from rotorid.results.whirl import partners
+from rotorid.results.modes import modes, partners
 
 SPEED = 2 * np.pi * 140.0
 
@@ -175,6 +172,7 @@ def test_the_page_of_modes(estimate: rid.Estimate) -> None:
         assert text in page.words
 
 
+@pytest.mark.slow
 def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
     assert (BEYOND, SPEEDS) == (1.5, 121)
     turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
@@ -258,13 +256,14 @@ def test_what_is_overdamped_is_no_mode_of_a_page(estimate: rid.Estimate) -> None
     assert np.isnan(kept.frequency_hz[0, :2]).tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_modes_in_a_sentence(estimate: rid.Estimate) -> None:
     found, diagram = modes(estimate, speed=SPEED), campbell(estimate, "20000 rpm")
-    said = sentence_of(found, diagram)
+    said = modes_sentence(found, diagram)
     nearest = min((c.speed_rad_s for c in diagram.critical), key=lambda s: abs(s - SPEED))
     listed = ", ".join(f"{mode.frequency_hz:.4g}" for mode in found.modes[:4])
     assert said.startswith(f"At 8400 rpm the machine rings at {listed} and ")
     assert f"{30 / np.pi * nearest:.5g} rpm, lies {100 * (nearest / SPEED - 1):.3g} % above" in said
-    still = sentence_of(modes(estimate, speed=0.0), None)
+    still = modes_sentence(modes(estimate, speed=0.0), None)
     assert still.startswith("At standstill the machine rings at ")
     assert still.endswith(" Hz.")

@@ -8,16 +8,25 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
 from rotorid.demo import DemoResult, run_demo
+from rotorid.demo.page import draw_overview, error_panels, example_evidence, filter_panels
 from rotorid.demo.paper import TABLE
-from rotorid.errors import InputError
-from rotorid.plots import interactive
-from rotorid.plots.estimates import correlation, differences, lines, misfit, residual, waves
-from rotorid.plots.panel import Axis, Curve, Panel, envelope, label
-from rotorid.plots.records import line_filter, samples, spectra
-from rotorid.plots.still import figure_of
-from rotorid.record import Channel, Record
-from rotorid.report.demo_plots import draw_overview, error_panels, example_evidence, filter_panels
+from rotorid.report import interactive
+from rotorid.report.drawn import (
+    correlation,
+    differences,
+    line_filter,
+    lines,
+    misfit,
+    residual,
+    samples,
+    spectra,
+    waves,
+)
+from rotorid.report.figure import figure_of
+from rotorid.report.panels import Axis, Curve, Panel, envelope, label
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
@@ -32,6 +41,7 @@ def curve(panel: Panel, text: str) -> Curve:
     return found
 
 
+@pytest.mark.slow
 def test_line_filter_shows_the_amplitudes_of_the_forces(demo: DemoResult) -> None:
     """10 sin + 10 cos is a wave of sqrt(200) N; F_x1 has half of it, in six lines."""
     example = demo.example

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from severities import causes
 
-from rotorid.estimate import Estimate
-from rotorid.estimate_page import page
-from rotorid.estimate_parts import (
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.parts import (
     Alternative,
     LineMisfit,
     Misfit,
@@ -16,12 +16,12 @@ from rotorid.estimate_parts import (
     Unbalance,
     Value,
 )
+from rotorid.answer.tables import page
+from rotorid.answer.validation import ChannelError
+from rotorid.core.notes import Note
+from rotorid.core.tables import page_text
 from rotorid.models import load_model, shipped_models
-from rotorid.record import Check
-from rotorid.report.model_page import model_page
-from rotorid.report.text import validation_table
-from rotorid.tables import page_text
-from rotorid.validation import ChannelError
+from rotorid.report.record_tables import model_page, validation_table
 
 ESTIMATE = Estimate(
     "three-mass",
@@ -39,11 +39,17 @@ ESTIMATE = Estimate(
     nuisance=(Value("gain[x1]", "1", 1.01, 0.005),),
     derived=(Value("m1", "kg", 0.83339, 0.0021), Value("k1*L1", "N", 265071.0, 300.0)),
     misfit=Misfit(1053.2, 84.2, 82, 1e-9),
-    suspects=(Suspect("damping k1", 96000.0), Suspect("x/y asymmetry of k1", 8319.0)),
+    notes=(
+        *causes(Suspect("damping k1", 96000.0), Suspect("x/y asymmetry of k1", 8319.0)),
+        Note(
+            "record",
+            "remarks",
+            "the rotation is not <synchronous> [bold]with[/bold] the excitation",
+        ),
+    ),
     prediction={"F_x1": Prediction(0.00412), "F_y1": None},
     lines_hz=(20.0, 60.0, 220.0),
     periods=260,
-    warnings=("the rotation is not <synchronous> [bold]with[/bold] the excitation",),
     condition_number=25.99,
 )
 
@@ -134,13 +140,13 @@ def test_an_angle_that_may_be_any_is_not_told(intervals: bool) -> None:
 def test_suspects_with_what_they_explain() -> None:
     gain = Suspect("gain[x2]", 260.0, 0.987, 1.02, "1")
     length = Suspect("prior L1", 3.0, 0.01, 0.305, "m")
-    lines = str(ESTIMATE.with_(suspects=(gain, length))).splitlines()
+    lines = str(ESTIMATE.with_(notes=causes(gain, length))).splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("suspect"))
     assert lines[start + 1].split() == ["gain[x2]", "260", "98.7", "1.02"]
     assert lines[start + 2].split() == ["prior", "L1", "3", "1", "0.305", "m"]
     nothing = replace(length, share=0.0009)
-    assert "prior L1" not in str(ESTIMATE.with_(suspects=(gain, nothing)))
-    assert "prior L1" in str(ESTIMATE.with_(suspects=(gain, replace(length, share=0.0011))))
+    assert "prior L1" not in str(ESTIMATE.with_(notes=causes(gain, nothing)))
+    assert "prior L1" in str(ESTIMATE.with_(notes=causes(gain, replace(length, share=0.0011))))
 
 
 def test_other_answers_stand_beside_this_one() -> None:
@@ -156,10 +162,10 @@ def test_other_answers_stand_beside_this_one() -> None:
 
 def test_checks_that_are_not_simply_right_are_shown() -> None:
     checks = (
-        Check("dead", "x1", "3 samples alike in 100", "note"),
-        Check("clipping", "y1", "none", "ok"),
+        Note("dead", "says", "3 samples alike in 100", on=("x1",)),
+        Note("clipping", "passes", "none", on=("y1",)),
     )
-    text = str(ESTIMATE.with_(checks=checks))
+    text = str(ESTIMATE.with_(notes=checks))
     assert "note, dead of x1: 3 samples alike in 100" in text.splitlines()
     assert "clipping" not in text
 
@@ -216,7 +222,7 @@ def test_parameters_known_together_are_named() -> None:
     for i, j, r in ((0, 1, 0.951), (1, 2, -0.99), (2, 3, 0.949)):
         correlation[i, j] = correlation[j, i] = r
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.notes if text.startswith("correlated"))
+    (note,) = (text for text in found.sentences if text.startswith("correlated"))
     assert note.endswith("b with c -0.990, a with b +0.951")
 
 
@@ -226,7 +232,7 @@ def test_many_parameters_known_together_are_named_once() -> None:
     correlation[:4, 4] = correlation[4, :4] = 0.0
     np.fill_diagonal(correlation, 1.0)
     found = Estimate("m", "ml", "ok", values, covariance=0.01 * correlation)
-    (note,) = (text for text in found.notes if text.startswith("correlated"))
+    (note,) = (text for text in found.sentences if text.startswith("correlated"))
     assert note.endswith("one by one: a, b, c, d, up to 0.970")
 
 

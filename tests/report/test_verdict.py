@@ -4,14 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from severities import causes
 
-from rotorid.estimate import Estimate
-from rotorid.estimate_parts import DOUBTFUL, EXPLAINS, Misfit, Prediction, Suspect, Value
-from rotorid.evidence import ChannelEvidence, Evidence, RecordEvidence
-from rotorid.plots import estimates, interactive, machines, panel, records
-from rotorid.plots.panel import Axis, Curve, Panel, thinned
-from rotorid.report import html, parameters, verdict
-from rotorid.report.verdict import channel_ratios, verdict_of
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.evidence import ChannelEvidence, Evidence, RecordEvidence
+from rotorid.answer.parts import DOUBTFUL, EXPLAINS, Misfit, Prediction, Suspect, Value
+from rotorid.core.notes import Note
+from rotorid.report import drawn as estimates
+from rotorid.report import drawn as machines
+from rotorid.report import drawn as records
+from rotorid.report import estimate as parameters
+from rotorid.report import estimate as verdict
+from rotorid.report import html, interactive
+from rotorid.report import panels as panel
+from rotorid.report.estimate import channel_ratios, verdict_of
+from rotorid.report.panels import Axis, Curve, Panel, thinned
 
 ESTIMATE = Estimate(
     "jeffcott",
@@ -38,9 +45,9 @@ def test_decisions() -> None:
     assert (html.MOST_POINTS, html.FEWEST_POINTS) == (2048, 64)
     assert (html.MOST_DATA, html.WORTH) == (1_000_000, 16)
     assert (interactive._INCH, interactive._SHARP) == (110, 5)
-    assert (panel.MOST_PANELS, estimates.MOST_DOTS, estimates.TWO) == (24, 60, 2.0)
+    assert (panel.MOST_PANELS, estimates.MOST_DOTS, estimates.NOISE_BAND) == (24, 60, 2.0)
     assert (estimates.LEAST, estimates.WORST) == (0.01, 5.0)
-    assert (records.MOST_BLOCKS, records.MOST_DOTS, records.MOST_STEMS) == (600, 400, 40)
+    assert (records.MOST_BLOCKS, records.MOST_MARKS, records.MOST_STEMS) == (600, 400, 40)
     assert (machines.MOST_SHAPES, machines.MOST_PLACES, machines.HIGHEST) == (9, 12, 3.0)
     assert (machines.SAME, parameters.PLAIN) == (1e-9, (1e-3, 1e7))
     assert (machines.EVEN, parameters.ROUNDING, EXPLAINS) == (1.5, 0.005, 0.2)
@@ -85,7 +92,9 @@ def test_a_prediction_that_noise_spoils_is_not_told() -> None:
 def test_what_stands_out() -> None:
     suspects = (Suspect("gain[x1]", 99.0, 0.987, 1.02, "1"), Suspect("delay[x1]", 3.0))
     found = ESTIMATE.with_(
-        status="rejected", misfit=Misfit(820.0, 82.0, 80, 0.0), suspects=suspects, warnings=("do",)
+        status="rejected",
+        misfit=Misfit(820.0, 82.0, 80, 0.0),
+        notes=(*causes(*suspects), Note("misfit", "rejects", "do")),
     )
     told = verdict_of(found)
     assert told.sentence == (
@@ -94,23 +103,26 @@ def test_what_stands_out() -> None:
         "to 1.02)."
     )
     assert told.steps == ("do",)
-    weak = (Suspect("runout[x1]", 9.0, 0.199, 1e-7, "m"),)
-    none = verdict_of(found.with_(suspects=weak)).sentence
+    weak = Suspect("runout[x1]", 9.0, 0.199, 1e-7, "m")
+    none = verdict_of(found.with_(notes=causes(weak))).sentence
     assert none.endswith("Nothing that was tried explains a fifth of it alone.")
-    alone = verdict_of(found.with_(suspects=())).sentence
+    alone = verdict_of(found.with_(notes=())).sentence
     assert alone.endswith("Nothing that was tried explains it alone.")
 
 
 def test_what_is_left_open_comes_with_its_cure() -> None:
-    left = [f"not identifiable: a{i} is not determined" for i in range(3)]
-    found = ESTIMATE.with_(status="not_identifiable", warnings=(*left, "note", "cure: fix a0"))
+    left = [Note("not identifiable", "open", f"a{i} is not determined") for i in range(3)]
+    cure = Note("not identifiable", "open", cure="fix a0")
+    found = ESTIMATE.with_notes(*left, Note("record", "remarks", "note"), cure)
+    assert found.status == "not_identifiable"
+    assert found.warnings[-1] == "cure: fix a0"
     told = verdict_of(found)
     assert told.sentence == "Not identifiable: a0 is not determined, and 2 more combinations."
     assert told.steps == ("fix a0", "note")
     assert told.left_open == tuple(f"a{i} is not determined" for i in range(3))
-    two = verdict_of(found.with_(warnings=tuple(left[:2])))
+    two = verdict_of(ESTIMATE.with_notes(*left[:2]))
     assert two.sentence == "Not identifiable: a0 is not determined; a1 is not determined."
-    lost = verdict_of(ESTIMATE.with_(status="not_converged", warnings=("start nearer",)))
+    lost = verdict_of(ESTIMATE.with_notes(Note("search", "unfinished", "start nearer")))
     assert lost.sentence.startswith("Not converged: ")
     assert lost.steps == ("start nearer",)
 
@@ -130,6 +142,7 @@ def test_what_is_thinned_keeps_its_extremes() -> None:
     assert thinned(found, 100) == found or len(thinned(found, 100).curves[0].x) == len(line.x)
 
 
+@pytest.mark.slow
 def test_a_page_with_too_much_is_thinned_until_it_fits() -> None:
     rng = np.random.default_rng(1)
     many = [

@@ -9,11 +9,10 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.distributions import bound_of_length
-from rotorid.evidence import Evidence, RecordEvidence
-from rotorid.results.balancing import CONFIDENCE, Balance
+from rotorid.answer.evidence import Evidence, RecordEvidence
+from rotorid.core.distributions import bound_of_length
+from rotorid.results.balancing import CONFIDENCE, Balance, Masses, chosen
 from rotorid.results.machine import machine_of
-from rotorid.results.masses import Masses, chosen
 from rotorid.results.planes import rotor_mass
 
 ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
@@ -154,6 +153,7 @@ def test_masses_of_any_size_go_between_two_holes():
     assert 0.03 * mass * np.exp(1j * angle) == pytest.approx(-ends_of(model.nominal)[0])
 
 
+@pytest.mark.slow
 def test_masses_that_are_too_coarse_or_too_small_are_told():
     estimate = estimate_of(rid.load_model("rigid"))
     found = rid.balance(estimate, ENDS, 500.0, radius=0.03, masses=[1e-5])

@@ -71,6 +71,7 @@ def test_two_planes_have_two_critical_speeds_however_close(apart):
     assert sorted(found) == pytest.approx([100.0, 100.0 * np.sqrt(1 + apart)], rel=1.1e-6)
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_differences():
     fixed = ("m", "c", "d", "L", "xi", "zeta")
     machine = machine_of(estimate_of(model_of(SUPPORTED), percent=0.05, fixed=fixed))

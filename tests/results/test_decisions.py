@@ -5,12 +5,12 @@ import pytest
 from scipy.optimize import brentq
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.results import critical, machine, modes, unbalance
-from rotorid.results.balancing import STEP, Balance, _too_coarse
-from rotorid.results.masses import Masses, _nearest, chosen
-from rotorid.results.state_space import _solved
-from rotorid.results.whirl import whirl_of
+from rotorid.core.errors import InputError
+from rotorid.results import critical, machine, modes
+from rotorid.results import critical as unbalance
+from rotorid.results.balancing import STEP, Balance, Masses, _nearest, _too_coarse, chosen
+from rotorid.results.export import _solved
+from rotorid.results.modes import whirl_of
 
 ENDS = ["F_xa,F_ya", "F_xb,F_yb"]
 PAIR = [(0, 1)]
@@ -46,6 +46,7 @@ def test_masses_that_leave_a_tenth_are_too_coarse(left: float, told: int) -> Non
     assert len(_too_coarse(["x,y"], (1 - left) * ideal, ideal, kit)) == told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "graded"), [(0.19, True), (0.21, False)])
 def test_a_plane_that_leaves_a_fifth_gives_no_grade(share: float, graded: bool) -> None:
     nominal = rid.load_model("rigid").nominal
@@ -99,7 +100,7 @@ def test_a_matrix_is_singular_to_rounding(away: float, solved: bool) -> None:
 
 def test_how_finely_a_machine_is_looked_at() -> None:
     """No answer tells these from their neighbours; what they cost and resolve is said beside."""
-    assert (critical.POINTS, critical.SCAN, critical.HALVINGS, unbalance.POINTS) == (
+    assert (critical.POINTS, critical.SCAN, critical.HALVINGS, unbalance.RESPONSE_POINTS) == (
         61,
         120,
         6,

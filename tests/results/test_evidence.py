@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.evidence import Evidence, Prior
+from rotorid.answer.evidence import Evidence, Prior
+from rotorid.answer.validation import STEPS, at_best_phase, channel_errors
 from rotorid.report.estimate import estimate_report
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence, with_evidence
-from rotorid.validation import STEPS, at_best_phase, channel_errors
 
 TURN = 2 * np.pi
 
@@ -78,6 +78,7 @@ def test_lines_and_waves_are_those_of_the_record(model: rid.Model, few: rid.Peri
     assert [channel.name for channel in shown.channels[:2]] == ["F_x", "F_y"]
 
 
+@pytest.mark.slow
 def test_the_noise_is_that_of_the_difference(model: rid.Model) -> None:
     """Over many records predicted - measured scatters by what is stated, motion included."""
     ratios = []
@@ -110,6 +111,7 @@ def test_many_lines_are_thinned_to_their_root_mean_square(model: rid.Model) -> N
     assert force.measured[0] == pytest.approx(np.sqrt(np.mean(size**2)), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_many_records_share_the_room(model: rid.Model, few: rid.PeriodicRecord) -> None:
     estimate = rid.identify(model, few, "ls")
     shown = record_evidence(estimate, model, [few] * 40)
@@ -154,6 +156,7 @@ def test_a_whole_record_shows_an_excerpt(model: rid.Model) -> None:
         assert error.p_value > 1e-4
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_record_whose_rotor_angle_was_found_is_predicted(model: rid.Model, whole: bool) -> None:
     """Of another record with the same number nothing is known: it is shown as measured."""

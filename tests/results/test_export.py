@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimate_parts import Value
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.parts import Value
+from rotorid.core.errors import InputError
 from rotorid.results.export import export
 
 ESTIMATE = Estimate(

@@ -7,8 +7,7 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 import rotorid as rid
 from rotorid.results import modes as modes_module
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import modes_at
-from rotorid.results.whirl import partners, whirl_of
+from rotorid.results.modes import modes_at, partners, whirl_of
 
 RPM = np.pi / 30
 
@@ -57,6 +56,7 @@ def test_whirl_follows_the_direction_of_rotation():
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("speed", [0.0, 700.0, -700.0])
 @pytest.mark.parametrize("fixed", [(), ("m", "L")])
 def test_deviations_are_those_of_differences(speed, fixed):

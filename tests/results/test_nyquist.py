@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 import rotorid as rid
-from rotorid.results.nyquist import _from_above, plant_poles, poles_on_the_right
+from rotorid.results.loops import _from_above, plant_poles, poles_on_the_right
 
 GRID = 2 * np.pi * np.concatenate([np.geomspace(1e-3, 1, 200)[:-1], np.geomspace(1, 1e5, 12000)])
 
@@ -63,6 +63,7 @@ class Loop:
         return scipy.linalg.eigvals(left, right)
 
 
+@pytest.mark.slow
 def test_random_loops_are_counted_as_their_eigenvalues_are():
     rng = np.random.default_rng(4)
     told, untold = [], 0

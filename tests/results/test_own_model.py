@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimate_parts import SourceFile
+from rotorid.answer.parts import SourceFile
 
 FREE = """
 title = "a mass between springs"

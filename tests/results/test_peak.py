@@ -5,8 +5,9 @@ import pytest
 from loop_cases import sampled_loop
 
 import rotorid as rid
-from rotorid.results import peak
-from rotorid.results.peak import (
+from rotorid.results import sensitivity_peak as peak
+from rotorid.results.sensitivity import settles_elsewhere, worst_of
+from rotorid.results.sensitivity_peak import (
     Band,
     Found,
     Part,
@@ -16,9 +17,9 @@ from rotorid.results.peak import (
     least_lines,
     peak_near,
 )
-from rotorid.results.sensitivity import settles_elsewhere, worst_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seconds", "gains", "size"), [(4, (2e4, 10.0), 3.1019), (2, (3e4, 14.0), 3.8956)]
 )
@@ -33,6 +34,7 @@ def test_a_peak_that_is_narrower_than_a_window_of_lines(seconds, gains, size):
     assert np.abs(found.sensitivity).max() == pytest.approx(found.peak)  # as it is drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "zone"), [(2.0, "A or worse"), (1.43, "A or worse"), (0.5, "D")])
 def test_a_reference_of_another_unit_or_gain(gain, zone):
     record, exact = sampled_loop(1.5e5, 60.0, 2, np.random.default_rng(4), damping=60.0, gain=gain)
@@ -91,6 +93,7 @@ def test_curves_have_the_poles_that_their_lines_tell():
     assert [least_lines(2, 2, poles) for poles in peak.POLES] == [28, 29, 33, 37]
 
 
+@pytest.mark.slow
 def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_loop():
     """Three lines wide at the half power, where noise of the loop is all there is."""
     for coloured, least in ((False, 0.93), (True, 0.85)):

@@ -7,8 +7,18 @@ import numpy as np
 import pytest
 import scipy
 
-from rotorid.results import peak, sensitivity
-from rotorid.results.peak import Band, Curve, Found, Part, Peak, best_curve, fitted, peak_near
+from rotorid.results import sensitivity
+from rotorid.results import sensitivity_peak as peak
+from rotorid.results.sensitivity_peak import (
+    Band,
+    Curve,
+    Found,
+    Part,
+    Peak,
+    best_curve,
+    fitted,
+    peak_near,
+)
 
 NOTHING = np.zeros((100, 0), dtype=np.complex128)
 

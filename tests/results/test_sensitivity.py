@@ -166,6 +166,7 @@ def filtered(rng: np.random.Generator, seconds: int = 20) -> tuple[np.ndarray, n
     return np.column_stack([*e, r]), np.array(peaks)
 
 
+@pytest.mark.slow
 def test_whole_records_of_any_excitation():
     samples, peaks = filtered(np.random.default_rng(5))
     channels = [rid.Channel(n) for n in ("e1", "e2", "r1", "r2")]
@@ -192,6 +193,7 @@ def controller_of_the_rig(omega: np.ndarray) -> np.ndarray:
     return rig.controller.response(omega) * hold[:, None, None]
 
 
+@pytest.mark.slow
 def test_plant_and_controller_tell_the_loop_between_the_lines_and_at_other_speeds():
     rig = load_rig("three-mass").rig
     names = rig.model.inputs
@@ -233,6 +235,7 @@ y = { column = "x", unit = "um" }
 """
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)

@@ -105,6 +105,7 @@ def balanced(*options: str) -> tuple[complex, float]:
     return one["unbalance_kg_m"] * np.exp(1j * one["angle_rad"]), left["unbalance_kg_m"]
 
 
+@pytest.mark.slow
 def test_a_trial_mass_is_the_scale_where_no_force_is_known(runs, capsys):
     (runs / "run.toml").write_text(EXPERIMENT + TRIAL + REST)
     assert cli.run(["identify", "run.toml", "--json", "run.json"]) == 0
@@ -128,6 +129,7 @@ def test_without_it_there_is_no_scale(runs, capsys):
     assert "a result that leaves m, c, k undetermined" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_it_does_not_part_runout_from_unbalance(runs, capsys):
     """It moves the reading as much whatever the runout is: only the speed parts them."""
     (runs / "run.toml").write_text(EXPERIMENT + TRIAL + REST + RUNOUT_UNKNOWN)

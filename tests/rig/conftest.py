@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rotorid.actuators import Differential
+from rotorid.force.laws import Differential
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.logger import RigRecord
 from rotorid.rig.parts import ProcessNoise

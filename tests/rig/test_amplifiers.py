@@ -9,10 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid.actuators import Differential, ForceReading, forces
 from rotorid.cli import run
-from rotorid.dynamics import Constant, FirstOrder
-from rotorid.record import Channel, Record
+from rotorid.data.record import Channel, Record
+from rotorid.force.channel_dynamics import Constant, FirstOrder
+from rotorid.force.laws import Differential
+from rotorid.force.reading import ForceReading, forces
 from rotorid.rig.file import load_rig
 from rotorid.rig.logger import decimated
 
@@ -29,6 +30,7 @@ FILES = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", FILES)
 def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(FILES[name])
@@ -45,6 +47,7 @@ def test_a_rigs_own_file_is_accepted(name: str, tmp_path: Path) -> None:
             assert off < 5 * parameter["std"], parameter["name"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FILES if "linear" not in name])
 def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_path: Path) -> None:
     """No image, and no kink of the currents, is left: a lag of .1 us would be rejected."""
@@ -63,6 +66,7 @@ def test_a_rigs_own_file_is_accepted_at_a_hundredth_of_its_noise(name: str, tmp_
     assert found["misfit"]["cost"] < 2 * found["misfit"]["expected"]
 
 
+@pytest.mark.slow
 def test_a_rig_without_bias(tmp_path: Path) -> None:
     """One magnet at a time; currents logged as fast as they bend give the rotor."""
     text = RIGID.replace('"5 s"', '"2 s"').replace('bias = "2.5 A"', 'bias = "0 A"')

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import integrate as ode
 
-from rotorid.actuators.laws import Differential, Linear
 from rotorid.cli import run
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.force.laws import Differential, Linear
 from rotorid.rig import assembly
 from rotorid.rig.controller import Controller
 from rotorid.rig.faults import FAULTS, find_fault, with_faults
@@ -47,6 +47,7 @@ def test_a_fault_of_no_size_changes_nothing(name: str) -> None:
     assert faulty.described is rig
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in WHOLE])
 def test_a_fault_vanishes_with_its_size(name: str) -> None:
     """A millionth of the size changes the columns by about a millionth of what the size does."""
@@ -68,6 +69,7 @@ def test_a_fault_vanishes_with_its_size(name: str) -> None:
 LATE = {"touch-down", "gain-schedule"}  # after 3 s and more
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in LATE])
 def test_a_fault_changes_the_record(name: str) -> None:
     fault = FAULTS[name]
@@ -87,6 +89,7 @@ def test_the_list_is_long_enough_and_one_line_each(capsys: pytest.CaptureFixture
     lines = capsys.readouterr().out.splitlines()
     for name, fault in FAULTS.items():
         (line,) = [line for line in lines if line.split()[:1] == [name]]
+        assert fault.what
         assert fault.what in line
         assert fault.shown in line
 

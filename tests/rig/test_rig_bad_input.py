@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid.actuators import Differential
 from rotorid.cli import run
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.force.laws import Differential
 from rotorid.rig.errors import RigError
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import Actuator, Coil

@@ -16,6 +16,7 @@ def blocks(page: str, language: str) -> list[str]:
     return [text for kind, text in found if kind == language]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["rig.md", "signals.md"])
 def test_python_of_the_pages_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -26,6 +27,7 @@ def test_python_of_the_pages_runs(
     assert capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_rig_file_of_the_page_runs() -> None:
     (text,) = blocks("rig.md", "toml")
     plan = parse_rig(text.replace('"13 s"', '"50 ms"'))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.actuators import Differential, Linear
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.experiment import load_experiment
-from rotorid.rig.export import experiment_text, write_record
+from rotorid.force.laws import Differential, Linear
 from rotorid.rig.file import load_rig, parse_rig, shipped_rigs
+from rotorid.rig.files import experiment_text, write_record
 from rotorid.rig.rotation import Encoder
 from rotorid.signals.multisine import multisine
 
@@ -43,6 +43,7 @@ def test_the_seeds_rotor_as_it_is_described() -> None:
     np.testing.assert_allclose(played, np.outer(seed, shares), atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_rigs())
 def test_shipped_rigs_float_at_rest_and_at_speed(name: str) -> None:
     from rotorid.rig.assembly import growth
@@ -67,6 +68,7 @@ def test_parameters_replace_nominal_values() -> None:
     assert plan.rig.values["L1"] == 0.25
 
 
+@pytest.mark.slow
 def test_rigid_rig_holds_every_kind_of_key() -> None:
     rig = load_rig("rigid").rig
     part = rig.parts[0]
@@ -271,6 +273,7 @@ def test_reading_the_file_whole_shows_columns_and_no_truth(written: Path) -> Non
     }
 
 
+@pytest.mark.slow
 def test_experiment_of_magnets_flux_and_combinations() -> None:
     plan = load_rig("rigid")
     short = parse_rig(plan.text.replace('"10 s"', '"0.3 s"'))
@@ -288,6 +291,7 @@ def test_experiment_of_magnets_flux_and_combinations() -> None:
     assert 'flux = [{column = "b1_xa", unit = "T"}, {column = "b2_xa", unit = "T"}]' in text
 
 
+@pytest.mark.slow
 def test_flux_densities_through_the_files(tmp_path: Path) -> None:
     hall = load_rig("rigid").text.replace(
         'bandwidth = "1.5 kHz"',

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.actuators import forces
 from rotorid.cli import run as command
+from rotorid.force.reading import forces
 from rotorid.rig.file import load_rig, parse_rig
-from rotorid.signals import average
-from rotorid.signals.detection import detect_distortion
+from rotorid.signals.average import average
+from rotorid.signals.inspection import detect_distortion
 
 MODEL = rid.load_model("three-mass")
 TRUTH = dict(zip(MODEL.base.names, MODEL.base_values(MODEL.values(MODEL.nominal)), strict=True))
@@ -49,6 +49,7 @@ def identify(experiment: Path) -> dict:
     return json.loads(result.read_text())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_simulate_then_identify_within_one_per_cent(kind: str, tmp_path: Path) -> None:
     """Done when: each of the 14 base parameters, through currents as through forces."""
@@ -59,6 +60,7 @@ def test_simulate_then_identify_within_one_per_cent(kind: str, tmp_path: Path) -
     assert max(map(abs, found.values())) < 1.0, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_hold_and_delay_it_fails_visibly(kind: str, tmp_path: Path) -> None:
     experiment = simulate(tmp_path, KINDS[kind](load_rig("three-mass").text))
@@ -99,6 +101,7 @@ MARKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mark", MARKS)
 def test_unbalance_by_a_measured_angle(mark: str, tmp_path: Path) -> None:
     """Done when: unbalance within 0.5 % and 0.5 degree of the truth."""
@@ -118,6 +121,7 @@ def test_unbalance_by_a_measured_angle(mark: str, tmp_path: Path) -> None:
         assert abs(np.degrees(np.angle(ratio))) < 0.5, first
 
 
+@pytest.mark.slow
 def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> None:
     """The speed wanders by 0.02 %: the angle at constant speed is off, the measured one is not."""
     text = load_rig("three-mass").text + MARKS["encoder"] + "\n"
@@ -137,6 +141,7 @@ def test_a_drifting_speed_is_followed_by_the_measured_angle(tmp_path: Path) -> N
     assert max(map(abs, worse.values())) > 5.0, worse
 
 
+@pytest.mark.slow
 def test_a_transient_is_dropped_or_reported(tmp_path: Path) -> None:
     text = load_rig("three-mass").text.replace('settling = "2 s"', 'settling = "0 s"')
     experiment = simulate(tmp_path, text)
@@ -206,6 +211,7 @@ def _with_linear_law(rig) -> rid.Record:
     return forces(record, period=500)
 
 
+@pytest.mark.slow
 def test_magnets_identify_through_their_law_only(tmp_path: Path) -> None:
     """The same columns read by the linear law: wrong by per cents, without any noise."""
     experiment = simulate(tmp_path, magnets(load_rig("three-mass").text))
@@ -220,6 +226,7 @@ def test_magnets_identify_through_their_law_only(tmp_path: Path) -> None:
     assert max(map(abs, wrong.values())) > 1.0, wrong
 
 
+@pytest.mark.slow
 def test_rigid_rotor_from_its_bearing_sensors() -> None:
     """Magnets, lagging amplifiers, measured currents, encoder: four sensors give it all."""
     plan = load_rig("rigid")

@@ -7,8 +7,8 @@ import pytest
 from scipy import linalg
 from scipy.integrate import solve_ivp
 
-from rotorid.actuators import Differential
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.force.laws import Differential
 from rotorid.models import parse_model
 from rotorid.rig.assembly import excitation_table, growth, pairs
 from rotorid.rig.file import load_rig
@@ -106,6 +106,7 @@ CLOCKS = [
 ]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("clocks", CLOCKS)
 @pytest.mark.parametrize("bandwidth", [None, 1500.0])
 def test_exact_steps_against_the_reference(quiet, change, run, reference, clocks, bandwidth):
@@ -128,6 +129,7 @@ TURNING = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("turning", TURNING)
 @pytest.mark.parametrize("kind", NONLINEAR)
 def test_integration_against_the_reference(quiet, change, run, reference, kind, turning) -> None:

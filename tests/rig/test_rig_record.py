@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.actuators import Flux, forces
+from rotorid.force.laws import Flux
+from rotorid.force.reading import forces
 from rotorid.rig.logger import how_recorded
 from rotorid.rig.parts import FluxSensors, Logger, Runout
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
-from rotorid.signals import average
+from rotorid.signals.average import average
 
 LINES = [1, 3, 5, 7, 9, 11]
 FINE = 40
@@ -53,6 +54,7 @@ EXACT = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("clocks", EXACT)
 def test_a_held_column_gives_the_lines_of_the_force(quiet, run, clocks) -> None:
     rig = replace(quiet, settling=3.0, **clocks)
@@ -75,6 +77,7 @@ NEAR = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("clocks", "bandwidth", "accuracy"), NEAR)
 def test_other_columns_give_it_nearly(quiet, change, run, clocks, bandwidth, accuracy) -> None:
     rig = replace(change(quiet, bandwidth=bandwidth), settling=3.0, **clocks)
@@ -180,6 +183,7 @@ TURNING = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("turning", TURNING)
 @pytest.mark.parametrize("mark", [Encoder(1024), Keyphasor(), None])
 def test_the_angle_is_measured(quiet, run, turning: Rotation, mark) -> None:

@@ -18,6 +18,7 @@ def rig(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ['a"b.h5', "a\\b.h5", "a'b c.h5", "schön.h5", "#.h5"])
 def test_any_name_of_a_file_can_be_read_again(rig: str, tmp_path: Path, name: str) -> None:
     out = tmp_path / name

@@ -15,7 +15,7 @@ from bank import (
 )
 from scipy.integrate import solve_ivp
 
-from rotorid.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError
 from rotorid.models import load_model, parse_model
 from rotorid.rig.steady_state import simulate, steady_state
 
@@ -30,6 +30,7 @@ def multisine(grid, harmonics, inputs):
     return np.outer(10 * np.sum(waves, axis=0), np.linspace(1, 2, inputs))
 
 
+@pytest.mark.slow
 def test_integration_in_time_until_it_has_settled():
     grid, harmonics = GRID, (1, 2, 5)
     forces = multisine(grid, harmonics, 2) + np.array([3.0, 0.0])

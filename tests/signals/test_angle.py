@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.signals.angle import (
     MeasuredAngle,
     encoder_angle,
@@ -35,6 +35,7 @@ def off(found: MeasuredAngle, angle: np.ndarray) -> np.ndarray:
     return np.asarray(error - 2 * np.pi * np.round(error.mean() / (2 * np.pi)))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("angle", [STEADY, RAMP])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_encoder_counts_leave_no_staircase(angle: np.ndarray, sign: int) -> None:
@@ -57,6 +58,7 @@ def test_what_a_speed_in_step_with_the_samples_leaves_open_is_stated() -> None:
     assert found.angle_std == pytest.approx(width / np.sqrt(12), rel=0.06)
 
 
+@pytest.mark.slow
 def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
     """At 100 Hz and 5 kHz every edge falls at the same place between two samples."""
     time = np.arange(25_000) / 5000.0
@@ -73,6 +75,7 @@ def test_what_a_whole_number_of_samples_leaves_open_is_stated() -> None:
     assert np.abs(errors).max() <= width / 2 * 1.01
 
 
+@pytest.mark.slow
 def test_a_slow_variation_of_the_speed_is_followed() -> None:
     """0.1 % at 0.5 Hz, 10 degrees a sample: the angle moves by 16 degrees."""
     time = np.arange(25_000) / 5000.0
@@ -85,6 +88,7 @@ def test_a_slow_variation_of_the_speed_is_followed() -> None:
     assert np.degrees(found.angle_std) < 0.6
 
 
+@pytest.mark.slow
 def test_lost_and_double_lines_are_set_right() -> None:
     total = np.floor(STEADY * 1024 / (2 * np.pi))
     total[5000:] -= 1
@@ -94,6 +98,7 @@ def test_lost_and_double_lines_are_set_right() -> None:
     assert np.abs(off(found, STEADY)).max() < 0.1 * np.pi / 1024
 
 
+@pytest.mark.slow
 def test_a_coarse_encoder_with_more_jitter_than_lines() -> None:
     jitter = np.radians(0.2) * np.random.default_rng(0).normal(size=len(TIME))
     found = encoder_angle(counts(STEADY + jitter, 8192), RATE, per_revolution=8192, lines=8192)
@@ -101,6 +106,7 @@ def test_a_coarse_encoder_with_more_jitter_than_lines() -> None:
     assert np.abs(off(found, STEADY)).max() < 4 * found.angle_std < np.radians(0.1)
 
 
+@pytest.mark.slow
 def test_encoder_speed_and_drift() -> None:
     found = encoder_angle(counts(RAMP), RATE, per_revolution=1024, lines=1024)
     assert found.speed == pytest.approx(SPEED + DRIFT * TIME.mean(), rel=1e-6)
@@ -134,6 +140,7 @@ def test_bad_encoders_are_refused(readings: np.ndarray, message: str) -> None:
         encoder_angle(readings, RATE, per_revolution=1024, lines=1024, source="run.h5")
 
 
+@pytest.mark.slow
 def test_one_line_of_flicker_is_no_turning_back() -> None:
     slow = 0.4 + 2 * np.pi * 0.3 * TIME
     jitter = 2 * np.pi / 1024 * 0.3 * np.random.default_rng(0).normal(size=len(TIME))
@@ -221,6 +228,7 @@ def test_a_column_without_pulses_is_refused(column: np.ndarray) -> None:
         pulse_edges(column, RATE)
 
 
+@pytest.mark.slow
 def test_lines_lost_until_the_next_index_leave_no_step():
     """Twenty of 1024 lines, put back within the revolution by the index."""
     rate, turns = 10e3, 150.0

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError
-from rotorid.record import Channel, Record
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
 from rotorid.signals.average import average
 
 

@@ -5,13 +5,14 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.record import Channel, Check, Record
-from rotorid.signals.checks_jumps import check_jumps
+from rotorid.core.notes import Note
+from rotorid.data.record import Channel, Record
+from rotorid.signals.checks.channels import check_jumps
 
 CHANNELS = [Channel("F", "N"), *(Channel(f"x{k}", "m") for k in range(4))]
 
 
-def found(samples: np.ndarray, channels: list[Channel] = CHANNELS) -> list[Check]:
+def found(samples: np.ndarray, channels: list[Channel] = CHANNELS) -> list[Note]:
     return check_jumps(Record(channels, samples, 1000.0))
 
 
@@ -29,7 +30,7 @@ def test_how_large_a_jump_is() -> None:
     """
     assert not found(resting(8.9))
     (told,) = found(resting(9.1))
-    assert (told.check, told.verdict) == ("lost samples", "warning")
+    assert (told.about, told.verdict) == ("lost samples", "warning")
     assert told.found.startswith(
         "4 positions jump within a sample at 0.1995 s: samples are missing"
     )
@@ -57,6 +58,7 @@ def test_what_is_usual_is_told_by_what_lies_around() -> None:
     assert found(resting(90.0, count=200))
 
 
+@pytest.mark.slow
 def test_a_gap_in_a_whole_record_is_told() -> None:
     record = levitated(1)
     samples = np.delete(record.samples, slice(12345, 12365), axis=0)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from rotorid.signals.checks_phasors import check_phases, check_probes
+from rotorid.signals.checks.channels import check_phases, check_probes
 
 
 def found(phasors: list[complex], std: float | None = None) -> list[tuple[str, str]]:
     column = np.array(phasors, dtype=np.complex128)[:, None]
     deviation = None if std is None else np.full(column.shape, std)
-    return [(c.check, c.verdict) for c in check_probes(["x"], column, deviation)]
+    return [(c.about, c.verdict) for c in check_probes(["x"], column, deviation)]
 
 
 def test_a_probe_that_reads_nothing_or_ever_the_same() -> None:

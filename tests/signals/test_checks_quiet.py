@@ -7,8 +7,8 @@ import pytest
 from test_spectra import KNOWN, MODEL, SPEED, levitated
 
 import rotorid as rid
-from rotorid.record import Channel
-from rotorid.signals.checks_quiet import Motion, check_quiet
+from rotorid.data.record import Channel
+from rotorid.signals.checks.references import Motion, check_quiet
 
 CHANNELS = [Channel("F", "N"), Channel("x", "m")]
 
@@ -26,7 +26,7 @@ def motion(size: float, noise: float = 1.0, place: float = 50.0, driven: float =
 
 
 def found(record: Motion, quiet: Motion, other: float = SPEED) -> list[str]:
-    return [check.channel for check in check_quiet(CHANNELS, record, quiet, (SPEED, other))]
+    return [", ".join(check.on) for check in check_quiet(CHANNELS, record, quiet, (SPEED, other))]
 
 
 def test_the_size_of_the_rotation_and_its_deviation() -> None:
@@ -60,6 +60,7 @@ def lines(quiet: rid.Record) -> rid.Lines:
     return rid.spectra(levitated(1), (2.0, 120.0), references=["r_x", "r_y"], quiet=quiet)
 
 
+@pytest.mark.slow
 def test_a_quiet_record_at_standstill_that_is_said_to_turn() -> None:
     quiet = levitated(2, excitation=0.0)
     assert not lines(quiet).checks
@@ -67,12 +68,13 @@ def test_a_quiet_record_at_standstill_that_is_said_to_turn() -> None:
     still = quiet.samples.std(axis=0) * 0.1 * rng.standard_normal(quiet.samples.shape)
     wrong = replace(quiet, samples=still)
     answer = rid.identify(MODEL, lines(wrong), KNOWN)
-    (told,) = [check for check in answer.checks if check.check == "quiet"]
+    (told,) = [check for check in answer.checks if check.about == "quiet"]
     assert told.verdict == "warning"
     assert "one of the two was taken at another speed than stated" in told.found
     assert told.found.endswith("at the speed and under the control of the record")
 
 
+@pytest.mark.slow
 def test_the_record_is_not_its_own_quiet_record() -> None:
     with pytest.raises(rid.InputError, match="name the file that was recorded without excitation"):
         lines(levitated(1))

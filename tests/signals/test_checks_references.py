@@ -7,13 +7,13 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.signals.checks_references import check_references
+from rotorid.signals.checks.references import check_references
 
 COUNT = 8000
 RATE = 1000.0
 
 
-def checks(references: np.ndarray, channels: np.ndarray) -> list[rid.record.Check]:
+def checks(references: np.ndarray, channels: np.ndarray) -> list[rid.Note]:
     lines = [np.fft.rfft(np.atleast_2d(part).T, axis=0) for part in (references, channels)]
     names = [[f"{kind}{k}" for k in range(lines[n].shape[1])] for n, kind in enumerate("rc")]
     return check_references(names[0], lines[0], names[1], lines[1], RATE)
@@ -99,6 +99,7 @@ def test_lines_that_are_weak_do_not_count(power: float, told: bool) -> None:
     assert ["c follows it" in check.found for check in found] == [told]
 
 
+@pytest.mark.slow
 def test_the_references_of_a_loop() -> None:
     record = levitated(1)
     late = record.samples.copy()
@@ -109,11 +110,11 @@ def test_the_references_of_a_loop() -> None:
         lines = rid.spectra(given, (2.0, 120.0), references=["r_x", "r_y"])
         return rid.identify(MODEL, lines, KNOWN)
 
-    assert not [check for check in found(record.samples).checks if check.check == "reference"]
+    assert not [check for check in found(record.samples).checks if check.about == "reference"]
     wrong = found(late)
     assert wrong.status == "ok"  # it makes deviations wider, and none wrong
-    told = [check for check in wrong.checks if check.check == "reference"]
-    assert [(check.channel, check.verdict) for check in told] == [
+    told = [check for check in wrong.checks if check.about == "reference"]
+    assert [(", ".join(check.on), check.verdict) for check in told] == [
         ("r_x", "warning"),
         ("r_y", "warning"),
     ]

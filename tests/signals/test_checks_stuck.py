@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.record import Channel, Check, Record
-from rotorid.signals.checks_samples import check_quantized
-from rotorid.signals.checks_stuck import check_stuck
+from rotorid.core.notes import Note
+from rotorid.data.record import Channel, Record
+from rotorid.signals.checks.channels import check_quantized, check_stuck
 
 COUNT, FIRST, AFTER = 6000, 2000, 3000
 PLAY = np.resize([0, 1, 0, -1], AFTER - FIRST)
@@ -25,7 +25,7 @@ def stopped(samples: np.ndarray, play: np.ndarray | float = 0.0) -> np.ndarray:
     return found
 
 
-def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Check]:
+def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Note]:
     record = Record([Channel("c", unit)], samples[:, None], 1000.0)
     return check_stuck(record, steady=steady)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 from rotorid.signals.covariance import (
     choose_covariance,
     correlated_covariance,
@@ -157,6 +157,7 @@ def test_rows_without_noise_do_not_hide_those_with_it():
     assert is_correlated(z)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("periods", "lines", "rows"), [(260, 6, 8), (40, 6, 1), (8, 1, 1), (260, 1, 4), (20, 41, 1)]
 )

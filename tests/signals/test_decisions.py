@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
-from rotorid.record import Channel, Record
-from rotorid.signals import (
-    checks_rotation,
-    checks_scatter,
-    checks_timing,
-    local_polynomial,
-    periodicity,
-    rotation_fit,
-)
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Record
+from rotorid.signals import local_polynomial, rotation_fit
+from rotorid.signals import period_search as periodicity
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
 from rotorid.signals.average import _excerpt, average
-from rotorid.signals.checks_samples import _flat
+from rotorid.signals.checks import periods as checks_scatter
+from rotorid.signals.checks import rotation as checks_rotation
+from rotorid.signals.checks import timing as checks_timing
+from rotorid.signals.checks.channels import _flat
 
 
 @pytest.mark.parametrize(("lost", "taken"), [(9, True), (10, False)])
@@ -85,9 +82,9 @@ def test_a_tone_on_the_grid_is_in_the_mean(turns: float, size: float) -> None:
 )
 def test_a_speed_in_another_unit_is_named(shown: float, mistake: str) -> None:
     tone = checks_rotation.Tone(140.0, 1.0, "x")
-    assert mistake in checks_rotation._told([tone], 140.0 / shown, False).found
+    assert mistake in checks_rotation._wrong_speed([tone], 140.0 / shown, False).found
     tone = checks_rotation.Tone(140.0 * 1.006, 1.0, "x")
-    assert mistake not in checks_rotation._told([tone], 140.0 / shown, False).found
+    assert mistake not in checks_rotation._wrong_speed([tone], 140.0 / shown, False).found
 
 
 @pytest.mark.parametrize(("count", "looked"), [(3, 0), (4, 1)])

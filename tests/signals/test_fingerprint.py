@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.signals.fingerprint import FEWEST, MOST, Printer, Shared, candidates, shared
+from rotorid.experiment.duplicates import FEWEST, MOST, Printer, Shared, candidates, shared
 
 
 def prints(*blocks):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.record import Channel, Record
+from rotorid.data.record import Channel, Record
 from rotorid.signals.inspection import inspect_record
 
 RATE, SIZE, PERIODS = 5000.0, 250, 40
@@ -84,8 +84,8 @@ def test_a_high_crest_factor_is_a_note() -> None:
     found = inspect_record(
         Record(steep.channels, samples, RATE), period_samples=SIZE, harmonics=range(1, 30, 2)
     )
-    (note,) = [c for c in found.checks if c.check == "crest factor"]
-    assert (note.channel, note.verdict) == ("F", "note")
+    (note,) = [c for c in found.checks if c.about == "crest factor"]
+    assert (", ".join(note.on), note.verdict) == ("F", "note")
 
 
 def test_noise_that_goes_together_is_seen() -> None:

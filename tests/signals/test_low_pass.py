@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rotorid.errors import InputError
-from rotorid.record import Channel
-from rotorid.signals.conditions import read_condition
-from rotorid.signals.low_pass import END, ORDER, LowPass
+from rotorid.core.errors import InputError
+from rotorid.data.filtered import END, ORDER, LowPass, read_condition
+from rotorid.data.record import Channel
 
 RATE = 1000.0
 TIME = np.arange(6000) / RATE

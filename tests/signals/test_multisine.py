@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.rig.export import write_excitation
+from rotorid.core.errors import InputError
+from rotorid.rig.files import write_excitation
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,
@@ -72,6 +72,7 @@ def test_schroeder_beats_random_phases() -> None:
     assert sweep < 1.8 < np.median(chance)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("lines", [odd_harmonics(11), odd_harmonics(79), full_harmonics(31)])
 def test_crest_factor_is_minimized_and_amplitudes_are_kept(lines) -> None:
     start = multisine(20.0, lines, {"a": 2.0, "b": 3.0})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rotorid.signals.periodicity import find_period
+from rotorid.signals.period_search import find_period
 
 
 def robot(rng: np.random.Generator, period: int = 2000, periods: int = 4) -> np.ndarray:

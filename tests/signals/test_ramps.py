@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from adverse_cases import CASES
 
-from rotorid.record import Channel, Record
-from rotorid.signals import average, checks_ramp
+from rotorid.data.record import Channel, Record
+from rotorid.signals.average import average
+from rotorid.signals.checks import periods as checks_ramp
 
 RATE, F0, SIZE = 4000.0, 20.0, 200
 
@@ -25,7 +26,7 @@ def drifting(record, shape):
 
 
 def told(periods):
-    return [c for c in periods.checks if c.check == "drift" and c.verdict != "ok"]
+    return [c for c in periods.checks if c.about == "drift" and c.verdict != "ok"]
 
 
 @pytest.mark.parametrize("periods", [6, 40])
@@ -35,7 +36,7 @@ def test_a_ramp_is_taken_out_and_told(periods):
     found = average(drifting(clean, ramp), F0, harmonics=[1, 3, 5])
     kept = average(clean, F0, harmonics=[1, 3, 5])
     (note,) = told(found)
-    assert (note.channel, note.verdict) == ("x", "note")
+    assert (", ".join(note.on), note.verdict) == ("x", "note")
     assert "the offset drifts by" in note.found
     assert "a straight line was taken out" in note.found
     assert np.abs(found.mean_spectrum - kept.mean_spectrum).max() < 1e-8

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from rotorid.dynamics import Constant, FirstOrder, Measured, SecondOrder
-from rotorid.record import Channel
-from rotorid.signals.recorded import quantity
-from rotorid.signals.spectrum import synthesize
+from rotorid.data.record import Channel
+from rotorid.force.channel_dynamics import Constant, FirstOrder, Measured, SecondOrder
+from rotorid.signals.spectrum import quantity, synthesize
 
 RATE, SIZE = 5000.0, 500
 LINES = np.array([1, 7, 23, 90])

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
-from rotorid.record import Channel, PeriodicRecord, Record
-from rotorid.signals import average, settling
-from rotorid.signals.detection import detect_distortion
-from rotorid.signals.settling import Settling, detect_settling
-from rotorid.signals.synchronism import rotation_warnings, synchronism
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, PeriodicRecord, Record
+from rotorid.signals.average import average
+from rotorid.signals.checks import periods as settling
+from rotorid.signals.checks.periods import Settling, detect_settling
+from rotorid.signals.checks.rotation import rotation_warnings, synchronism
+from rotorid.signals.inspection import detect_distortion
 
 RATE, F0, PERIODS = 1000.0, 10.0, 60
 TIME = np.arange(int(PERIODS * RATE / F0)) / RATE
@@ -75,6 +76,7 @@ def test_a_transient_is_found_and_twice_its_length_dropped() -> None:
         assert found.excess > 3
 
 
+@pytest.mark.slow
 def test_no_transient_is_found_in_noise() -> None:
     found = [detect_settling(noisy(0.0, 0.1, seed)).periods for seed in range(200)]
     assert np.count_nonzero(found) <= 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.signals.shift import shifted
+from rotorid.signals.spectrum import shifted
 
 N = np.arange(400)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.signals.checks_timing import (
+from rotorid.signals.checks.timing import (
     LITTLE,
     STEP,
     Shifts,

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import (
     BALANCE,
@@ -16,16 +18,14 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.sources import done
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.report.balance_page import balance_page
-from rotorid.result_file import load_estimate
+from rotorid.commands.provenance import done
+from rotorid.core.errors import InputError
+from rotorid.core.files import check_apart
+from rotorid.core.toml import table_within
+from rotorid.report.machine_tables import balance_page
 from rotorid.results.balancing import Balance, balance
 from rotorid.results.centring import Feedforward, centring
-from rotorid.results.model import own_model
-from rotorid.toml import table_within
-from rotorid.writing import check_apart
+from rotorid.results.machine import own_model
 
 
 def run(
@@ -66,7 +66,7 @@ def run(
         raise error.at(file=str(result)) from None
 
     def html() -> str:
-        from rotorid.report.answers import balance_report  # pictures take their time to load
+        from rotorid.report.machines import balance_report  # pictures take their time to load
 
         return balance_report(found, centred, own_model(estimate), done(given, [result]))
 

@@ -1,4 +1,4 @@
-"""What commands share: printing, progress, and what is written in which order."""
+"""What commands share: printing, progress, order of outputs, provenance."""
 
 from __future__ import annotations
 
@@ -18,10 +18,16 @@ from typing import Any, TextIO
 import click
 
 from rotorid.commands import BROKEN_PIPE
-from rotorid.errors import InputError, UnfinishedError
-from rotorid.screen import one_line
-from rotorid.tables import Page, page_text
-from rotorid.writing import Content, Kind, Seen, check_target, seen, write_files
+from rotorid.core.errors import InputError, UnfinishedError, one_line
+from rotorid.core.files import (
+    Content,
+    Kind,
+    Seen,
+    check_target,
+    seen,
+    write_files,
+)
+from rotorid.core.tables import Page, page_text
 
 Output = tuple[Path | None, Content]
 RESULT = Kind("rotorid identify --json", rb'\{\s*"schema": "rotorid-estimate/')

@@ -16,11 +16,10 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
+from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
 from rotorid.demo.machine import run_machine
-from rotorid.report.demo_page import demo_page
-from rotorid.report.machine_page import machine_page
-from rotorid.writing import check_apart
+from rotorid.demo.page import demo_page, machine_page
 
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
 
@@ -36,7 +35,7 @@ def run(
         result = run_demo(runs, rng=np.random.default_rng(NOISE), progress=told)
 
     def html() -> str:
-        from rotorid.report.demo import demo_report  # pictures take their time to load
+        from rotorid.demo.page import demo_report  # pictures take their time to load
 
         return demo_report(result)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rotorid.answer.result_file import load_estimate
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, show, write
-from rotorid.result_file import load_estimate
+from rotorid.core.files import check_apart
 from rotorid.results.export import exported, kind_of, plant_of
-from rotorid.writing import check_apart
 
 
 def run(result: Path, target: Path, speed: str, force: bool) -> int:

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import Estimator, identify
+from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
-from rotorid.commands.sources import environment, source_of
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimate_parts import Provenance
-from rotorid.estimators.methods import Estimator
+from rotorid.commands.provenance import environment, source_of
+from rotorid.core.errors import InputError
+from rotorid.core.files import check_apart
+from rotorid.core.notes import Note
+from rotorid.data.observation import Measured
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.identify import identify
-from rotorid.observation import Measured
-from rotorid.writing import check_apart
 
 
 def run(
@@ -66,7 +66,7 @@ def _with_evidence(
         return with_evidence(estimate, plan.model, records, estimator)
     except Exception as error:
         told = f"nothing of the records is kept for a report: {type(error).__name__}: {error}"
-        return estimate.with_(warnings=(*estimate.warnings, told))
+        return estimate.with_notes(Note("report", "remarks", told))
 
 
 def provenance(plan: Experiment, command: str) -> Provenance:

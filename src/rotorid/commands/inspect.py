@@ -16,14 +16,13 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.sources import done
-from rotorid.experiment.inspecting import inspect_experiment, named_files
-from rotorid.line_inspection import LineInspection
-from rotorid.record import Check
-from rotorid.report.inspection import inspection_page
-from rotorid.signals.checks import worst
+from rotorid.commands.provenance import done
+from rotorid.core.files import check_apart
+from rotorid.core.notes import worst
+from rotorid.data.line_inspection import LineInspection
+from rotorid.experiment.experiment import inspect_experiment, named_files
+from rotorid.report.records import inspection_page
 from rotorid.signals.inspection import Inspection
-from rotorid.writing import check_apart
 
 
 def run(experiment: Path, json: Path | None, report: Path | None, force: bool, given: str) -> int:
@@ -38,7 +37,7 @@ def run(experiment: Path, json: Path | None, report: Path | None, force: bool, g
         page = [told, *page]
 
     def html() -> str:
-        from rotorid.report.inspection import inspection_report  # pictures take their time to load
+        from rotorid.report.records import inspection_report  # pictures take their time to load
 
         work = done(given, named_files(experiment))
         return inspection_report(experiment.name, found, told, work)
@@ -59,7 +58,7 @@ def _one(one: Inspection) -> dict[str, Any]:
     periods = one.periods
     return {
         "verdict": one.verdict,
-        "checks": [_check(check) for check in one.checks],
+        "checks": [check.as_check for check in one.checks],
         "period_samples": None if periods is None else periods.samples,
         "periods": None if periods is None else periods.periods,
         "harmonics": None if periods is None else periods.harmonics.tolist(),
@@ -89,7 +88,7 @@ def _table(one: LineInspection) -> dict[str, Any]:
     lines = one.lines
     return {
         "verdict": one.verdict,
-        "checks": [_check(check) for check in one.checks],
+        "checks": [check.as_check for check in one.checks],
         "period_samples": None,
         "periods": None,
         "harmonics": None,
@@ -102,13 +101,4 @@ def _table(one: LineInspection) -> dict[str, Any]:
             {"name": c.name, "unit": c.unit, "snr_db": c.snr_db, "low": c.low, "high": c.high}
             for c in one.channels
         ],
-    }
-
-
-def _check(check: Check) -> dict[str, str]:
-    return {
-        "check": check.check,
-        "channel": check.channel,
-        "found": check.found,
-        "verdict": check.verdict,
     }

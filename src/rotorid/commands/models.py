@@ -5,7 +5,7 @@ from __future__ import annotations
 from rotorid.commands import OK
 from rotorid.commands.console import show
 from rotorid.models import load_model, shipped_models
-from rotorid.report.model_page import model_list, model_page
+from rotorid.report.record_tables import model_list, model_page
 
 
 def run(name: str | None) -> int:
@@ -16,7 +16,7 @@ def run(name: str | None) -> int:
     model = load_model(name)
     if hasattr(model, "rotor"):
         from rotorid.models.rotor.model import RotorModel  # scipy: where a rotor is drawn
-        from rotorid.report.rotor_page import rotor_page
+        from rotorid.report.record_tables import rotor_page
 
         assert isinstance(model, RotorModel)
         show(rotor_page(model))

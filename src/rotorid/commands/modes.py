@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import (
     MODES,
@@ -17,16 +19,13 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.sources import done
-from rotorid.estimate import Estimate
+from rotorid.commands.provenance import done
+from rotorid.core.files import check_apart
 from rotorid.models import Model, load_model
-from rotorid.report.modes_page import modes_page
-from rotorid.result_file import load_estimate
-from rotorid.results.critical import Campbell, campbell
+from rotorid.report.machine_tables import modes_page
+from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import Modes, finite_speed, modes
-from rotorid.results.unbalance import UnbalanceResponse, response_of
-from rotorid.writing import check_apart
 
 
 def run(
@@ -65,7 +64,6 @@ def source_of(source: str) -> Estimate | Model:
 
 
 def _response(read: Estimate | Model, speed: float, record: int) -> UnbalanceResponse | None:
-    """Return the unbalance response of a machine that turns and has unbalance."""
     machine = machine_of(read, record)
     if not speed or not machine.linear.load_terms:
         return None

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rotorid.commands import OK
 from rotorid.commands.console import DRAFT, as_text, check_outputs, progress, say, write
+from rotorid.core.errors import printable
+from rotorid.core.files import check_apart
 from rotorid.experiment.draft import draft
-from rotorid.screen import printable
-from rotorid.writing import check_apart
 
 
 def run(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:

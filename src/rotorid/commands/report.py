@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from rotorid.answer.result_file import load_estimate
 from rotorid.commands import OK
 from rotorid.commands.console import REPORT, as_text, check_outputs, show, write
+from rotorid.core.files import check_apart
 from rotorid.report.estimate import WITHOUT, estimate_report
-from rotorid.result_file import load_estimate
-from rotorid.writing import check_apart
 
 
 def run(result: Path, out: Path | None, force: bool) -> int:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rotorid.actuators.laws import Linear
 from rotorid.commands import OK
 from rotorid.commands.console import (
     REPORT,
@@ -17,15 +16,16 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.sources import done
-from rotorid.errors import InputError
+from rotorid.commands.provenance import done
+from rotorid.core.errors import InputError
+from rotorid.core.files import check_apart
+from rotorid.data.record import PeriodicRecord, Record
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.experiment.recording import Recording, measured, periods_of, reference_name
-from rotorid.io.reading import Source
-from rotorid.record import PeriodicRecord, Record
-from rotorid.report.sensitivity_page import sensitivity_page
+from rotorid.experiment.read import Recording, measured, periods_of, reference_name
+from rotorid.force.laws import Linear
+from rotorid.io.record import Source
+from rotorid.report.machine_tables import sensitivity_page
 from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
-from rotorid.writing import check_apart
 
 
 def run(
@@ -52,7 +52,7 @@ def run(
         raise error.at(file=str(experiment)) from None
 
     def html() -> str:
-        from rotorid.report.answers import sensitivity_report  # pictures take their time to load
+        from rotorid.report.machines import sensitivity_report  # pictures take their time to load
 
         return sensitivity_report(found, experiment.name, done(given, plan.files))
 

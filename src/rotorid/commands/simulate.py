@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rotorid.commands import OK
 from rotorid.commands.console import as_text, check_outputs, progress, show, write
-from rotorid.errors import InputError
-from rotorid.report.rig import fault_page, record_page
-from rotorid.rig.export import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
+from rotorid.core.errors import InputError
+from rotorid.core.files import check_apart
+from rotorid.report.record_tables import fault_page, record_page
 from rotorid.rig.file import load_rig
-from rotorid.writing import check_apart
+from rotorid.rig.files import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
 
 
 def run(

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.result_file import load_estimate
+from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import (
     REPORT,
@@ -19,16 +22,13 @@ from rotorid.commands.console import (
     check_outputs,
     progress,
 )
-from rotorid.commands.sources import done, source_of
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimators.information import information_of
+from rotorid.commands.provenance import done, source_of
+from rotorid.core.errors import InputError
+from rotorid.core.files import check_apart
+from rotorid.core.tables import Page
 from rotorid.experiment import load_experiment
-from rotorid.report.text import information_lines, validation_table
-from rotorid.result_file import load_estimate
-from rotorid.tables import Page
-from rotorid.validation import ChannelError, at_best_phase, channel_errors, verdict_of
-from rotorid.writing import check_apart
+from rotorid.linear.family import information_of
+from rotorid.report.record_tables import information_lines, validation_table
 
 
 def run(
@@ -65,7 +65,7 @@ def run(
     page = [*page, *fitted, *_its_own(estimate, plan.record_files), *reached.cures]
 
     def html() -> str:
-        from rotorid.report.validation import validation_report  # pictures take their time to load
+        from rotorid.report.records import validation_report  # pictures take their time to load
         from rotorid.results.evidence import record_evidence
 
         shown = record_evidence(estimate, plan.model, placed, another=True)

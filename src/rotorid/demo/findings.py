@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rotorid.core.values import Floats
 from rotorid.demo.paper import TABLE, printed_error
 from rotorid.demo.run import DemoResult
-from rotorid.record import Floats
 
 ENOUGH = 10  # records, below which bias cannot be told from scatter
 FIRM = 2.0  # standard errors

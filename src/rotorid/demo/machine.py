@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.estimate import Estimate
-from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.frozen import frozen
-from rotorid.identify import identify
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import identify
+from rotorid.core.frozen import frozen
+from rotorid.data.record import Drive, PeriodicRecord
+from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.models import Model
-from rotorid.record import Drive, PeriodicRecord
+from rotorid.models.priors import Constraint
 from rotorid.rig.file import load_rig
 from rotorid.signals.average import average
 from rotorid.signals.inspection import Inspection, inspect_record
@@ -34,25 +35,14 @@ MASS = "m1 + m2 + m3"
 
 @frozen
 class MachineResult:
-    """A machine, what its record showed, and what came out beside the truth.
-
-    Parameters
-    ----------
-    model : Model
-    inspection : Inspection
-    periods : PeriodicRecord
-    estimator : MaximumLikelihood
-        What was known beforehand.
-    estimate : Estimate
-    truth : mapping of str to float
-        Of the parameters, and of the constants of the bearings by their names in the estimate.
-    """
+    """A machine, what its record showed, and what came out beside the truth."""
 
     model: Model
     inspection: Inspection
     periods: PeriodicRecord
-    estimator: MaximumLikelihood
+    estimator: MaximumLikelihood  # what was known beforehand
     estimate: Estimate
+    # of the parameters, and of the constants of the bearings by their names in the estimate
     truth: Mapping[str, float]
 
 

@@ -5,7 +5,7 @@ The units are corrected (the paper prints N m, N m^2 and N m^3 for the stiffness
 
 from __future__ import annotations
 
-from rotorid.frozen import frozen
+from rotorid.core.frozen import frozen
 
 # Columns of the paper's table and the estimators here that they correspond to.
 COLUMNS = {
@@ -18,30 +18,14 @@ COLUMNS = {
 
 @frozen
 class PaperRow:
-    """A row of the paper's Table 1.
+    """A row of the paper's Table 1."""
 
-    Parameters
-    ----------
-    base : str
-        Name of the base parameter of the model `three-mass`.
-    quantity : str
-        What the paper lists.
-    unit : str
-        Of the paper's quantity.
-    true : float
-        As printed.
-    errors : tuple of float
-        |error| in % of one run, in the order of `COLUMNS`.
-    speed_power : int
-        The paper's quantity is the base parameter times Omega to this power.
-    """
-
-    base: str
-    quantity: str
-    unit: str
-    true: float
-    errors: tuple[float, float, float, float]
-    speed_power: int = 0
+    base: str  # name of the base parameter of the model `three-mass`
+    quantity: str  # what the paper lists
+    unit: str  # of the paper's quantity
+    true: float  # as printed
+    errors: tuple[float, float, float, float]  # |error| in % of one run, in the order of `COLUMNS`
+    speed_power: int = 0  # the paper's quantity is the base parameter times Omega to this power
 
 
 TABLE = (

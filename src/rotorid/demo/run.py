@@ -19,24 +19,19 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimators import (
-    Batch,
-    Estimator,
-    LeastSquares,
-    MaximumLikelihood,
-    Plan,
-    Sequential,
-    predict_accuracy,
-)
-from rotorid.frozen import frozen
-from rotorid.identify import identify
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import Estimator, identify
+from rotorid.core.errors import InputError
+from rotorid.core.files import write_whole
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+from rotorid.data.record import PeriodicRecord, Record
+from rotorid.likelihood.bound import Plan, predict_accuracy
+from rotorid.likelihood.estimator import MaximumLikelihood
+from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 from rotorid.models import Model, load_model
-from rotorid.record import Floats, PeriodicRecord, Record
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
-from rotorid.writing import write_whole
 
 SPEED = 2 * np.pi * 140.0  # rad/s
 FUNDAMENTAL = 20.0  # Hz
@@ -69,25 +64,17 @@ class Example:
 
 @frozen
 class DemoResult:
-    """Estimates over all runs beside the truth.
+    """Estimates over all runs beside the truth."""
 
-    Parameters
-    ----------
-    names, units : tuple of str
-        Base parameters of the model.
-    truth : array, shape (base,)
-    values, deviations : mapping of estimator name to array, shape (run, base)
-        Estimates and the standard deviations that they state.
-    bound : array, shape (base,)
-        The least standard deviation that an unbiased estimate can have (Cramer and Rao).
-    example : Example
-    """
-
+    # base parameters of the model
     names: tuple[str, ...]
     units: tuple[str, ...]
-    truth: Floats
+    truth: Floats  # (base,)
+    # mapping of estimator name to array, shape (run, base): estimates and the standard deviations
+    # that they state
     values: Mapping[str, Floats]
     deviations: Mapping[str, Floats]
+    # (base,): the least standard deviation that an unbiased estimate can have (Cramer and Rao)
     bound: Floats
     example: Example
 

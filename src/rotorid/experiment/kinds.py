@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from rotorid.errors import InputError
-from rotorid.experiment.recording import Recording, recording
+from rotorid.core.errors import InputError
+from rotorid.data.lines import Lines
+from rotorid.data.record import Channel
+from rotorid.experiment.duplicates import check_columns
+from rotorid.experiment.read import Recording, recording
 from rotorid.experiment.schema import ChannelEntry, Kind, RecordEntry
-from rotorid.experiment.twice import check_columns
-from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.record import Channel
 
 Entries = Mapping[str, ChannelEntry]
 Reader = Callable[[Path, RecordEntry, Entries, Model], Sequence[Lines]]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from rotorid import estimators
-from rotorid.errors import InputError
-from rotorid.estimators.knowledge import Constraint
-from rotorid.estimators.methods import Estimator
+from rotorid.answer.identify import Estimator
+from rotorid.core.errors import InputError
 from rotorid.experiment.names import bounds, modes, stated
 from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
 from rotorid.models import Model
+from rotorid.models.priors import Constraint
 
 
 def build_estimator(
@@ -23,10 +22,12 @@ def build_estimator(
         return _maximum_likelihood(entry, fixed, constraints, model)
     _refuse_deviations(entry)
     if method == "batch":
-        return estimators.Batch(
-            free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints
-        )
-    family = estimators.LeastSquares if method == "ls" else estimators.Sequential
+        from rotorid.linear.estimators import Batch
+
+        return Batch(free_weight=entry.estimator.free_weight, fixed=fixed, constraints=constraints)
+    from rotorid.linear.estimators import LeastSquares, Sequential
+
+    family = LeastSquares if method == "ls" else Sequential
     return family(fixed=fixed, constraints=constraints)
 
 
@@ -36,8 +37,10 @@ def _maximum_likelihood(
     constraints: tuple[Constraint, ...],
     model: Model,
 ) -> Estimator:
+    from rotorid.likelihood.estimator import MaximumLikelihood
+
     values, deviations = (stated(entry.parameters, model, key) for key in ("value", "std"))
-    return estimators.MaximumLikelihood(
+    return MaximumLikelihood(
         fixed=fixed,
         constraints=constraints,
         known={name: (value, deviations[name]) for name, value in values.items()},

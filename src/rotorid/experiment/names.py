@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
-from rotorid.errors import InputError
-from rotorid.estimators.knowledge import Constraint, unit_of_expression
-from rotorid.estimators.modes import Mode, in_units_of
+from rotorid.core.errors import InputError
+from rotorid.core.units import si_factor, to_si
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.experiment.schema import (
     ChannelEntry,
     ConstraintEntry,
@@ -24,13 +24,12 @@ from rotorid.experiment.schema import (
     RecordEntry,
     TimeEntry,
 )
+from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.io import Source, open_table
 from rotorid.io.table import Column
 from rotorid.models import Model
-from rotorid.models.combination import sensor_terms
-from rotorid.models.terms import DERIVATIVES, polynomial
-from rotorid.record import Complexes, Floats
-from rotorid.units import si_factor, to_si
+from rotorid.models.equations import DERIVATIVES, polynomial, sensor_terms
+from rotorid.models.priors import Constraint, unit_of_expression
 
 _ANGLES = ("deg", "rad")
 _POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)

@@ -7,18 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.core.notes import Note
+from rotorid.core.units import check_unit, si_factor
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.lines import Lines
+from rotorid.data.record import Channel
+from rotorid.data.tables import phasor_lines
 from rotorid.experiment.names import source
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.experiment.table_columns import Columns, complex_column, std_column
 from rotorid.io import open_tables
 from rotorid.io.table import Table
-from rotorid.lines import Lines
 from rotorid.models import Model
-from rotorid.phasor_lines import phasor_lines
-from rotorid.record import Channel, Check, Complexes, Floats
-from rotorid.signals.checks_phasors import check_phases, check_probes
-from rotorid.units import check_unit, si_factor
+from rotorid.signals.checks.channels import check_phases, check_probes
 
 
 def check_channels(
@@ -77,7 +79,6 @@ def read_records(
 
 
 def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
-    """Return the speed of each row."""
     if entry.speed.column is not None:
         return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
     name, first = next(iter(entries.items()))
@@ -86,8 +87,7 @@ def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntr
     return np.full(count, entry.speed.value)
 
 
-def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Check]:
-    """Check the phases of a channel in the unit in which they are stated."""
+def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
     if not entry.polar:
         return []
     turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import multiply_units, si_factor, to_si
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.lines import Lines
+from rotorid.data.record import Channel
+from rotorid.data.tables import response_lines
 from rotorid.experiment.names import source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.experiment.table_columns import (
@@ -17,18 +23,12 @@ from rotorid.experiment.table_columns import (
     complex_column,
     std_column,
 )
-from rotorid.frozen import frozen
 from rotorid.io import open_tables
-from rotorid.io.reading import check_magnitude, check_stated, largest_of
+from rotorid.io.record import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
-from rotorid.io.universal_responses import StoredResponse, read_responses
-from rotorid.lines import Lines
+from rotorid.io.universal import StoredResponse, read_responses
 from rotorid.models import Model
-from rotorid.models.combination import sensor_terms
-from rotorid.models.terms import DERIVATIVES
-from rotorid.record import Channel, Complexes, Floats
-from rotorid.responses import response_lines
-from rotorid.units import multiply_units, si_factor, to_si
+from rotorid.models.equations import DERIVATIVES, sensor_terms
 
 
 @frozen
@@ -68,7 +68,6 @@ def check_channels(
 
 
 def _reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
-    """Return the SI unit of what a sensor reads."""
     if entry.reads is None:
         return model.units[name]
     first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
@@ -264,7 +263,6 @@ def _groups(found: Sequence[_Response], entry: RecordEntry) -> list[list[_Respon
 
 
 def _lines(group: Sequence[_Response], entry: RecordEntry, model: Model, source: str) -> Lines:
-    """Return the lines of responses to one input."""
     driven, hertz = group[0].input, group[0].frequency
     low, high = (0.0, np.inf) if entry.band is None else entry.band
     kept = np.flatnonzero((hertz >= low) & (hertz <= high))[:: entry.every]

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
 
-from rotorid.actuators.entry import LawEntry, LawName, law_keys
-from rotorid.dynamics import UNKNOWN, Constant
-from rotorid.errors import InputError
-from rotorid.toml import Schema
-from rotorid.units import to_si
+from rotorid.core.errors import InputError
+from rotorid.core.toml import Schema
+from rotorid.core.units import to_si
+from rotorid.force.channel_dynamics import UNKNOWN, Constant
+from rotorid.force.entry import LawEntry, LawName, law_keys
 
 
 def _quantity(unit: str) -> BeforeValidator:

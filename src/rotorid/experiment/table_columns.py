@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import si_factor, to_si
+from rotorid.core.values import Complexes, Floats
 from rotorid.experiment.schema import ChannelEntry
-from rotorid.frozen import frozen
-from rotorid.io.reading import check_magnitude, check_stated, largest_of
+from rotorid.io.record import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
-from rotorid.record import Complexes, Floats
-from rotorid.units import si_factor, to_si
 
 
 @frozen

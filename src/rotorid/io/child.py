@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError
 
 LEAST, SPEED = 4, 5e6
 """Seconds of the processor that any file may take, and bytes a second beyond: packages read faster

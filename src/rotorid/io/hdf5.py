@@ -12,9 +12,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.files import open_regular
-from rotorid.frozen import frozen
+from rotorid.core.errors import InputError
+from rotorid.core.files import open_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.units import si_factor
 from rotorid.io.child import from_child, in_child
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
 from rotorid.io.hdf5_packing import Packing, attribute, packing_of
@@ -33,7 +34,6 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
-from rotorid.units import si_factor
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
 _INTERVAL = ("sample_interval", "wf_increment", "dt")
@@ -60,14 +60,9 @@ class Hdf5Table(NamedArrays):
     A damaged one ends the process that reads it, now and then, so that a child does all that is
     asked of HDF5. Numbers that lie bare in the file, as most loggers write them, are then read here
     without it, others come from the child.
-
-    Parameters
-    ----------
-    known : mapping of path to Told
-        What was told of arrays of which nothing else need be asked.
     """
 
-    known: Mapping[str, Told | None]
+    known: Mapping[str, Told | None]  # what was told of arrays of which nothing else need be asked
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
@@ -181,7 +176,6 @@ def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterat
 def _bare_blocks(
     file: str, bare: Mapping[Place, Bare], count: int, rows: int
 ) -> Iterator[dict[Place, Any]]:
-    """Yield rows that lie bare in the file."""
     with open_regular(file) as stream, reading(file, "HDF5 data"):
         for begin in range(0, count, rows):
             yield {

@@ -9,11 +9,11 @@ from typing import Any
 
 import h5py
 
-from rotorid.errors import ReadError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import DEPTH, NODES
 from rotorid.io.child import in_child
 from rotorid.io.table import is_numeric, reading
-from rotorid.limits import DEPTH, NODES
 
 FIRST = 50
 """Groups and data sets that are looked at when a file is opened: 10 ms."""
@@ -136,7 +136,6 @@ def _look(file: str, most: int, tell: Callable[[Node], Any] | None) -> Found:
 
 
 def _look_at(file: str, path: str) -> Found:
-    """Return what lies at a path."""
     found = Found()
     with opened(file) as data:
         found.note(path, find(data, path, found.others))

@@ -10,29 +10,20 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rotorid.errors import ReadError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import COLUMNS
 from rotorid.io.table import is_numeric
-from rotorid.limits import COLUMNS
 
 
 @frozen
 class Packing:
-    """How stored numbers become samples.
-
-    Parameters
-    ----------
-    scale, offset : float
-    missing : sequence of float
-        Stored numbers that stand for a gap.
-    wrap : float
-        Added to negative numbers: unsigned ones that were stored as signed.
-    """
+    """How stored numbers become samples."""
 
     scale: float = 1.0
     offset: float = 0.0
-    missing: tuple[float, ...] = ()
-    wrap: float = 0.0
+    missing: tuple[float, ...] = ()  # stored numbers that stand for a gap
+    wrap: float = 0.0  # added to negative numbers: unsigned ones that were stored as signed
 
     def unpacked(self, stored: Any) -> Any:
         """Return samples, gaps as NaN; what is not packed as it is."""

@@ -14,29 +14,21 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from rotorid.errors import ReadError
-from rotorid.files import check_beside, check_regular
-from rotorid.frozen import frozen
+from rotorid.core.errors import ReadError
+from rotorid.core.files import check_beside, check_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import CHUNK_BYTES, PARTS, REFERENCES
 from rotorid.io.hdf5_nodes import find, opened
 from rotorid.io.table import check_held
-from rotorid.limits import CHUNK_BYTES, PARTS, REFERENCES
 
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
 
 
 @frozen
 class Bare:
-    """Numbers that lie in a file in one piece and as they do in memory.
+    """Numbers that lie in a file in one piece and as they do in memory."""
 
-    Parameters
-    ----------
-    offset : int
-        Bytes before them.
-    dtype : dtype
-    shape : tuple of int
-    """
-
-    offset: int
+    offset: int  # bytes before them
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
 
@@ -196,7 +188,6 @@ def _endless(space: Any) -> bool:
 
 
 def _add(covered: Any, space: Any) -> None:
-    """Add a selection to those that are covered."""
     kind, either = space.get_select_type(), h5py.h5s.SELECT_OR
     if kind == h5py.h5s.SEL_ALL:
         covered.select_all()

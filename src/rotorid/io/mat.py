@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorid.files import open_regular
-from rotorid.frozen import frozen
+from rotorid.core.files import open_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 from rotorid.io import mat4, mat5
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.mat5 import Packed, Plain, Stored
@@ -22,7 +23,6 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
-from rotorid.record import Floats
 
 
 @frozen

@@ -6,8 +6,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from rotorid.core.limits import NODES
 from rotorid.io.mat5 import TWICE, Order, Plain, Stored
-from rotorid.limits import NODES
 
 _NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
 _OTHERS = {1: "text", 2: "a sparse matrix"}

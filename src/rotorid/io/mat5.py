@@ -14,9 +14,9 @@ from typing import BinaryIO, Literal
 
 import numpy as np
 
-from rotorid.frozen import frozen
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import DEPTH, NODES
 from rotorid.io.table import check_size
-from rotorid.limits import DEPTH, NODES
 
 _INT8, _UINT8, _INT32, _UINT32, _MATRIX, _COMPRESSED, _UTF8 = 1, 2, 5, 6, 14, 15, 16
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"} | {
@@ -40,21 +40,12 @@ Order = Literal["little", "big"]
 
 @frozen
 class Stored:
-    """Where the numbers of an array lie, column by column, in the file or a packed part of it.
-
-    Parameters
-    ----------
-    shape : tuple of int
-    dtype : dtype
-        As they are stored.
-    begin : int
-    packed : tuple of int, optional
-        Begin, size and unpacked size of the packed element in which `begin` counts.
-    """
+    """Where the numbers of an array lie, column by column, in the file or a packed part of it."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype[np.generic]
+    dtype: np.dtype[np.generic]  # as they are stored
     begin: int
+    # begin, size and unpacked size of the packed element in which `begin` counts
     packed: tuple[int, int, int] | None = None
 
     @property

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from rotorid.errors import InputError, ReadError
-from rotorid.frozen import frozen
-from rotorid.io.delimited import open_delimited
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
 from rotorid.io.table import Column, Table, content, head, no_column
+from rotorid.io.text import open_delimited
 
 
 def _reader(module: str, name: str) -> Callable[[Path], Table]:

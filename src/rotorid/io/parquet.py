@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.errors import ReadError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import COLUMNS
+from rotorid.core.values import Floats
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -21,8 +23,6 @@ from rotorid.io.table import (
     not_what_it_says,
     reading,
 )
-from rotorid.limits import COLUMNS
-from rotorid.record import Floats
 
 
 @frozen

@@ -14,11 +14,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rotorid.errors import InputError, ReadError
-from rotorid.files import open_regular
-from rotorid.frozen import frozen
-from rotorid.limits import COMPRESSION, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
-from rotorid.record import Floats
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.files import open_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import COMPRESSION, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
+from rotorid.core.values import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -38,36 +38,21 @@ _SIGNATURES = {
 
 @frozen
 class Rate:
-    """A sample rate that a file states.
-
-    Parameters
-    ----------
-    hertz : float
-    rounding : float
-        How far, relative, it may be off for the digits in which it is written.
-    """
+    """A sample rate that a file states."""
 
     hertz: float
+    # how far, relative, it may be off for the digits in which it is written
     rounding: float = 1e-12
 
 
 @frozen
 class Column:
-    """Samples of one column as they stand in the file, and what the file states of them.
-
-    Parameters
-    ----------
-    values : array
-    unit : str or None
-    rate : Rate or None
-    start : float or None
-        When its first sample was taken, in s by the clock of all columns.
-    """
+    """Samples of one column as they stand in the file, and what the file states of them."""
 
     values: Floats
     unit: str | None = None
     rate: Rate | None = None
-    start: float | None = None
+    start: float | None = None  # when its first sample was taken, in s by the clock of all columns
 
     def __post_init__(self) -> None:
         """Take a rate that no logger has for none."""
@@ -227,20 +212,11 @@ class Place:
 
 @frozen
 class NamedArrays:
-    """A file of arrays found by path, or by the end of it where that is unique.
+    """A file of arrays found by path, or by the end of it where that is unique."""
 
-    Parameters
-    ----------
-    file : str
-        The path of the file, for messages.
-    shapes : mapping of path to shape
-        Its numeric arrays.
-    others : mapping of path to str
-        What else is in it, and what that is, as far as that is known.
-    """
-
-    file: str
-    shapes: Mapping[str, tuple[int, ...]]
+    file: str  # the path of the file, for messages
+    shapes: Mapping[str, tuple[int, ...]]  # its numeric arrays
+    # what else is in it, and what that is, as far as that is known
     others: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     @property

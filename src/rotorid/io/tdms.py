@@ -10,9 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rotorid.errors import ReadError
-from rotorid.files import open_regular
-from rotorid.frozen import frozen
+from rotorid.core.errors import ReadError
+from rotorid.core.files import open_regular
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import VISITS
+from rotorid.core.values import Floats
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -26,8 +28,6 @@ from rotorid.io.table import (
     reading,
     silent,
 )
-from rotorid.limits import VISITS
-from rotorid.record import Floats
 
 _LEAD = struct.Struct("<4siiqq")  # of a segment: its contents as bits, its version, two sizes
 _LISTS, _ANEW, _BIG = 1 << 1, 1 << 2, 1 << 6  # objects listed, all anew, numbers of the other order

@@ -1,21 +1,264 @@
-"""Base parameters: what the equations can tell apart, found from their structure."""
+"""Base parameters: the combinations of parameters that the equations determine.
+
+Products of powers of symbols are independent. Where functions, roots or divisions appear, the
+signals are evaluated at points without a pattern; those that double precision cannot tell apart
+once more to a hundred digits, and the relations between the columns found by elimination: with so
+many digits a relation at more points than signals is an identity.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
 import numpy as np
+from mpmath.ctx_mp import MPContext
+from mpmath.libmp import to_rational
 
-from rotorid.frozen import frozen
+from rotorid.core.frozen import frozen
+from rotorid.core.units import multiply_units
+from rotorid.core.values import Floats, Integers
 from rotorid.models import cost
-from rotorid.models.dependence import independent_signals
-from rotorid.models.expression import Expression, Monomial
-from rotorid.models.terms import Product
-from rotorid.record import Floats, Integers
-from rotorid.units import multiply_units
+from rotorid.models.equations import Product
+from rotorid.models.text import MAX_VALUE, Expression, Factor, Monomial, evaluate, product
+
+Real = Any  # a number of a hundred digits; mpmath carries no types
+_EXACT = MPContext()
+_EXACT.dps = 100
+TOLERANCE = _EXACT.mpf("1e-40")  # what is left of a dependent column
+_LARGE = _EXACT.mpf("1e30")  # argument of a function, beyond which it takes as many more digits
+_MAGNITUDE = 10_000  # binary exponent of a value that is computed with
+
+
+def values_at(point: Mapping[str, Fraction], signals: Sequence[Expression]) -> list[Real] | None:
+    """Return the values of signals; nothing at a pole, and where one is not real or too large."""
+    values = _Point(point)
+    try:
+        return [values.of(signal) for signal in signals]
+    except (ArithmeticError, ValueError):
+        return None
+
+
+class _Point:
+    """The values of expressions at a point; what they share is found once."""
+
+    def __init__(self, point: Mapping[str, Fraction]) -> None:
+        self.point = {name: _real(value) for name, value in point.items()}
+        self.known: dict[int, Real] = {}
+
+    def of(self, value: Expression) -> Real:
+        """Return the value; an error where it is no real number of a size to compute with."""
+        if id(value) not in self.known:
+            found = self._of(value)
+            if not isinstance(found, _EXACT.mpf) or not _is_moderate(found):
+                raise ValueError("no real number")
+            self.known[id(value)] = found
+        return self.known[id(value)]
+
+    def _of(self, value: Expression) -> Real:
+        if value.kind == "name":
+            return self.point[value.parts[0]]
+        if value.kind == "number":
+            return _real(value.parts[0])
+        if value.kind == "pi":
+            return +_EXACT.pi
+        if value.kind == "power":
+            base, exponent = value.parts
+            whole = exponent.denominator == 1
+            return self.of(base) ** (int(exponent) if whole else _real(exponent))
+        inner = [self.of(part) for part in value.parts]
+        if value.kind == "sum":
+            return _EXACT.fsum(inner)
+        if value.kind == "product":
+            return _EXACT.fprod(inner)
+        if value.kind in ("abs", "sign"):
+            return abs(inner[0]) if value.kind == "abs" else _EXACT.sign(inner[0])
+        if abs(inner[0]) > _LARGE:
+            raise ValueError("too large an argument")
+        return getattr(_EXACT, value.kind)(inner[0])
+
+
+def _is_moderate(found: Real) -> bool:
+    if found == 0:
+        return True
+    return bool(_EXACT.isfinite(found) and abs(_EXACT.mag(found)) < _MAGNITUDE)
+
+
+def _real(value: Fraction) -> Real:
+    return _EXACT.mpf(value.numerator) / value.denominator
+
+
+def near(value: Real) -> Fraction:
+    """Return the simple fraction that a number is, else the number in double precision."""
+    exact = Fraction(*map(int, to_rational(value._mpf_)))
+    simple = exact.limit_denominator(10**6)
+    if abs(exact - simple) < Fraction(1, 10**30):
+        return simple
+    return Fraction(repr(float(value)))
+
+
+_MAX_GROUP = 80  # signals; larger groups count as independent
+# Nodes of signals to evaluate to a hundred digits, in all: a second and a half. What is beyond
+# counts as independent; thirty functions that double precision cannot tell apart are within.
+_EVALUATIONS = 30_000
+_SPARE = 5  # points of each size beyond the number of independent signals
+_SCALES = (Fraction(1), Fraction(3), Fraction(1, 30), Fraction(1, 10**5))
+
+Combination = Mapping[Expression, Fraction]
+
+
+def independent_signals(signals: Iterable[Expression]) -> dict[Expression, Combination]:
+    """Write each signal as a combination of independent ones."""
+    everything = list(dict.fromkeys(signals))
+    found: dict[Expression, Combination] = {s: {s: Fraction(1)} for s in everything}
+    known: dict[tuple[Expression, ...], Mapping[Expression, Combination]] = {}
+    left = _EVALUATIONS
+    for outer, members in _groups(everything).items():
+        key = tuple(members)
+        if key not in known:
+            if not 1 < len(members) <= _MAX_GROUP or all(_is_power_product(m) for m in members):
+                continue
+            known[key], spent = _relations(_suspects(members), left)
+            left -= spent
+        for inner, relation in known[key].items():
+            found[_times(outer, inner)] = {_times(outer, s): c for s, c in relation.items()}
+    return found
+
+
+def _is_power_product(value: Expression) -> bool:
+    return not any(_holds_function(factor) for factor in value.factors)
+
+
+def _holds_function(factor: Factor) -> bool:
+    base, exponent = factor
+    return base.kind != "name" or exponent.denominator != 1 or exponent < 0
+
+
+def _times(one: Expression, other: Expression) -> Expression:
+    """Return the product of expressions that share no base."""
+    return product([*one.factors, *other.factors])
+
+
+def _groups(signals: Sequence[Expression]) -> dict[Expression, list[Expression]]:
+    """Split off the powers of symbols that stand in no function; what is left is grouped by them.
+
+    Signals of different groups are independent.
+    """
+    inside: set[Expression] = set()
+    for signal in signals:
+        for factor in signal.factors:
+            if _holds_function(factor):
+                inside |= factor[0].free_symbols
+    groups: dict[Expression, list[Expression]] = defaultdict(list)
+    for signal in signals:
+        inner = [factor for factor in signal.factors if factor[0].free_symbols & inside]
+        outer = [factor for factor in signal.factors if not factor[0].free_symbols & inside]
+        groups[product(outer)].append(product(inner))
+    return groups
+
+
+def _suspects(signals: Sequence[Expression]) -> list[Expression]:
+    """Return the signals that may be dependent, as double precision sees it."""
+    names = _names(signals)
+    points = 8 * len(signals) + 40
+    arrays = {
+        str(name): [float(_coordinate(i, k)) for k in range(points)] for i, name in enumerate(names)
+    }
+    columns = [np.broadcast_to(evaluate(signal, arrays), (points,)) for signal in signals]
+    matrix = np.column_stack(columns)
+    matrix = matrix[(np.abs(matrix) < MAX_VALUE).all(axis=1)]
+    if len(matrix) < 2 * len(signals):
+        return list(signals)
+    length = np.linalg.norm(matrix, axis=0)
+    _, singular, directions = np.linalg.svd(matrix / np.where(length > 0, length, 1.0))
+    null = directions[: len(singular)][singular < 1e-8 * singular[0]]
+    return [
+        s for s, direction in zip(signals, null.T, strict=True) if (abs(direction) > 1e-7).any()
+    ]
+
+
+def _names(signals: Sequence[Expression]) -> list[Expression]:
+    return sorted(set[Expression]().union(*(s.free_symbols for s in signals)), key=str)
+
+
+def _relations(
+    signals: Sequence[Expression], most: int
+) -> tuple[dict[Expression, Combination], int]:
+    """Return the dependent signals in terms of the others, and how many nodes were evaluated.
+
+    So many points are looked at as the independent signals that show ask for, and no more.
+    """
+    spent, rank = 0, min(4, len(signals))
+    if not signals:
+        return {}, spent
+    nodes, samples = sum(map(_nodes, signals)), _samples(signals)
+    rows: list[list[Real]] = []
+    while True:
+        wanted = len(_SCALES) * (rank + _SPARE)
+        if (spent := nodes * wanted) > most:
+            return {}, most
+        rows += islice(samples, wanted - len(rows))
+        if len(rows) < wanted:
+            return {}, spent  # too few points where all are real: all count as independent
+        relations = _eliminated(signals, list(rows))
+        found = len(signals) - len(relations)
+        if found <= rank:
+            return relations, spent
+        rank = min(max(found, 2 * rank), len(signals))
+
+
+def _nodes(value: Expression) -> int:
+    return 1 + sum(_nodes(part) for part in value.parts if isinstance(part, Expression))
+
+
+def _eliminated(
+    signals: Sequence[Expression], rows: list[list[Real]]
+) -> dict[Expression, Combination]:
+    """Return the dependent signals in terms of the others, by Gauss and Jordan."""
+    relations: dict[Expression, Combination] = {}
+    size = [max(abs(row[j]) for row in rows) for j in range(len(signals))]
+    pivots: list[int] = []
+    for j, signal in enumerate(signals):
+        left = range(len(pivots), len(rows))
+        best = max(left, key=lambda i: abs(rows[i][j]), default=None)
+        if best is None:
+            break  # too few points: the rest counts as independent
+        if abs(rows[best][j]) <= TOLERANCE * size[j]:
+            ratios = [near(row[j]) for row in rows[: len(pivots)]]
+            relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
+            continue
+        rows[left[0]], rows[best] = rows[best], rows[left[0]]
+        _eliminate(rows, left[0], j)
+        pivots.append(j)
+    return relations
+
+
+def _eliminate(rows: list[list[Real]], pivot: int, column: int) -> None:
+    head = [value / rows[pivot][column] for value in rows[pivot]]
+    for i, row in enumerate(rows):
+        factor = row[column]
+        rows[i] = head if i == pivot else [a - factor * b for a, b in zip(row, head, strict=True)]
+
+
+def _samples(signals: Sequence[Expression]) -> Iterator[list[Real]]:
+    """Evaluate signals at points where all are real, as many of each size.
+
+    Points of one size alone would let functions that are alike there pass for dependent.
+    """
+    names, most = _names(signals), 8 * len(_SCALES) * (len(signals) + _SPARE)
+    for k in range(most):
+        point = {str(name): _coordinate(i, k) for i, name in enumerate(names)}
+        if (values := values_at(point, signals)) is not None:
+            yield values
+
+
+def _coordinate(i: int, k: int) -> Fraction:
+    """Return coordinate i of point k: several sizes, both signs, no pattern."""
+    mixed = (7919 * (k + 1) ** 2 + 104729 * (i + 1) ** 3) % 99991
+    return _SCALES[k % len(_SCALES)] * (Fraction(mixed, 49999) - 1)
 
 
 @frozen
@@ -23,18 +266,12 @@ class BaseParameters:
     """Independent combinations of parameter monomials.
 
     ``base = gather @ monomial_values``. The merge is structural: it holds for every motion.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-    gather : array, shape (base, monomial)
-    kept : sequence of int
-        The monomial of each whose column of the regressor is that of the base parameter.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    gather: Floats
+    gather: Floats  # (base, monomial)
+    # the monomial of each whose column of the regressor is that of the base parameter
     kept: tuple[int, ...]
 
 
@@ -49,15 +286,15 @@ def gather_base(
     The monomials are scanned in order: one whose column is independent of those kept is kept;
     else it is added to them with its rational coefficients.
     """
-    independent = independent_signals(product.signal for product in products)
+    independent = independent_signals(term.signal for term in products)
     entries: dict[tuple[int, Expression], int] = {}
     rows: dict[int, dict[int, Fraction]] = defaultdict(lambda: defaultdict(Fraction))
     position = {monomial: i for i, monomial in enumerate(monomials)}
-    for product in products:
-        column = position[product.monomial]
-        for signal, factor in independent[product.signal].items():
-            entry = entries.setdefault((product.row, signal), len(entries))
-            rows[entry][column] += factor * product.coefficient
+    for term in products:
+        column = position[term.monomial]
+        for signal, factor in independent[term.signal].items():
+            entry = entries.setdefault((term.row, signal), len(entries))
+            rows[entry][column] += factor * term.coefficient
     occurring = {column for row in rows.values() for column, value in row.items() if value}
     scanned = [i for i in sorted(occurring) if any(monomials[i])]
     if not scanned:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from fractions import Fraction
 
-from rotorid.errors import ModelError
+from rotorid.core.errors import ModelError
 
 WORK = 500_000
 """Units of up to 4 us that all texts of a model may cost together: two seconds. A model of a

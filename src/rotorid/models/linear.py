@@ -1,23 +1,81 @@
-"""The linear form: M q'' + (D + Omega G) q' + K q = B u + g."""
+"""The linear form of a model: M, D, G, K, B and the loads that turn with the rotor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError, ModelError
-from rotorid.frozen import frozen
-from rotorid.models.evaluation import evaluate, is_usable
-from rotorid.models.expression import RESERVED, Expression, product, symbol
-from rotorid.models.rotation import rotation_line
-from rotorid.models.terms import DERIVATIVES
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.core.errors import InputError, ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.models.equations import DERIVATIVES
+from rotorid.models.text import (
+    FUNCTIONS,
+    RESERVED,
+    Expression,
+    evaluate,
+    is_usable,
+    product,
+    symbol,
+)
+
+POINTS = 257
+"""Rotor angles per turn: a load of 255 times per revolution is still told from one of once."""
+TURNS = 1000
+"""Turns over which a load is looked at that no turn repeats, such as that of a geared shaft."""
+REPEATS = 1e-9
+"""Share of its size by which a load may differ from turn to turn: rounding."""
+
+
+def rotation_line(signal: Expression, speed: float) -> complex:
+    """Return g of the part ``Re(g exp(i phi))`` of a load at a speed in rad/s.
+
+    A load that depends on the time has none: it may turn as fast, but not from the same zero. What
+    is no finite number is NaN.
+    """
+    if symbol("t") in signal.free_symbols:
+        return 0j
+    angle = 2 * np.pi * np.arange(POINTS) / POINTS
+    if _repeats(signal):
+        weight = np.full(POINTS, 1 / POINTS)
+    else:  # a window whose lines are far narrower than orders are apart
+        angle = 2 * np.pi * np.arange(POINTS * TURNS) / POINTS
+        weight = np.blackman(len(angle))
+        weight /= weight.sum()
+    wave = _wave(signal, angle, speed)
+    if not np.isfinite(wave).all():
+        return complex(np.nan, np.nan)
+    return complex(2 * (weight * np.exp(-1j * angle)) @ wave)
+
+
+def runs_by_time(signal: Expression) -> Expression | None:
+    """Return the function of `Omega` times `t` in a load, which is to turn with the rotor."""
+    if signal.kind in FUNCTIONS and {symbol("t"), symbol("Omega")} <= signal.free_symbols:
+        return signal
+    inner = (runs_by_time(part) for part in signal.parts if isinstance(part, Expression))
+    return next((found for found in inner if found is not None), None)
+
+
+@lru_cache(maxsize=1000)
+def _repeats(signal: Expression) -> bool:
+    """Tell whether a load is the same after each turn."""
+    angle = np.linspace(0.1, 6.1, 7)
+    first = _wave(signal, angle, 1.0)
+    later = [_wave(signal, angle + 2 * np.pi * turns, 1.0) for turns in (1, 2, 3)]
+    size = np.abs([first, *later]).max(initial=0.0)
+    with np.errstate(invalid="ignore"):  # infinite: not this one's to say
+        return not any((np.abs(wave - first) > REPEATS * size).any() for wave in later)
+
+
+def _wave(signal: Expression, angle: Floats, speed: float) -> Floats:
+    """Return a load at rotor angles."""
+    return evaluate(signal, {"phi": angle, "Omega": speed}) * np.ones(len(angle))
 
 
 @frozen
@@ -82,21 +140,15 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StiffnessTable:
-    """The terms of Z in columns: those of a drawing are tens of thousands.
-
-    Parameters
-    ----------
-    kinds : sequence of Kind
-    kind, row, column, monomial : int array, shape (term,)
-    coefficient : array, shape (term,)
-    """
+    """The terms of Z in columns: those of a drawing are tens of thousands."""
 
     kinds: tuple[Kind, ...]
+    # (term,)
     kind: Integers
     row: Integers
     column: Integers
     monomial: Integers
-    coefficient: Floats
+    coefficient: Floats  # (term,)
 
     @classmethod
     def of(cls, terms: Sequence[StiffnessTerm]) -> StiffnessTable:
@@ -137,29 +189,18 @@ class LinearForm:
     At line omega: ``Z(omega) q = B u + g`` with
     ``Z = -omega^2 M + i omega (D + Omega G) + K``; every matrix is linear in the monomials of
     the parameters.
-
-    Parameters
-    ----------
-    rows, coordinates, inputs : int
-        Sizes.
-    stiffness : StiffnessTable
-    input_terms : sequence of InputTerm
-    load_terms : sequence of Term
-        g, on the right side; their signals hold t, phi and Omega only.
-    monomial_values : callable
-        Parameter values, shape (parameter,), to those of the monomials, shape (monomial,).
-    monomials : int
-        Their number.
     """
 
+    # sizes
     rows: int
     coordinates: int
     inputs: int
     stiffness: StiffnessTable
     input_terms: tuple[InputTerm, ...]
-    load_terms: tuple[Term, ...]
+    load_terms: tuple[Term, ...]  # g, on the right side; their signals hold t, phi and Omega only
+    # parameter values, shape (parameter,), to those of the monomials, shape (monomial,)
     monomial_values: Callable[[Floats], Floats]
-    monomials: int
+    monomials: int  # their number
 
     def matrices(self, values: ArrayLike, speed: float = 0.0) -> Matrices:
         """Return M, D, G, K and B."""

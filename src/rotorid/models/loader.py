@@ -1,4 +1,4 @@
-"""Model files: TOML to `Model`. The shipped models are such files too."""
+"""Model files to models."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from rotorid.errors import InputError, ModelError, ReadError
-from rotorid.models.expression import RESERVED, symbol
+from rotorid.core.errors import InputError, ModelError, ReadError
+from rotorid.core.toml import Schema, holds_key, parse_toml, read_bytes
+from rotorid.core.units import check_unit
+from rotorid.models.equations import Names
+from rotorid.models.linear import runs_by_time
 from rotorid.models.model import Model, build_model
 from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
-from rotorid.models.rotation import runs_by_time
-from rotorid.models.terms import Names
-from rotorid.toml import Schema, holds_key, parse_toml, read_bytes
-from rotorid.units import check_unit
+from rotorid.models.text import RESERVED, symbol
 
 
 class _ModelFile(Schema):
@@ -132,7 +132,6 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
 
 
 def _build_rotor(data: bytes, name: str, file: str) -> Model:
-    """Return the model of a rotor file."""
     from rotorid.models.rotor.file import RotorFile, read_rotor  # scipy: where a rotor is drawn
     from rotorid.models.rotor.model import rotor_model
 
@@ -165,7 +164,6 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
 
 
 def _build(data: bytes, name: str, file: str) -> Model:
-    """Return the model of a file of equations."""
     entry = parse_toml(data, _ModelFile, file=file)
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     try:

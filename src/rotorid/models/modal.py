@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from rotorid.frozen import frozen
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
 
 FREE = 1e-14
 """Singular value of the stiffness, rows and columns brought to one size, below which a motion is
@@ -37,24 +37,15 @@ SWEEPS = 8
 
 @frozen
 class Eigenmodes:
-    """Oscillating modes in ascending order of frequency; rigid-body modes are left out.
+    """Oscillating modes in ascending order of frequency; rigid-body modes are left out."""
 
-    Parameters
-    ----------
-    values : complex array, shape (mode,)
-        lambda in rad/s, its imaginary part positive.
-    right, left : complex array, shape (mode, coordinate) and (mode, row)
-        ``(lambda^2 M + lambda D + K) right = 0`` and ``left^H (...) = 0``.
-    rigid : int
-        Poles at zero: of free motion.
-    real : array
-        Poles that do not oscillate, in rad/s, in ascending order.
-    """
-
-    values: Complexes
+    values: Complexes  # (mode,): lambda in rad/s, its imaginary part positive
+    # (mode, coordinate) and (mode, row): ``(lambda^2 M + lambda D + K) right = 0`` and ``left^H
+    # (...) = 0``
     right: Complexes
     left: Complexes
-    rigid: int = 0
+    rigid: int = 0  # poles at zero: of free motion
+    # poles that do not oscillate, in rad/s, in ascending order
     real: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, update_wrapper
 from textwrap import shorten
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError, ModelError
-from rotorid.frozen import frozen
+from rotorid.core.errors import InputError, ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.tables import page_html, table
+from rotorid.core.units import Dimension
+from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, base_names, gather_base
-from rotorid.models.dimensions import unit_faults
-from rotorid.models.evaluation import evaluate
-from rotorid.models.expression import RESERVED, Expression, Monomial, symbol
+from rotorid.models.equations import (
+    DERIVATIVES,
+    Equations,
+    Names,
+    Product,
+    out_of_range,
+    product_dimensions,
+    sort_monomials,
+    split_equations,
+    unit_faults,
+)
 from rotorid.models.linear import (
     InputTerm,
     LinearForm,
@@ -25,17 +37,31 @@ from rotorid.models.linear import (
     classify,
     motion_factor,
 )
-from rotorid.models.terms import (
-    DERIVATIVES,
-    Equations,
-    Names,
-    Product,
-    out_of_range,
-    sort_monomials,
-    split_equations,
-)
-from rotorid.record import Floats, Integers
-from rotorid.tables import page_html, table
+from rotorid.models.text import RESERVED, Expression, Monomial, evaluate, symbol
+
+Arguments = ParamSpec("Arguments")
+Found = TypeVar("Found")
+
+
+def fact(
+    work: Callable[Concatenate[Model, Arguments], Found],
+) -> Callable[Concatenate[Model, Arguments], Found]:
+    """Keep what a function finds of a model with the model, for the arguments it had last.
+
+    Fit, checks and pages ask for the same facts, each for itself.
+    """
+    name = f"{work.__module__}.{work.__qualname__}"
+
+    def found(model: Model, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
+        asked = (args, kwargs)
+        last = model.facts.get(name)
+        if last is None or last[0] != asked:
+            last = model.facts[name] = (asked, work(model, *args, **kwargs))
+        answer: Found = last[1]
+        return answer
+
+    update_wrapper(found, work)
+    return found
 
 
 @frozen
@@ -50,23 +76,16 @@ class Parameter:
 
 @frozen
 class Motion:
-    """Signals at which equations are evaluated; leading axes broadcast.
+    """Signals at which equations are evaluated; leading axes broadcast."""
 
-    Parameters
-    ----------
-    position, velocity, acceleration : array, shape (..., sample, coordinate)
-    time, angle : array, shape (..., sample)
-        t in s, phi in rad.
-    speed : float or array, shape (..., sample)
-        Omega in rad/s.
-    """
-
+    # (..., sample, coordinate)
     position: Floats
     velocity: Floats
     acceleration: Floats
+    # (..., sample): t in s, phi in rad
     time: Floats
     angle: Floats
-    speed: float | Floats
+    speed: float | Floats  # float or array, shape (..., sample): omega in rad/s
 
 
 @frozen
@@ -140,8 +159,7 @@ class Model:
 
     @cached_property
     def _monomials(self) -> list[Monomial]:
-        products = (*self.equations.left, *self.equations.right)
-        return sort_monomials({p.monomial for p in products})
+        return sort_monomials({p.monomial for p in self.products})
 
     @property
     def _places(self) -> dict[Monomial, int]:
@@ -239,10 +257,11 @@ class Model:
                 raise InputError(
                     f"{value} for {name}", "a finite number", "give its value, or leave it out"
                 )
-        if not fixed:
-            return self
-        if (known := self._last.get(tuple(fixed.items()))) is not None:
-            return known
+        return self._replaced(tuple(fixed.items())) if fixed else self
+
+    @fact
+    def _replaced(self, held: tuple[tuple[str, float], ...]) -> Model:
+        fixed = dict(held)
         kept = tuple(p for p in self.parameters if p.name not in fixed)
         left, right = (
             _substituted(side, self.parameter_names, fixed)
@@ -250,7 +269,7 @@ class Model:
         )
         if any(out_of_range(product.coefficient) for product in (*left, *right)):
             raise InputError("fixed values too large or too small", "SI values", "check units")
-        reduced = replace(
+        return replace(
             self,
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
@@ -258,13 +277,10 @@ class Model:
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
             before=self.typed,
         )
-        self._last.clear()
-        self._last[tuple(fixed.items())] = reduced
-        return reduced
 
     @cached_property
-    def _last(self) -> dict[tuple[tuple[str, float], ...], Model]:
-        """What was substituted last, and the model: estimator, gate and prediction ask alike."""
+    def facts(self) -> dict[str, tuple[Any, Any]]:
+        """What each `fact` was asked for last, and what it found."""
         return {}
 
     @cached_property
@@ -338,12 +354,21 @@ class Model:
         arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
         return evaluate(self.signals[index], arrays)
 
+    @property
+    def products(self) -> tuple[Product, ...]:
+        """The terms of the left sides, then those of the right sides."""
+        return (*self.equations.left, *self.equations.right)
+
+    @cached_property
+    def dimensions(self) -> tuple[Dimension | None, ...]:
+        """The dimension of each of the `products`; ``None`` where it cannot be told."""
+        units = [parameter.unit for parameter in self.parameters]
+        return tuple(product_dimensions(self.products, units, self.units, self.coordinates))
+
     @cached_property
     def unit_faults(self) -> tuple[str, ...]:
-        """What is wrong with the units of the equations, in words; see `dimensions`."""
-        products = (*self.equations.left, *self.equations.right)
-        units = [parameter.unit for parameter in self.parameters]
-        return tuple(unit_faults(products, units, self.units, self.coordinates))
+        """What is wrong with the units of the equations, in words."""
+        return tuple(unit_faults(self.products, self.dimensions))
 
     def require_linear(self) -> LinearForm:
         """Return the linear form.

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 
 from pydantic import Field
 
-from rotorid.errors import ModelError
-from rotorid.models.expression import FUNCTIONS, RESERVED
+from rotorid.core.errors import ModelError
+from rotorid.core.toml import Schema
+from rotorid.core.units import check_unit, si_factor
 from rotorid.models.model import Parameter
-from rotorid.toml import Schema
-from rotorid.units import check_unit, si_factor
+from rotorid.models.text import FUNCTIONS, RESERVED
 
 MAX_NAMES = 500
 _NAME = re.compile(r"[^\W\d]\w{0,63}")

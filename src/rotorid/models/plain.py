@@ -11,7 +11,7 @@ import re
 from fractions import Fraction
 
 from rotorid.models import cost
-from rotorid.models.expression import Expression, symbol
+from rotorid.models.text import Expression, symbol
 
 MAX_TERMS = 300  # of any part: more are for the grammar, which bounds them
 _DEGREE = 32
@@ -161,7 +161,6 @@ def _reciprocal(divisor: Polynomial) -> Polynomial:
 
 
 def _add(total: Polynomial, other: Polynomial, sign: int) -> None:
-    """Add terms to a total, or take them from it."""
     cost.spend(len(other))
     for powers, coefficient in other.items():
         found = total[powers] = total.get(powers, Fraction(0)) + sign * coefficient

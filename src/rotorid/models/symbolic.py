@@ -20,10 +20,10 @@ import sympy as sp
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
 from lark.exceptions import VisitError
 
-from rotorid.errors import ModelError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ModelError
+from rotorid.core.frozen import frozen
 from rotorid.models import cost
-from rotorid.models.expression import (
+from rotorid.models.text import (
     FUNCTIONS,
     MAX_EXPONENT,
     MAX_TERMS,
@@ -34,7 +34,7 @@ from rotorid.models.expression import (
     number,
     product,
 )
-from rotorid.models.expression import symbol as plain_symbol
+from rotorid.models.text import symbol as plain_symbol
 
 MAX_LENGTH = 100_000
 MAX_NESTING = 64

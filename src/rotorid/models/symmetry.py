@@ -15,8 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 
 ROUNDING = 1e-8
 """Logarithms of coefficients that differ by less are those of one number: ten digits are typed."""
@@ -53,16 +53,6 @@ class Link:
 class Web:
     """All links of some nodes.
 
-    Parameters
-    ----------
-    links : sequence of Link
-    colours : sequence
-        Of each node; only those of one colour may change places.
-    still : set of int
-        Nodes that keep their signs.
-    alike : sequence of set of int
-        Nodes whose signs must multiply to one.
-
     Examples
     --------
     A mass, and on a spring a second one that no sensor reads: nodes 0 and 1 are the coupling in
@@ -75,9 +65,9 @@ class Web:
     """
 
     links: tuple[Link, ...]
-    colours: Sequence[Hashable]
-    still: frozenset[int] | set[int]
-    alike: Sequence[frozenset[int]] = ()
+    colours: Sequence[Hashable]  # of each node; only those of one colour may change places
+    still: frozenset[int] | set[int]  # nodes that keep their signs
+    alike: Sequence[frozenset[int]] = ()  # nodes whose signs must multiply to one
 
     def turns(self, still: Sequence[int] = ()) -> list[Bits]:
         """Return a basis of the sets of nodes that may turn their signs together."""

@@ -1,26 +1,333 @@
-"""The report of an estimate, from the result alone."""
+"""The page of an estimate."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.evidence import ChannelEvidence, RecordEvidence
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.evidence import ChannelEvidence, Prior, RecordEvidence
+from rotorid.answer.parts import DOUBTFUL, EXPLAINS, Value
+from rotorid.answer.tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.tables import Table, table
+from rotorid.core.values import Floats
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
-from rotorid.plots import estimates as drawn
-from rotorid.plots import rotors
-from rotorid.record import Floats
-from rotorid.report import parameters
+from rotorid.report import drawn
+from rotorid.report import drawn as rotors
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.machines import Part, machine_part
-from rotorid.report.verdict import METHODS, verdict_of
-from rotorid.results.model import own_model
-from rotorid.tables import Table, table
+from rotorid.results.machine import own_model
+
+AS_NOISE = 1.5
+"""Difference over noise, root mean square, up to which a channel is predicted as well as noise
+allows: with tens of lines chance makes 1.3 of it."""
+TOLD = 0.5
+"""Relative error from which on it is not told: a prediction from noisy forces beside a resonance
+says nothing of the fit, which the misfit does."""
+METHODS = {
+    "ml": "maximum likelihood",
+    "batch": "batch least squares",
+    "sequential": "sequential least squares",
+    "ls": "least squares",
+}
+
+
+@frozen
+class Verdict:
+    """A sentence, steps to take (what to do, or what to mind), and what is left open."""
+
+    sentence: str
+    steps: tuple[str, ...] = ()
+    left_open: tuple[str, ...] = ()
+
+
+def verdict_of(estimate: Estimate) -> Verdict:
+    """Return what an estimate comes to."""
+    warnings = tuple(estimate.warnings)
+    if estimate.status == "ok":
+        return Verdict(_accepted(estimate), warnings)
+    if estimate.status == "rejected":
+        return Verdict(_rejected(estimate), warnings)
+    if estimate.status == "not_identifiable":
+        return _open(estimate)
+    told = "Not converged: the search did not arrive at an answer, and the values are none."
+    return Verdict(told, warnings)
+
+
+def _accepted(estimate: Estimate) -> str:
+    """Say what the parameters explain, and how well against the noise."""
+    free = sum(not value.fixed for value in estimate.parameters)
+    few = "this parameter explains" if free == 1 else f"these {free} parameters explain"
+    text = f"Accepted: {few} {_explained(estimate) or 'the records'}"
+    return f"{text}{_misfit_against_noise(estimate)}."
+
+
+def _explained(estimate: Estimate) -> str:
+    """Return which channels are predicted, and how closely."""
+    errors = [p.relative_error for p in estimate.prediction.values() if p is not None]
+    if not errors:
+        return f"{len(estimate.modes)} natural frequencies" if estimate.modes else ""
+    worst = max(errors)
+    names = [name for name, p in estimate.prediction.items() if p is not None]
+    count = f"{len(errors)} {_kind(estimate, names)}" if len(errors) > 1 else names[0]
+    return f"{count} to {100 * worst:.2g} %" if worst < TOLD else count
+
+
+def _kind(estimate: Estimate, names: list[str]) -> str:
+    """Return what channels are, by their units."""
+    records = estimate.evidence.records if estimate.evidence else ()
+    units = {c.unit for record in records for c in record.channels if c.name in names}
+    kinds = {"N": "forces", "m": "positions", "A": "currents"}
+    return kinds.get(units.pop(), "channels") if len(units) == 1 else "channels"
+
+
+def _misfit_against_noise(estimate: Estimate) -> str:
+    """Return how the misfit compares with noise, as far as anything tells."""
+    if estimate.misfit is not None:
+        p = estimate.misfit.p_value
+        if p >= DOUBTFUL:
+            return ", as well as the noise allows"
+        return f", though not as well as the noise allows (chance {p:.1g}): read what follows"
+    ratios = [ratio for _, _, ratio in channel_ratios(estimate) if np.isfinite(ratio)]
+    if not ratios:
+        return "; nothing tells how much of the rest is noise"
+    worst = max(ratios)
+    if worst <= AS_NOISE:
+        return ", as well as the noise allows"
+    return f"; the rest is up to {worst:.2g} times what noise makes"
+
+
+def channel_ratios(estimate: Estimate) -> Iterator[tuple[int, str, float]]:
+    """Yield record, channel, and its difference over its noise, root mean square; NaN if unknown.
+
+    Both are taken over all lines before they are compared.
+    """
+    for number, record in enumerate(estimate.evidence.records if estimate.evidence else ()):
+        for channel in record.channels:
+            if channel.difference:
+                noise = float(np.mean(np.square(channel.noise))) if channel.noise else 0.0
+                wrong = float(np.mean(np.square(channel.difference)))
+                yield number, channel.name, (wrong / noise) ** 0.5 if noise > 0 else np.nan
+
+
+def _rejected(estimate: Estimate) -> str:
+    """Say what stands out."""
+    text = "Rejected: the values below do not explain the records"
+    if estimate.misfit is not None and estimate.misfit.expected > 0:
+        times = estimate.misfit.cost / estimate.misfit.expected
+        if times > 1:
+            text += f", whose misfit is {times:.3g} times what noise leaves"
+    if not estimate.suspects:
+        return f"{text}. Nothing that was tried explains it alone."
+    first = estimate.suspects[0]
+    if first.share is not None and first.share < EXPLAINS:
+        return f"{text}. Nothing that was tried explains a fifth of it alone."
+    share = "" if first.share is None else f", which would explain {100 * first.share:.0f} % of it"
+    freed = ""
+    if first.value is not None:
+        unit = "" if first.unit in ("", "1") else f" {first.unit}"
+        freed = f" (freed it comes to {first.value:.4g}{unit})"
+    return f"{text}. What stands out: {first.term}{share}{freed}."
+
+
+def _open(estimate: Estimate) -> Verdict:
+    """Say which combinations the records leave open, and what would determine them."""
+    open_notes = [note for note in estimate.notes if note.severity == "open"]
+    left = [note.found for note in open_notes if note.found]
+    cures = [note.cure for note in open_notes if note.cure]
+    others = [note.text for note in estimate.on_answer if note.severity != "open"]
+    told = "the records do not determine every parameter"
+    if len(left) > 2:
+        told = f"{left[0]}, and {len(left) - 1} more combinations"
+    elif left:
+        told = "; ".join(left)
+    elif estimate.alternatives:
+        count = len(estimate.alternatives)
+        told = f"{count + 1} answers fit as well as one another"
+    every = tuple(left) if len(left) > 2 else ()
+    return Verdict(f"Not identifiable: {told}.", (*cures, *others), every)
+
+
+WIDTH = 140  # of a row's bars, in pixels
+PLAIN = (1e-3, 1e7)
+"""Sizes between which a number is written without an exponent."""
+_MARGIN = 4
+PM = "\N{PLUS-MINUS SIGN}"
+
+
+@frozen
+class Bar:
+    """Two intervals on one scale: their ends in pixels, and in words."""
+
+    before: tuple[float, float]
+    after: tuple[float, float]
+    told: str
+
+
+@frozen
+class Row:
+    """A quantity as the page shows it."""
+
+    name: str
+    value: str
+    half: str
+    percent: str
+    unit: str
+    before: str
+    moved: str
+    bar: Bar | None
+
+
+@frozen
+class Group:
+    """Rows that belong together, under a title."""
+
+    rows: tuple[Row, ...]
+    title: str = ""
+
+
+def groups(estimate: Estimate) -> list[Group]:
+    """Return parameters, constants of the measurement, and what follows from them."""
+    names = {value.name for value in estimate.parameters}
+    derived = [value for value in estimate.derived if value.name not in names]
+    free = [value for value in estimate.parameters if not value.fixed]
+    parts: Iterable[tuple[str, Sequence[Value]]] = (
+        ("", free),
+        ("of the measurement", estimate.nuisance),
+        ("what follows from them", derived),
+    )
+    known = estimate.evidence
+    return [
+        Group(tuple(_row(v, known.prior(v.name) if known else None) for v in part), title)
+        for title, part in parts
+        if part
+    ]
+
+
+def any_known(estimate: Estimate) -> bool:
+    """Tell whether anything that was estimated was known beforehand."""
+    known = estimate.evidence
+    return known is not None and any(known.prior(value.name) for value in estimate.free)
+
+
+def fixed(estimate: Estimate) -> list[str]:
+    """Return what was held, in words."""
+    return [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
+
+
+def relations(estimate: Estimate) -> list[str]:
+    """Return what was known of combinations, in words."""
+    every = (*estimate.parameters, *estimate.nuisance)
+    named = {value.name for value in every}
+    known = estimate.evidence.known if estimate.evidence else ()
+    return [
+        f"{prior.name} = {prior.value:.6g}{_spread(prior)}{_unit(_unit_of(prior.name, every))}"
+        for prior in known
+        if prior.name not in named
+    ]
+
+
+def _unit_of(expression: str, every: Sequence[Value]) -> str:
+    """Return the unit of a sum of values that have one unit; nothing for anything else."""
+    units = {value.name: value.unit for value in every}
+    found = {units.get(term.strip()) for term in re.split(r"[+-]", expression)}
+    return (found.pop() or "") if len(found) == 1 else ""
+
+
+def _spread(prior: Prior) -> str:
+    return f" {PM} {HALF_WIDTH * prior.std:.2g}" if prior.std else " exactly"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _row(value: Value, prior: Prior | None) -> Row:
+    half = HALF_WIDTH * value.std if value.std else math.nan
+    number = figures(as_zero(value.value, value.std or 0.0), half)
+    if not math.isfinite(value.value):
+        number = "not determined"
+    far = half > FAR * HALF_WIDTH * abs(value.value)  # a percentage of what may as well be zero
+    percent = math.nan if far else 100 * half / abs(value.value) if value.value else math.nan
+    return Row(
+        value.name,
+        number,
+        two_digits(half),
+        two_digits(percent),
+        "" if value.unit == "1" else value.unit,
+        "" if prior is None else _before(prior),
+        "" if prior is None else _moved(value, prior),
+        None if prior is None else _bar(value, prior),
+    )
+
+
+def _before(prior: Prior) -> str:
+    half = HALF_WIDTH * prior.std
+    if not half > 0:
+        return f"{prior.value:.6g} exactly"
+    return f"{figures(prior.value, half)} {PM} {two_digits(half)}"
+
+
+def _moved(value: Value, prior: Prior) -> str:
+    """Return how far the value is from what was known, in deviations of that."""
+    if not prior.std > 0 or not math.isfinite(value.value):
+        return ""
+    moved = (value.value - prior.value) / prior.std
+    if abs(moved) < ROUNDING:
+        return "0 std"
+    return f"{moved:+.2g} std".replace("-", "\N{MINUS SIGN}")
+
+
+def _bar(value: Value, prior: Prior) -> Bar | None:
+    """Return what was known and what is known now, on a scale that holds both."""
+    half = HALF_WIDTH * (value.std or 0.0)
+    ends = [
+        (prior.value - HALF_WIDTH * prior.std, prior.value + HALF_WIDTH * prior.std),
+        (value.value - half, value.value + half),
+    ]
+    low, high = min(a for a, _ in ends), max(b for _, b in ends)
+    if not (math.isfinite(low) and math.isfinite(high) and high > low):
+        return None
+    scale = (WIDTH - 2 * _MARGIN) / (high - low)
+
+    def pixels(pair: tuple[float, float]) -> tuple[float, float]:
+        first, last = (_MARGIN + scale * (x - low) for x in pair)
+        if last - first < 1:  # to be seen
+            first, last = (first + last) / 2 - 0.5, (first + last) / 2 + 0.5
+        return round(first, 1), round(last, 1)
+
+    now = f"{figures(value.value, half)} {PM} {two_digits(half)}"
+    told = f"before {_before(prior)}, now {now}"
+    return Bar(pixels(ends[0]), pixels(ends[1]), told)
+
+
+def figures(value: float, half: float) -> str:
+    """Return a number with as many digits as its half-width leaves."""
+    if not math.isfinite(value):
+        return ""
+    if value == 0 or not (math.isfinite(half) and half > 0):
+        return f"{value:.6g}"
+    places = 1 - math.floor(math.log10(half))
+    if PLAIN[0] <= abs(value) < PLAIN[1] and -3 <= places <= 9:
+        return f"{round(value, places):.{max(places, 0)}f}"
+    digits = math.floor(math.log10(abs(value))) + places + 1
+    return f"{value:#.{min(max(digits, 2), 12)}g}".rstrip(".")
+
+
+def two_digits(number: float) -> str:
+    """Return a number with two digits; nothing for none."""
+    if not math.isfinite(number):
+        return ""
+    if 10 <= abs(number) < PLAIN[1]:
+        return f"{float(f'{number:.2g}'):.0f}"
+    return f"{number:#.2g}".rstrip(".")
+
 
 KINDS = {
     "periods": "periods",
@@ -62,15 +369,22 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         method=METHODS.get(estimate.method, estimate.method),
         verdict=verdict_of(estimate),
         rejected=estimate.status == "rejected",
-        groups=parameters.groups(estimate),
-        known=parameters.any_known(estimate),
-        relations=parameters.relations(estimate),
-        fixed=parameters.fixed(estimate),
+        groups=groups(estimate),
+        known=any_known(estimate),
+        relations=relations(estimate),
+        fixed=fixed(estimate),
         early=[_titled(one) for one in others if one.headings[0] in EARLY],
         tables=[_titled(one) for one in others if one.headings[0] not in EARLY],
         remarks=told,
-        notes=[n for n in estimate.notes if not n.startswith(("warning: ", "note, "))],
-        exact=[note.removeprefix("note, ") for note in estimate.notes if note.startswith("note, ")],
+        notes=[
+            *on_fit(estimate),
+            *(
+                f"{c.verdict}, {on_data(c)}"
+                for c in estimate.checks
+                if c.severity in ("warns", "refuses")
+            ),
+        ],
+        exact=[on_data(check) for check in estimate.checks if check.severity == "says"],
         channels=channels_table(records),
         records=records_table(records),
         pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate, records)],
@@ -88,7 +402,6 @@ def _machine(
 
 
 def _titled(one: Table) -> tuple[str, Table]:
-    """Return a table with its title."""
     head = one.headings[0]
     return TITLES.get(head, head[:1].upper() + head[1:]), one
 

@@ -13,21 +13,15 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from rotorid.frozen import frozen
-from rotorid.plots.interactive import spec
-from rotorid.plots.panel import Curve, Panel, key_of, thinned
-from rotorid.screen import printable
+from rotorid.core.errors import printable
+from rotorid.core.frozen import frozen
+from rotorid.report.interactive import spec
+from rotorid.report.panels import Curve, Panel, key_of, thinned
 
 
 @frozen
 class Picture:
-    """Panels side by side, with what they show in words.
-
-    Parameters
-    ----------
-    title, caption : str
-    panels : sequence of Panel
-    """
+    """Panels side by side, with what they show in words."""
 
     title: str
     caption: str

@@ -1,4 +1,4 @@
-"""Modes, critical speeds and unbalance response of a machine as part of a page."""
+"""Pages of modes, balancing and sensitivity."""
 
 from __future__ import annotations
 
@@ -6,28 +6,32 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.frozen import frozen
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.tables import Table
+from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
-from rotorid.plots import machines as drawn
-from rotorid.record import Floats
+from rotorid.report import drawn
+from rotorid.report import machine_tables as balanced
 from rotorid.report.html import Picture, pictures, render
-from rotorid.report.modes_page import (
+from rotorid.report.machine_tables import (
     critical_table,
     mode_table,
+    modes_sentence,
     ringing,
     ringing_curves,
-    sentence_of,
+    sensitivity_sentence,
+    sensitivity_table,
     summary,
 )
-from rotorid.results.critical import Campbell, campbell
+from rotorid.results.balancing import POOR, Balance
+from rotorid.results.centring import Feedforward
+from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import Modes, modes
-from rotorid.results.unbalance import UnbalanceResponse, response_of
-from rotorid.results.whirl import partners
-from rotorid.tables import Table
+from rotorid.results.modes import Modes, modes, partners
+from rotorid.results.sensitivity import LIMITS, AxisSensitivity, worst_of
 
 BEYOND = 1.5
 """A diagram goes to this many times the highest speed of the records."""
@@ -80,7 +84,7 @@ def part_of(
     if diagram is not None and diagram.critical:
         tables.append(("Critical speeds", critical_table(diagram)))
     drawn_of = tuple(_pictures(model, found, diagram, response))
-    return Part(title, tuple(said), tuple(tables), drawn_of, sentence_of(found, diagram))
+    return Part(title, tuple(said), tuple(tables), drawn_of, modes_sentence(found, diagram))
 
 
 def _pictures(
@@ -149,3 +153,91 @@ def modes_report(
     title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
     part = part_of(source, title, found, diagram, response)
     return render("modes.html", part=part, model=machine_of(source).model, notes=notes)
+
+
+MOODS = {"zone A": "ok", "zone B": "rejected", "zone C": "not_converged", "zone D": "not_converged"}
+"""How a verdict is coloured; one that is undecided is a doubt."""
+
+
+def balance_report(
+    found: Balance,
+    centred: Sequence[Feedforward],
+    model: Model,
+    done: Sequence[str] = (),
+) -> str:
+    """Return the page of a balance: what to mount, where, and what is left then."""
+    tables: list[tuple[str, str, Table]] = [
+        (
+            "What to add",
+            "Angles count in the rotor, from x to y, from what stands along x where the rotor "
+            "angle is 0: at its mark. Taking away is adding on the other side.",
+            balanced.correction_table(found),
+        )
+    ]
+    if any(each.masses for each in found.corrections):
+        told = "The masses that come nearest to it, all planes together."
+        tables.append(("Masses to mount", told, balanced.mass_table(found)))
+    told = "The true unbalance is not the identified one: with 95 % less than this is left."
+    tables.append(("What is left", told, balanced.residual_table(found)))
+    if centred:
+        told = (
+            "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
+            "these currents, a cos(phi + angle), are fed forward."
+        )
+        table = balanced.centring_table(centred, found.speeds[0])
+        tables.append(("Inertial centring", told, table))
+    said = balanced.said_of(found)
+    warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
+    speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
+    picture = (
+        "The planes, seen along the shaft",
+        "What is to be added in each plane, as a vector. The right correction lies within the "
+        "circle about its end with 95 %: no wider than its dot where the unbalance is well known. "
+        "Masses stand on the rim at their angles.",
+        drawn.corrections(found),
+    )
+    return render(
+        "answer.html",
+        title=f"Balance at {speeds} rpm",
+        lead=f"Of the rotor {model.title or model.name}",
+        verdict=balanced.balance_sentence(found),
+        mood="rejected" if found.share > POOR or found.status != "ok" else "ok",
+        steps=warned,
+        tables=tables,
+        pictures=list(pictures(picture)),
+        notes=[each for each in said if not each.startswith("warning: ")],
+        model=model,
+        done=done,
+    )
+
+
+def sensitivity_report(
+    found: Sequence[AxisSensitivity], name: str, done: Sequence[str] = ()
+) -> str:
+    """Return the page of the sensitivity of loops: zone, peaks, curves."""
+    limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
+    table = (
+        "Axis by axis",
+        f"The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: {limits}, "
+        "D above. Where the 95 % interval lies across a limit the zone is undecided: measure "
+        "longer, or excite more.",
+        sensitivity_table(found),
+    )
+    picture = (
+        "Sensitivity over the frequency",
+        "S = E / R of each loop as it was measured, and the limits of the zones.",
+        drawn.loops(found, LIMITS),
+    )
+    return render(
+        "answer.html",
+        title=f"{name}: sensitivity of the loops",
+        lead="After ISO 14839-3",
+        verdict=sensitivity_sentence(found),
+        mood=MOODS.get(worst_of(found), "rejected"),
+        steps=(),
+        tables=[table],
+        pictures=list(pictures(picture)),
+        notes=(),
+        model=None,
+        done=done,
+    )

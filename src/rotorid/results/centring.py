@@ -13,18 +13,18 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
-from rotorid.actuators.entry import LawEntry, law_keys
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.frozen import frozen
-from rotorid.record import Complexes
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.toml import table_within
+from rotorid.core.values import Complexes
+from rotorid.force.entry import LawEntry, law_keys
+from rotorid.force.laws import Differential, Linear
 from rotorid.results.balancing import STEP, unbalanced
+from rotorid.results.critical import amplitude_std
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import finite_speed
 from rotorid.results.planes import directions_of
-from rotorid.results.unbalance import amplitude_std
-from rotorid.toml import table_within
 
 
 @frozen
@@ -32,19 +32,13 @@ class Feedforward:
     """What one axis needs so that its magnet exerts no force on the rotation's line.
 
     The current is ``amplitude_ampere cos(phi + angle_rad)``, phi the rotor angle.
-
-    Parameters
-    ----------
-    input : str
-    motion_m, motion_std_m : float
-        Amplitude of the rotor at the magnet, turning about its axis of inertia.
-    amplitude_ampere, std_ampere, angle_rad, angle_std_rad : float or None
-        ``None`` where ki and ks are not known, deviations where there are none.
     """
 
     input: str
+    # amplitude of the rotor at the magnet, turning about its axis of inertia
     motion_m: float
     motion_std_m: float | None
+    # ``None`` where ki and ks are not known, deviations where there are none
     amplitude_ampere: float | None
     std_ampere: float | None
     angle_rad: float | None

@@ -1,4 +1,4 @@
-"""Campbell diagram and critical speeds, with their deviations.
+"""Campbell diagram, critical speeds and the unbalance response.
 
 A critical speed is where a free vibration rings with the rotation: ``Im lambda(Omega) = |Omega|``.
 Roots are bracketed on a grid of speeds by the number of modes above the rotation, which is
@@ -16,16 +16,17 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.frozen import frozen
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import ByContent, Complexes, Floats, Integers
 from rotorid.models import Model
-from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import (
     DRAWS,
     NORMAL,
     Eigen,
+    Whirl,
     block_of,
     deviations,
     eigen_at,
@@ -34,8 +35,6 @@ from rotorid.results.modes import (
     pattern_of,
     whirls_of,
 )
-from rotorid.results.whirl import Whirl
-from rotorid.values import ByContent
 
 POINTS = 61
 """Speeds of a diagram."""
@@ -57,53 +56,29 @@ CURVES, SPARE = 24, 8
 
 @frozen
 class CriticalSpeed:
-    """A speed at which a natural frequency is that of the rotation.
+    """A speed at which a natural frequency is that of the rotation."""
 
-    Parameters
-    ----------
-    speed_rad_s : float
-        Negative for a rotor that turns backward.
-    std : float or None
-        rad/s; ``None`` where nothing is known of the deviations.
-    whirl : {"forward", "backward", "planar", "mixed"}
-        Unbalance of a machine that is the same in two planes excites forward ones alone.
-    damping_ratio : float
-        Of the mode there.
-    interval : (float, float) or None
-        Holds 95 percent, rad/s.
-    """
-
-    speed_rad_s: float
-    std: float | None
+    speed_rad_s: float  # negative for a rotor that turns backward
+    std: float | None  # rad/s; ``None`` where nothing is known of the deviations
+    # {"forward", "backward", "planar", "mixed"}: unbalance of a machine that is the same in two
+    # planes excites forward ones alone
     whirl: Whirl
-    damping_ratio: float
-    interval: tuple[float, float] | None
+    damping_ratio: float  # of the mode there
+    interval: tuple[float, float] | None  # (float, float) or None: holds 95 percent, rad/s
 
 
 @frozen
 class Campbell(ByContent):
-    """Natural frequencies over the speed, and critical speeds.
-
-    Parameters
-    ----------
-    model : str
-    speed : array, shape (speed,)
-        rad/s.
-    frequency_hz, std_hz, damping_ratio : array, shape (speed, curve)
-        NaN where a mode does not oscillate; deviations are NaN where nothing is known of them.
-    whirl : sequence of str
-        Of each curve, at the last speed at which it oscillates.
-    critical : sequence of CriticalSpeed
-    status : str
-    remarks : sequence of str
-    """
+    """Natural frequencies over the speed, and critical speeds."""
 
     model: str
-    speed: Floats
+    speed: Floats  # (speed,): rad/s
+    # (speed, curve): naN where a mode does not oscillate; deviations are NaN where nothing is known
+    # of them
     frequency_hz: Floats
     std_hz: Floats
     damping_ratio: Floats
-    whirl: tuple[Whirl, ...]
+    whirl: tuple[Whirl, ...]  # of each curve, at the last speed at which it oscillates
     critical: tuple[CriticalSpeed, ...]
     status: str
     remarks: tuple[str, ...]
@@ -386,3 +361,87 @@ def _by_speed(machine: Machine, speed: float, eigen: Eigen, group: Integers) -> 
     gram = sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T
     moved = middle**2 * mass_by + middle * damping_by + stiffness_by
     return np.asarray(-np.linalg.solve(gram, left.conj() @ moved @ right.T))
+
+
+RESPONSE_POINTS = 241
+"""Speeds of a response curve."""
+
+
+@frozen
+class UnbalanceResponse(ByContent):
+    """Motion on the rotation's line over the speed: ``q = Re(Q exp(i phi))``."""
+
+    coordinates: tuple[str, ...]
+    speed: Floats  # (speed,): rad/s
+    motion: Complexes  # (speed, coordinate): naN at an undamped critical speed
+    # (speed, coordinate): of the amplitude; NaN where nothing is known of the deviations
+    std: Floats
+
+
+def unbalance_response(
+    source: Estimate | Model, speeds: Floats | float | str, *, record: int = 0
+) -> UnbalanceResponse:
+    """Return the motion that the identified unbalance makes at some speeds, with deviations.
+
+    ``Z(Omega) Q = g(Omega)`` without forces at the inputs, by the delta method.
+
+    Parameters
+    ----------
+    source : Estimate or Model
+    speeds : array, shape (speed,), or float or str
+        rad/s; one speed with its unit as text.
+    record : int
+        Whose values are taken of what every record has to itself.
+
+    Returns
+    -------
+    UnbalanceResponse
+
+    Raises
+    ------
+    InputError
+        For a machine whose equations hold no unbalance, and as `rid.modes`.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> found = rid.unbalance_response(rid.load_model("jeffcott"), "3000 rpm")
+    >>> f"{abs(found.motion[0, 0]) * 1e6:.1f} um"
+    '21.8 um'
+    """
+    if isinstance(speeds, str):
+        speeds = finite_speed(speeds)
+    return response_of(machine_of(source, record), np.atleast_1d(np.asarray(speeds, dtype=float)))
+
+
+def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:
+    """Return the response of a machine."""
+    if not machine.linear.load_terms:
+        raise InputError(
+            f"the model {machine.model.name!r} without unbalance",
+            "terms in cos(phi) and sin(phi)",
+            "write the unbalance into its equations",
+        )
+    shape = (len(speeds), machine.linear.coordinates)
+    motion = np.full(shape, np.nan, dtype=np.complex128)
+    std = np.full(shape, np.nan)
+    for k, speed in enumerate(speeds.tolist()):
+        try:
+            motion[k], slopes = machine.response(speed)
+        except InputError:
+            continue
+        if machine.covariance is not None:
+            std[k] = amplitude_std(motion[k], slopes @ machine.root)
+    return UnbalanceResponse(machine.model.coordinates, speeds, motion, std)
+
+
+def amplitude_std(value: Complexes, root: Complexes) -> Floats:
+    """Return the deviation of |value|, which has a root of its covariance, (..., unknown).
+
+    Where the value is small beside its deviations there is no direction: that of the vector then.
+    """
+    size = np.abs(value)
+    whole = np.sqrt((np.abs(root) ** 2).sum(axis=-1))
+    direction = np.where(size > 0, value / np.where(size > 0, size, 1.0), 1.0)
+    along = np.linalg.norm((direction.conj()[..., None] * root).real, axis=-1)
+    return np.asarray(np.where(size > whole, along, whole))

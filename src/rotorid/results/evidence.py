@@ -10,18 +10,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
-from rotorid.estimators.methods import Estimator
-from rotorid.estimators.prediction import Predicted
-from rotorid.evidence import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
-from rotorid.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.evidence import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
+from rotorid.answer.identify import Estimator
+from rotorid.answer.predict import missing_values, predict_lines
+from rotorid.answer.validation import noise_of_difference
+from rotorid.core.errors import InputError
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
+from rotorid.data.observation import Data, Observation, bind
+from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.linear.equations import Predicted
 from rotorid.models import Model
-from rotorid.observation import Data, Observation, bind
-from rotorid.predict import missing_values, predict_lines
-from rotorid.record import Complexes, Floats
-from rotorid.validation import noise_of_difference
 
 MOST_LINES = 400
 """Values of a channel over frequency: what a screen tells apart."""
@@ -189,7 +189,6 @@ def _channels(
     size: int,
     time: Floats,
 ) -> Iterator[ChannelEvidence]:
-    """Return the channels that are predicted, then those that tell of them."""
     lines = record.lines
     own = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real.clip(0)
     if found is not None:
@@ -311,8 +310,8 @@ def _known(
     named = {value.name for value in estimate.nuisance}
     bound = [bind(model, record) for record in records]
     wanted = getattr(estimator, "nuisances", None) or Nuisances()
-    for nuisance in asked_nuisances(bound, wanted):
-        for unknown in nuisance.unknowns:
+    for nuisance in asked_unknowns(bound, wanted):
+        for unknown in nuisance.scalars:
             if unknown.name in named and unknown.std:
                 yield Prior(unknown.name, unknown.prior, unknown.std)
     for constraint in getattr(estimator, "constraints", ()):

@@ -1,26 +1,69 @@
-"""A linear machine at its values: matrices, loads, and how both follow from what is uncertain."""
+"""A linear machine at uncertain values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-from rotorid.errors import InputError, ModelError
-from rotorid.estimate import Estimate, check_units
-from rotorid.estimators.derived import physical_fit
-from rotorid.estimators.likelihood.modal import Pencil
-from rotorid.estimators.likelihood.polynomial import Monomials
-from rotorid.frozen import frozen
-from rotorid.models import LinearForm, Model
-from rotorid.models.expression import Expression
-from rotorid.models.force_balance import force_balance
+from rotorid.answer.derived import physical_fit
+from rotorid.answer.estimate import Estimate, check_units
+from rotorid.core.errors import InputError, ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.likelihood.modal import Pencil
+from rotorid.likelihood.relations import Monomials
+from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
 from rotorid.models.linear import solved, speed_factor
-from rotorid.record import Complexes, Floats, Integers
-from rotorid.results.model import own_model
+from rotorid.models.structure import force_balance
+from rotorid.models.text import Expression
+
+
+def own_model(estimate: Estimate) -> Model:
+    """Return the model that an estimate was made with, from the estimate alone.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        It holds its model file's text; one of an older version, which does not, is taken to be of
+        the shipped model of that name.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    InputError
+        For an older estimate of a model that is not shipped.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> mass = rid.Value("m", "kg", 2.0, std=0.01)
+    >>> rid.own_model(rid.Estimate("jeffcott", "ml", "ok", (mass,))).coordinates
+    ('x', 'y')
+    """
+    source = estimate.provenance
+    if source is not None and source.model:
+        model = parse_model(
+            source.model, name=estimate.model, file=f"the result's {estimate.model}"
+        )
+        return model.substitute(dict(source.held))
+    files = () if source is None else source.files
+    own = any(PurePath(f.file).name == f"{estimate.model}.toml" for f in files[1:])
+    if estimate.model in shipped_models() and not own:
+        return load_model(estimate.model)
+    raise InputError(
+        f"a result of {estimate.model[:60]!r} without the text of its model",
+        "a result that holds it, or one of a shipped model",
+        "identify again with this version",
+    )
+
 
 STEP = 1e-4
 """Share of a speed by which it is moved for derivatives: what depends on it is a polynomial of low
@@ -35,43 +78,22 @@ class Machine:
 
     No force acts at its inputs: neither those of a controller nor the negative stiffness of
     magnets, which is part of their force law. Bearings are in it where its equations hold them.
-
-    Parameters
-    ----------
-    model : Model
-        With what is fixed substituted.
-    linear : LinearForm
-    names : sequence of str
-        What is not fixed: physical parameters, or base parameters of a least-squares result.
-    values : array, shape (unknown,)
-        SI.
-    covariance : array, shape (unknown, unknown), or None
-        ``None`` where nothing is known of it.
-    monomials : Monomials
-        Of the model's monomials, by the unknowns.
-    used : array, shape (monomial,)
-        0 for those that are part of another one's base parameter, else 1.
-    nuisance : sequence of str
-        Unknowns behind those of the model that its matrices do not hold: constants of force laws.
-    fixed : sequence of (name, value)
-        What was substituted, SI.
-    status : str
-        Of the estimate; "ok" for a model.
-    remarks : sequence of str
-        What is to be said with every answer.
     """
 
-    model: Model
+    model: Model  # with what is fixed substituted
     linear: LinearForm
+    # what is not fixed: physical parameters, or base parameters of a least-squares result
     names: tuple[str, ...]
-    values: Floats
-    covariance: Floats | None
-    monomials: Monomials
-    used: Floats
+    values: Floats  # (unknown,): SI
+    covariance: Floats | None  # (unknown, unknown), or None: ``None`` where nothing is known of it
+    monomials: Monomials  # of the model's monomials, by the unknowns
+    used: Floats  # (monomial,): 0 for those that are part of another one's base parameter, else 1
+    # unknowns behind those of the model that its matrices do not hold: constants of force laws
     nuisance: tuple[str, ...] = ()
-    fixed: tuple[tuple[str, float], ...] = ()
-    status: str = "ok"
-    remarks: tuple[str, ...] = ()
+    fixed: tuple[tuple[str, float], ...] = ()  # sequence of (name, value): what was substituted, SI
+    status: str = "ok"  # of the estimate; "ok" for a model
+    remarks: tuple[str, ...] = ()  # what is to be said with every answer
+    undetermined: tuple[str, ...] = ()  # parameters that are taken as zero
     _pencils: dict[float, Pencil] = field(
         default_factory=dict, init=False, compare=False, repr=False
     )
@@ -277,7 +299,6 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
 
 
 def _with_nuisance(machine: Machine, estimate: Estimate, rows: Rows | None) -> Machine:
-    """Return a machine whose unknowns are followed by the nuisance parameters of the estimate."""
     extra = [v for v in estimate.nuisance if np.isfinite(v.value) and v.name not in machine.names]
     if not extra or estimate.method != "ml":
         return machine
@@ -446,15 +467,12 @@ def _determined(machine: Machine) -> Machine:
         machine,
         values=np.where(bad, 0.0, machine.values),
         covariance=covariance,
-        remarks=(*machine.remarks, f"{UNDETERMINED}: {', '.join(open_)}"),
+        remarks=(*machine.remarks, f"not determined, and taken as zero: {', '.join(open_)}"),
+        undetermined=(*machine.undetermined, *open_),
     )
 
 
-UNDETERMINED = "not determined, and taken as zero"
-
-
 def _linear(model: Model) -> LinearForm:
-    """Return the linear form of a model that has one, with as many equations as coordinates."""
     try:
         linear = model.require_linear()
     except ModelError as error:

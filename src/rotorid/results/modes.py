@@ -1,4 +1,8 @@
-"""Natural frequencies, damping and whirl of a machine, with their deviations.
+"""Natural frequencies, damping and whirl, with deviations.
+
+Where a coordinate x and its partner y move as ``Re(X exp(i omega t))``, ``Re(Y exp(i omega t))``,
+the orbit is the sum of a circle of radius ``|X + i Y| / 2`` run through from x to y and one of
+radius ``|X - i Y| / 2`` run through the other way. Tilts turn as positions do.
 
 Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K`` with right and left vectors x, y;
 ``d lambda = - y^H dL x / y^H (2 lambda M + D + Omega G) x`` (delta method). Where modes come so
@@ -9,21 +13,76 @@ D + Omega G) X)``, are drawn from the covariance.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeVar, cast
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.estimate import Estimate
-from rotorid.frozen import frozen
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import quantity
+from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models import Model
 from rotorid.models.modal import Eigenmodes, distinct, eigenmodes, eigenvalues, parted
-from rotorid.record import Complexes, Floats, Integers
 from rotorid.results.machine import Machine, machine_of
-from rotorid.results.whirl import Whirl, partners, whirl_of
-from rotorid.units import quantity
+
+Whirl = Literal["forward", "backward", "planar", "mixed"]
+PLANAR = 0.02
+"""Orbits with a smaller ratio of axes are lines: no probe tells their sense."""
+SILENT = 0.02
+"""Places with a smaller share of the kinetic energy do not say how a mode whirls."""
+_X = re.compile("[xX]")
+
+
+def partners(coordinates: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the coordinates that are one of x and one of y at the same place, by their names.
+
+    >>> partners(["x1", "y1", "theta_x", "theta_y", "q"])
+    [(0, 1), (2, 3)]
+    """
+    places = {name: i for i, name in enumerate(coordinates)}
+    found: list[tuple[int, int]] = []
+    taken: set[int] = set()
+    for name, i in places.items():
+        for match in _X.finditer(name):
+            letter = "Y" if match.group() == "X" else "y"
+            other = name[: match.start()] + letter + name[match.end() :]
+            if other in places and not {i, places[other]} & taken:
+                found.append((i, places[other]))
+                taken |= {i, places[other]}
+    return found
+
+
+def whirl_of(
+    shape: Complexes, pairs: Sequence[tuple[int, int]], weight: Floats, speed: float
+) -> Whirl:
+    """Return how a mode whirls, forward being the way the rotor turns.
+
+    `weight` holds the inertia of each coordinate, so that places of rest do not count.
+    """
+    if not pairs:
+        return "planar"
+    x, y = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
+    inertia = weight[x] + weight[y]
+    if not inertia.any():
+        inertia = np.ones(len(x))
+    forward, backward = np.abs(shape[x] + 1j * shape[y]), np.abs(shape[x] - 1j * shape[y])
+    energy = inertia * (forward**2 + backward**2)
+    if not energy.any():
+        return "planar"
+    speaks = energy > SILENT * energy.sum()
+    whole = forward + backward
+    ratio = np.where(whole > 0, (forward - backward) / np.where(whole > 0, whole, 1.0), 0.0)
+    ratio = ratio[speaks] * (-1.0 if speed < 0 else 1.0)
+    if (np.abs(ratio) < PLANAR).all():
+        return "planar"
+    if ratio.min() < -PLANAR and ratio.max() > PLANAR:
+        return "mixed"
+    return "forward" if ratio.sum() > 0 else "backward"
+
 
 Found = TypeVar("Found")
 CLOSE = 4.0
@@ -41,41 +100,21 @@ NORMAL = 1.959964
 
 @frozen
 class NaturalMode:
-    """One natural frequency of a machine.
+    """One natural frequency of a machine."""
 
-    Parameters
-    ----------
-    frequency_hz : float
-        ``Im lambda / (2 pi)``, with which a free vibration rings.
-    std_hz : float or None
-        ``None`` where nothing is known of the deviations.
-    damping_ratio : float
-        ``- Re lambda / |lambda|``; negative for a mode that grows.
-    damping_std : float or None
-    whirl : {"forward", "backward", "planar", "mixed"}
-        Forward is the way the rotor turns; mixed: forward at some places and backward at others.
-    interval_hz : (float, float) or None
-        Holds 95 percent; not symmetric where modes come close.
-    close : bool
-        Whether another mode is so close that deviations come from draws.
-    count : int
-        2 for a machine that is the same in two planes.
-    eigenvalue : complex
-        lambda in rad/s.
-    shape : sequence of complex
-        Of each coordinate, the largest 1.
-    """
-
-    frequency_hz: float
-    std_hz: float | None
-    damping_ratio: float
+    frequency_hz: float  # ``Im lambda / (2 pi)``, with which a free vibration rings
+    std_hz: float | None  # ``None`` where nothing is known of the deviations
+    damping_ratio: float  # ``- Re lambda / |lambda|``; negative for a mode that grows
     damping_std: float | None
+    # {"forward", "backward", "planar", "mixed"}: forward is the way the rotor turns; mixed: forward
+    # at some places and backward at others
     whirl: Whirl
+    # (float, float) or None: holds 95 percent; not symmetric where modes come close
     interval_hz: tuple[float, float] | None
-    close: bool
-    count: int
-    eigenvalue: complex
-    shape: tuple[complex, ...]
+    close: bool  # whether another mode is so close that deviations come from draws
+    count: int  # 2 for a machine that is the same in two planes
+    eigenvalue: complex  # complex: lambda in rad/s
+    shape: tuple[complex, ...]  # sequence of complex: of each coordinate, the largest 1
 
 
 @frozen
@@ -84,48 +123,26 @@ class Modes:
 
     They are counted as measured ones are (`Mode`): without rigid-body modes, and once where the
     machine is the same in two planes.
-
-    Parameters
-    ----------
-    model : str
-    speed : float
-        rad/s.
-    coordinates : sequence of str
-    modes : sequence of NaturalMode
-    rigid : int
-        Poles at zero: free motion, which is no mode.
-    real_poles : sequence of float
-        Poles that do not oscillate, in rad/s.
-    status : str
-        Of the estimate.
-    remarks : sequence of str
     """
 
     model: str
-    speed: float
+    speed: float  # rad/s
     coordinates: tuple[str, ...]
     modes: tuple[NaturalMode, ...]
-    rigid: int
-    real_poles: tuple[float, ...]
-    status: str
+    rigid: int  # poles at zero: free motion, which is no mode
+    real_poles: tuple[float, ...]  # poles that do not oscillate, in rad/s
+    status: str  # of the estimate
     remarks: tuple[str, ...]
 
 
 @frozen
 class Eigen:
-    """The modes of a machine at a speed with the derivatives of their eigenvalues.
-
-    Parameters
-    ----------
-    found : Eigenmodes
-    slopes : complex array, shape (mode, unknown)
-        d lambda / d unknown; empty where nothing is known of the unknowns.
-    clusters : sequence of int arrays
-        Modes that come close to one another, by two or more.
-    """
+    """The modes of a machine at a speed with the derivatives of their eigenvalues."""
 
     found: Eigenmodes
+    # (mode, unknown): d lambda / d unknown; empty where nothing is known of the unknowns
     slopes: Complexes
+    # sequence of int arrays: modes that come close to one another, by two or more
     clusters: tuple[Integers, ...]
 
 
@@ -241,7 +258,6 @@ def _mode(
     spread: Floats | None,
     intervals: Floats | None,
 ) -> NaturalMode:
-    """Return the modes of a group, which are one."""
     value = complex(eigen.found.values[group].mean())
     std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
     first = int(group[0])

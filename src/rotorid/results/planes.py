@@ -11,13 +11,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.models.force_balance import ForceBalance, force_balance
+from rotorid.core.errors import InputError
+from rotorid.core.values import Complexes, Floats
+from rotorid.models.equations import polynomial
 from rotorid.models.rotor import RotorModel
-from rotorid.models.terms import polynomial
-from rotorid.record import Complexes, Floats
+from rotorid.models.structure import ForceBalance, force_balance
 from rotorid.results.machine import Machine
-from rotorid.results.whirl import partners
+from rotorid.results.modes import partners
 
 ALIKE = 1e-3
 """Share by which x and y of one place may differ, and their size from one: digits of a drawing."""

@@ -8,8 +8,9 @@ record from a polynomial in a window of lines,
     e_k = [ (G_0 + .. + G_s k^s) r_k + t_0 + .. + t_s k^s ] / A(k) + a W_k,    S = G_0
 
 (Pintelon, Schoukens, Vandersteen, Barbe 2010), W the lines of exp(+-i phi), A a pair of poles where
-noise alone does not explain what they gain. The peak is that of `rotorid.results.peak`; on lines of
-periods that of a resonance fitted to the lines about it.
+noise alone does not explain what they gain. The peak is that of
+`rotorid.results.sensitivity_peak`; on lines of periods that of a resonance fitted to the lines
+about it.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Complexes, Floats, Integers, PeriodicRecord, Record
-from rotorid.results.peak import Band, Found, peak_near
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import quantity
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.record import PeriodicRecord, Record
+from rotorid.data.whole_record import whole_lines
+from rotorid.results.sensitivity_peak import Band, Found, peak_near
 from rotorid.signals.covariance import choose_covariance
-from rotorid.spectra import whole_lines
-from rotorid.units import quantity
 
 LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
 """Peaks below which a machine is in a zone, ISO 14839-3: 9.5, 12 and 14 dB; D is above."""
@@ -79,31 +81,16 @@ ALONE = 1e-6
 
 @frozen
 class AxisSensitivity:
-    """The sensitivity of one loop.
-
-    Parameters
-    ----------
-    axis : str
-    frequency_hz : array, shape (line,)
-    sensitivity : complex array, shape (line,)
-    std : array, shape (line,)
-        Of each part, real and imaginary.
-    peak : float
-    peak_hz : float
-    interval : (float, float)
-        Holds the peak with 95 percent.
-    caveat : str
-        Why the peak may be higher than what was measured, if anything does.
-    """
+    """The sensitivity of one loop."""
 
     axis: str
-    frequency_hz: Floats
-    sensitivity: Complexes
-    std: Floats
+    frequency_hz: Floats  # (line,)
+    sensitivity: Complexes  # (line,)
+    std: Floats  # (line,): of each part, real and imaginary
     peak: float
     peak_hz: float
-    interval: tuple[float, float]
-    caveat: str = ""
+    interval: tuple[float, float]  # (float, float): holds the peak with 95 percent
+    caveat: str = ""  # why the peak may be higher than what was measured, if anything does
 
     @property
     def peak_db(self) -> float:
@@ -433,7 +420,6 @@ def _looked_at(hertz: float, found: Sequence[Found]) -> bool:
 def _of_whole(
     records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
 ) -> list[_Whole]:
-    """Return each axis of whole records from the record that tells it best."""
     best: list[_Whole | None] = [None] * len(pairs)
     for record in records:
         groups = (list(pairs), list(pairs.values()))
@@ -602,17 +588,12 @@ def _starts(at: Integers, about: int, count: int) -> Integers:
 
 @frozen
 class _Curve:
-    """``(a_0 + .. + a_m x^m) / (1 + c_1 x + .. + c_n x^n)`` through lines, x from -1 to 1.
+    """``(a_0 + .. + a_m x^m) / (1 + c_1 x + .. + c_n x^n)`` through lines, x from -1 to 1."""
 
-    Parameters
-    ----------
-    middle, reach : float
-        Of the lines, Hz.
-    top, bottom : complex array, shape (curve, m + 1) and (curve, n)
-    """
-
+    # of the lines, Hz
     middle: float
     reach: float
+    # (curve, m + 1) and (curve, n)
     top: Complexes
     bottom: Complexes
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
 from rotorid.rig.lags import Lags, build_lags
@@ -28,19 +28,12 @@ class Transitions:
 
     ``x[+] = state x + command c + noise w + load e`` with x = [q, q', lagging currents, z], c the
     held commands, w the held random forces, e = [cos h phi, sin h phi, ...] at the event.
-
-    Parameters
-    ----------
-    state : array, shape (event, state, state)
-    command : array, shape (event, state, input)
-    noise : array, shape (event, state, noise)
-    load : array, shape (event, state, 2 harmonic)
     """
 
-    state: Floats
-    command: Floats
-    noise: Floats
-    load: Floats
+    state: Floats  # (event, state, state)
+    command: Floats  # (event, state, input)
+    noise: Floats  # (event, state, noise)
+    load: Floats  # (event, state, 2 harmonic)
 
 
 def transitions(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Transitions:

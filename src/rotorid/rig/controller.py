@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, signal
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Complexes, Floats
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats
 
 
 @frozen
@@ -21,13 +21,6 @@ class Controller:
 
     ``state[k+1] = A state[k] + B y[k]``, ``u[k] = C state[k] + D y[k]``: the sign of the feedback
     is in the matrices, so a controller that pulls back has a negative gain.
-
-    Parameters
-    ----------
-    A, B, C, D : array
-        Shapes (state, state), (state, position), (command, state), (command, position).
-    period : float
-        Time in s between samples.
 
     Raises
     ------
@@ -41,11 +34,12 @@ class Controller:
     (0, 1, 1)
     """
 
+    # shapes (state, state), (state, position), (command, state), (command, position)
     A: Floats
     B: Floats
     C: Floats
     D: Floats
-    period: float
+    period: float  # time in s between samples
 
     def __post_init__(self) -> None:
         D = np.atleast_2d(np.asarray(self.D, dtype=float))

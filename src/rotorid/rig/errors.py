@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
 
 
 class RigError(InputError):
@@ -35,15 +35,9 @@ class RigError(InputError):
 
     def at(self, *, file: str = "", place: str = "") -> RigError:
         """Return the same error with the file and the outer place that the caller knows."""
-        return RigError(
-            self.found,
-            self.expected,
-            self.cure,
-            file=self.file or file,
-            place=": ".join(part for part in (place, self.place) if part),
-            time=self.time,
-            where=self.where,
-        )
+        found = super().at(file=file, place=place)
+        found.time, found.where = self.time, self.where
+        return found
 
 
 def touched(where: str, time: float, clearance: float) -> RigError:

@@ -14,17 +14,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import to_si
+from rotorid.core.values import Floats
+from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
 from rotorid.rig.logger import Column
 from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, Runout
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
-from rotorid.signals.shift import shifted
-from rotorid.units import to_si
+from rotorid.signals.spectrum import shifted
 
 Wanted = Literal["right", "warned", "rejected"]
 Apply = Callable[[Rig, float], Rig]
@@ -32,41 +32,22 @@ Apply = Callable[[Rig, float], Rig]
 
 @frozen
 class Fault:
-    """Something that a rig has and its experiment file does not say.
+    """Something that a rig has and its experiment file does not say."""
 
-    Parameters
-    ----------
-    name, unit, shown : str
-        The unit is of SI; shown is the size by default, as one would write it.
-    size : float
-        By default, in SI.
-    what : str
-        One line.
-    wanted : {"right", "warned", "rejected"}
-        Of `identify`: an answer within its deviations; such a one with a warning that names the
-        fault; or a rejection whose suspects name it.
-    names : sequence of str
-        Beginnings of the suspects and checks that name it.
-    apply : callable
-        From a rig and a size in SI to the rig with the fault.
-    none : float
-        The size at which there is no fault.
-    rig : str
-        The shipped rig that the table of faults shows it on.
-    turns : bool
-        The size is an angle by which the mark stands off: directions count from the mark.
-    """
-
+    # the unit is of SI; shown is the size by default, as one would write it
     name: str
     unit: str
     shown: str
-    size: float
-    what: str
+    size: float  # by default, in SI
+    what: str  # one line
+    # {"right", "warned", "rejected"}: of `identify`: an answer within its deviations; such a one
+    # with a warning that names the fault; or a rejection whose suspects name it
     wanted: Wanted
-    names: tuple[str, ...]
-    apply: Apply
-    none: float = 0.0
-    rig: str = "three-mass"
+    names: tuple[str, ...]  # beginnings of the suspects and checks that name it
+    apply: Apply  # from a rig and a size in SI to the rig with the fault
+    none: float = 0.0  # the size at which there is no fault
+    rig: str = "three-mass"  # the shipped rig that the table of faults shows it on
+    # the size is an angle by which the mark stands off: directions count from the mark
     turns: bool = False
 
 
@@ -170,7 +151,6 @@ def _sensors(rig: Rig, change: Callable[[PositionSensor, int], PositionSensor]) 
 
 
 def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
-    """Change a rig and what is said of it."""
     described = rig if rig.described is None else rig.described
     return replace(change(rig), described=change(described))
 
@@ -593,7 +573,6 @@ def _backward(rig: Rig, size: float) -> Rig:
 
 
 def _marked(rig: Rig, kind: type[Encoder] | type[Keyphasor]) -> Rig:
-    """Return the rig with a mark of a kind, known to the file."""
     if isinstance(rig.logger.angle, kind):
         return rig
     mark = Encoder(1024) if kind is Encoder else Keyphasor()

@@ -11,16 +11,17 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from rotorid.actuators.entry import LawEntry, law_keys
-from rotorid.actuators.flux import Flux
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.actuators.reading import as_channels
-from rotorid.errors import InputError, ReadError
-from rotorid.frozen import frozen
-from rotorid.limits import RIG_SAMPLES
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import RIG_SAMPLES
+from rotorid.core.toml import parse_toml, read_bytes
+from rotorid.core.units import to_si
+from rotorid.data.record import Channel
+from rotorid.force.entry import LawEntry, law_keys
+from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.force.reading import as_channels
 from rotorid.models import Model, load_model, shipped_models
-from rotorid.models.combination import linear_combination
-from rotorid.record import Channel
+from rotorid.models.equations import linear_combination
 from rotorid.rig.controller import Controller, pid, side_by_side
 from rotorid.rig.faults import find_fault, with_faults
 from rotorid.rig.logger import Logged, RigRecord, read
@@ -52,37 +53,21 @@ from rotorid.signals.multisine import (
     multisine,
     odd_harmonics,
 )
-from rotorid.toml import parse_toml, read_bytes
-from rotorid.units import to_si
 
 
 @frozen
 class RigPlan:
-    """What a rig file says.
+    """What a rig file says."""
 
-    Parameters
-    ----------
-    name, title, text : str
-        The rig's name and title, and its file as it stands.
-    file : str
-        Where it comes from, for messages.
-    model : str
-        A shipped model, or the path of a model file.
-    rig : Rig
-    duration : float
-        s.
-    seed : int
-        Of the noise.
-    """
-
+    # the rig's name and title, and its file as it stands
     name: str
     title: str
     text: str
-    file: str
-    model: str
+    file: str  # where it comes from, for messages
+    model: str  # A shipped model, or the path of a model file
     rig: Rig
-    duration: float
-    seed: int
+    duration: float  # s
+    seed: int  # of the noise
 
     def run(self, seed: int | None = None) -> RigRecord:
         """Run the rig for its duration, with its seed or another."""

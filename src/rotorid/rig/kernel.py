@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from rotorid.actuators.laws import magnet_fluxes
-from rotorid.record import Floats, Integers
+from rotorid.core.values import Floats, Integers
+from rotorid.force.laws import magnet_fluxes
 from rotorid.rig.lags import Lags
 from rotorid.rig.schedule import Schedule
 
@@ -205,7 +205,6 @@ def _played(held: float, width: float, current: float) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _signal(table: Any, y: Any, first: int, current: Any, iron: Any, z: int, out: Any) -> None:
-    """Add the signals of a table over y = [q, q'], [current, iron] and the states from z on."""
     motion, electric, state = table
     inputs = len(current)
     for r in range(motion.shape[0]):

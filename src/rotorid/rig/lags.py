@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorid.record import Floats
+from rotorid.core.values import Floats
 from rotorid.rig.machine import Machine
 from rotorid.rig.plant import Plant
 
@@ -25,25 +25,18 @@ class Lags(NamedTuple):
     """States z beside the rotor's, and the signals that they make.
 
     Each signal is a matrix over [q, q'] (motion), [i, h] (current) and z (state).
-
-    Parameters
-    ----------
-    rate : triple of array
-        z'.
-    effective, coil, recorded : triple of array
-        Currents that the forces follow, in the coils, and as the logger gets them, one per input.
-    reading, logged : triple of array
-        Sensors, as the controller and as the logger get them, before noise.
-    floor : array, shape (state,)
-        Size of a state below which errors of the integration count absolutely.
     """
 
-    rate: tuple[Floats, Floats, Floats]
+    rate: tuple[Floats, Floats, Floats]  # triple of array: z'
+    # triple of array: currents that the forces follow, in the coils, and as the logger gets them,
+    # one per input
     effective: tuple[Floats, Floats, Floats]
     coil: tuple[Floats, Floats, Floats]
     recorded: tuple[Floats, Floats, Floats]
+    # triple of array: sensors, as the controller and as the logger get them, before noise
     reading: tuple[Floats, Floats, Floats]
     logged: tuple[Floats, Floats, Floats]
+    # (state,): size of a state below which errors of the integration count absolutely
     floor: Floats
 
 

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.models import Model
-from rotorid.record import Channel, Complexes, Floats, PeriodicRecord
 from rotorid.signals.spectrum import line_spectra, synthesize
 
 

@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.actuators.reading import ForceReading, as_channels, forces
-from rotorid.dynamics import Constant, FirstOrder
-from rotorid.frozen import frozen
-from rotorid.record import Channel, Drive, Floats, Record
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+from rotorid.data.record import Channel, Drive, Record
+from rotorid.force.channel_dynamics import Constant, FirstOrder
+from rotorid.force.laws import Differential, Linear
+from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.rig.machine import Machine
 from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
 from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
-from rotorid.signals.shift import shifted
+from rotorid.signals.spectrum import shifted
 
 if TYPE_CHECKING:
     from rotorid.rig.kernel import Log
@@ -39,29 +40,21 @@ class Column:
 
 @frozen
 class Truth:
-    """What no logger sees.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-    coordinates, inputs : sequence of str
-        What the columns below are.
-    time, angle, speed : array, shape (sample,)
-        s, rad, rad/s.
-    position, velocity : array, shape (sample, coordinate)
-    current, force : array, shape (sample, input)
-        In the coils and on the rotor, at the instant of the sample; where a command takes effect
-        then, just after it. Without force law the current is the commanded force.
-    """
+    """What no logger sees."""
 
     parameters: Mapping[str, float]
+    # what the columns below are
     coordinates: tuple[str, ...]
     inputs: tuple[str, ...]
+    # (sample,): s, rad, rad/s
     time: Floats
     angle: Floats
     speed: Floats
+    # (sample, coordinate)
     position: Floats
     velocity: Floats
+    # (sample, input): in the coils and on the rotor, at the instant of the sample; where a command
+    # takes effect then, just after it. Without force law the current is the commanded force.
     current: Floats
     force: Floats
 
@@ -93,7 +86,7 @@ class RigRecord(Record):
     """A `Record` from a rig, with the logger's columns and the truth.
 
     Channels of linear actuators hold the currents, with their `Drive`;
-    `rotorid.actuators.forces` turns them into forces. Those of other actuators are forces.
+    `rotorid.force.reading.forces` turns them into forces. Those of other actuators are forces.
     """
 
     columns: tuple[Column, ...] = ()
@@ -296,7 +289,6 @@ def sensor_channels(rig: Machine) -> list[Channel]:
 
 
 def _channel(name: str, column: Column) -> Channel:
-    """Return the channel of a column."""
     return Channel(
         name, column.unit, hold=column.hold, delay=column.delay, dynamics=column.dynamics
     )
@@ -305,7 +297,6 @@ def _channel(name: str, column: Column) -> Channel:
 def _as_read(
     rig: Machine, columns: tuple[Column, ...], angle: Floats | None, speed: float
 ) -> Record:
-    """Return the record that a reader makes of the columns, told of the rig."""
     plant = rig.plant(1.0)
     by_name = {column.name: column for column in columns}
     channels: list[Channel] = []

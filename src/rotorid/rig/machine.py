@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 from rotorid.models.model import Model
-from rotorid.record import Floats
 from rotorid.rig.controller import Controller
 from rotorid.rig.parts import Actuator, Disturbance, Logger, PositionSensor, ProcessNoise
 from rotorid.rig.plant import Plant, quarter_turn, rotor_plant
@@ -24,45 +24,6 @@ from rotorid.signals.multisine import Multisine
 class Machine:
     """A rotor on magnetic bearings, its controller and its logger: what a rig is made of.
 
-    Parameters
-    ----------
-    model : Model
-        Linear; each equation the balance of the forces on its coordinate.
-    values : mapping of str to float
-        Parameters (SI).
-    rotation : Rotation
-    actuators : mapping of str to Actuator
-        One for each input.
-    sensors : sequence of PositionSensor
-    controller : Controller
-        From the sensors fed back to the inputs.
-    feedback : sequence of str
-        Names of the sensors that it reads.
-    logger : Logger
-    excitation : Multisine, optional
-        Forces in N (or currents in A, by its unit), added to the commands; its t = 0 is the first
-        sample of the record.
-    process_noise : ProcessNoise
-    clearance : float
-        Radius in m at which the rotor touches the auxiliary bearing, at each actuator.
-    delay : float
-        Time in s from the controller's sample until its command takes effect.
-    settling : float
-        Time in s that the rig runs before the record begins.
-    tolerance : float
-        Relative error of a step, for what is integrated.
-    work : array, shape (row, input), optional
-        B as it really is, where the magnets do not stand as the model says.
-    cross : float
-        Cross stiffness at each actuator in N/m: F_x = -cross y, F_y = cross x, as of a seal.
-    disturbances : sequence of Disturbance
-    contact : float
-        Stiffness in N/m of the auxiliary bearings; 0 ends the run where the rotor touches.
-    gain : callable, optional
-        From times in s of the record to a factor on the controller's answer.
-    described : Machine, optional
-        What the experiment file takes the rig for; itself by default.
-
     Raises
     ------
     InputError
@@ -74,25 +35,33 @@ class Machine:
     changes, the loads follow it as the model says; the angular acceleration adds nothing.
     """
 
-    model: Model
-    values: Mapping[str, float]
+    model: Model  # linear; each equation the balance of the forces on its coordinate
+    values: Mapping[str, float]  # parameters (SI)
     rotation: Rotation
-    actuators: Mapping[str, Actuator]
+    actuators: Mapping[str, Actuator]  # one for each input
     sensors: tuple[PositionSensor, ...]
-    controller: Controller
-    feedback: tuple[str, ...]
+    controller: Controller  # from the sensors fed back to the inputs
+    feedback: tuple[str, ...]  # names of the sensors that it reads
     logger: Logger
+    # forces in N (or currents in A, by its unit), added to the commands; its t = 0 is the first
+    # sample of the record
     excitation: Multisine | None = None
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+    # radius in m at which the rotor touches the auxiliary bearing, at each actuator
     clearance: float = np.inf
-    delay: float = 0.0
-    settling: float = 1.0
-    tolerance: float = 1e-8
+    delay: float = 0.0  # time in s from the controller's sample until its command takes effect
+    settling: float = 1.0  # time in s that the rig runs before the record begins
+    tolerance: float = 1e-8  # relative error of a step, for what is integrated
+    # (row, input): B as it really is, where the magnets do not stand as the model says
     work: Floats | None = None
+    # cross stiffness at each actuator in N/m: F_x = -cross y, F_y = cross x, as of a seal
     cross: float = 0.0
     disturbances: tuple[Disturbance, ...] = ()
+    # stiffness in N/m of the auxiliary bearings; 0 ends the run where the rotor touches
     contact: float = 0.0
+    # from times in s of the record to a factor on the controller's answer
     gain: Callable[[Floats], Floats] | None = None
+    # what the experiment file takes the rig for; itself by default
     described: Machine | None = None
 
     def __post_init__(self) -> None:

@@ -8,29 +8,20 @@ from typing import Literal
 
 import numpy as np
 
-from rotorid.actuators.flux import Flux
-from rotorid.actuators.laws import Differential, Linear
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.rig.errors import check
 from rotorid.rig.rotation import Encoder, Keyphasor
 
 
 @frozen
 class FluxSensors:
-    """Hall sensors under both magnets of an actuator.
+    """Hall sensors under both magnets of an actuator."""
 
-    Parameters
-    ----------
-    law : Flux
-        How the reader turns them into the force.
-    noise : float
-        Standard deviation in T.
-    """
-
-    law: Flux
-    noise: float = 0.0
+    law: Flux  # how the reader turns them into the force
+    noise: float = 0.0  # standard deviation in T
 
     def __post_init__(self) -> None:
         check(self, zero=("noise",))
@@ -43,18 +34,12 @@ class Coil:
     ``L i' = v - R i - k_i x'``, ``v = w (L e + R int e dt)``, e the error of the current: without
     motion the current follows its command as a first-order lag of bandwidth w / 2 pi. The induced
     voltage is k_i times the velocity: what the magnet takes from the current it gives to the force.
-
-    Parameters
-    ----------
-    resistance, inductance : float
-        ohm and H, as the control current sees them.
-    bandwidth : float
-        Of the current controller, Hz.
     """
 
+    # ohm and H, as the control current sees them
     resistance: float
     inductance: float
-    bandwidth: float
+    bandwidth: float  # of the current controller, Hz
 
     def __post_init__(self) -> None:
         check(self, positive=("inductance", "bandwidth"), zero=("resistance",))
@@ -63,30 +48,6 @@ class Coil:
 @frozen
 class Actuator:
     """One axis of a magnetic bearing with its amplifier.
-
-    Parameters
-    ----------
-    law : Linear or Differential or None
-        From current and displacement to force; without one the command is the force itself.
-    limit : float
-        Largest command, A (N without law).
-    bandwidth : float or None
-        Of the amplifier, first order, in Hz; without it the current follows at once.
-    slew : float
-        Largest slope of the current in A/s: supply voltage over coil inductance.
-    noise : float
-        Standard deviation of the recorded current in A (of the force in N without law).
-    flux : FluxSensors, optional
-    coil : Coil, optional
-        In place of the bandwidth.
-    eddy : float
-        tau in s of the eddy currents in the iron: the force follows the current as
-        1 / (1 + sqrt(i omega tau)).
-    hysteresis : float
-        Half the width in A of the loop of the iron: the current that the force follows stays
-        where it is until the coil's is that far away (a play operator).
-    heating : float
-        Growth of the gaps in 1/s, from the first sample on.
 
     Raises
     ------
@@ -100,16 +61,23 @@ class Actuator:
     (120.0, 200000.0)
     """
 
+    # from current and displacement to force; without one the command is the force itself
     law: Linear | Differential | None = None
-    limit: float = np.inf
+    limit: float = np.inf  # largest command, A (N without law)
+    # of the amplifier, first order, in Hz; without it the current follows at once
     bandwidth: float | None = None
-    slew: float = np.inf
+    slew: float = np.inf  # largest slope of the current in A/s: supply voltage over coil inductance
+    # standard deviation of the recorded current in A (of the force in N without law)
     noise: float = 0.0
     flux: FluxSensors | None = None
-    coil: Coil | None = None
+    coil: Coil | None = None  # in place of the bandwidth
+    # tau in s of the eddy currents in the iron: the force follows the current as 1 / (1 + sqrt(i
+    # omega tau))
     eddy: float = 0.0
+    # half the width in A of the loop of the iron: the current that the force follows stays where it
+    # is until the coil's is that far away (a play operator)
     hysteresis: float = 0.0
-    heating: float = 0.0
+    heating: float = 0.0  # growth of the gaps in 1/s, from the first sample on
 
     def __post_init__(self) -> None:
         check(
@@ -205,40 +173,23 @@ class Runout:
 class PositionSensor:
     """A sensor of a coordinate, or of a combination of some.
 
-    Parameters
-    ----------
-    name : str
-        A coordinate's name, or a new one where it reads several.
-    reads : mapping of str to float, optional
-        ``{coordinate: coefficient}``.
-    noise, bias, quantum : float
-        Standard deviation, offset and least step in m (rad for an angle).
-    runout : sequence of Runout
-    bandwidth : float
-        Of the sensor, first order, in Hz.
-    cubic : float
-        Its reading r is bent to r (1 + cubic r^2); in 1/m^2.
-    heating : float
-        Growth of its gain in 1/s, from the first sample on.
-    hum : float
-        Amplitude of the mains in its reading, in m.
-
     Raises
     ------
     InputError
         For negative values.
     """
 
-    name: str
-    reads: Mapping[str, float] | None = None
+    name: str  # A coordinate's name, or a new one where it reads several
+    reads: Mapping[str, float] | None = None  # ``{coordinate: coefficient}``
+    # standard deviation, offset and least step in m (rad for an angle)
     noise: float = 0.0
     bias: float = 0.0
     quantum: float = 0.0
     runout: tuple[Runout, ...] = ()
-    bandwidth: float = np.inf
-    cubic: float = 0.0
-    heating: float = 0.0
-    hum: float = 0.0
+    bandwidth: float = np.inf  # of the sensor, first order, in Hz
+    cubic: float = 0.0  # its reading r is bent to r (1 + cubic r^2); in 1/m^2
+    heating: float = 0.0  # growth of its gain in 1/s, from the first sample on
+    hum: float = 0.0  # amplitude of the mains in its reading, in m
 
     def __post_init__(self) -> None:
         check(self, positive=("bandwidth",), zero=("noise", "quantum"))
@@ -257,30 +208,19 @@ def sensor_unit(combination: Iterable[str], units: Mapping[str, str]) -> str:
 
 @frozen
 class Logger:
-    """What is recorded, and how often.
+    """What is recorded, and how often."""
 
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
-    current : {"command", "measured"}
-        The controller's command, or the coil's current.
-    angle : Encoder or Keyphasor, optional
-        Without one the speed is taken as known.
-    filter : float
-        Corner in Hz of the filter before the converter: second order, after Butterworth, on
-        positions and measured currents.
-    oversampling : int
-        Measured currents and flux densities are sampled so many times as often, then decimated
-        without lag, as converters do: a current behind a held command has images beside every
-        multiple of the sample rate, which fold onto its lines. Positions are what the controller
-        has read.
-    """
-
-    sample_rate: float
+    sample_rate: float  # Hz
+    # {"command", "measured"}: the controller's command, or the coil's current
     current: Literal["command", "measured"] = "command"
-    angle: Encoder | Keyphasor | None = None
+    angle: Encoder | Keyphasor | None = None  # without one the speed is taken as known
+    # corner in Hz of the filter before the converter: second order, after Butterworth, on positions
+    # and measured currents
     filter: float = np.inf
+    # measured currents and flux densities are sampled so many times as often, then decimated
+    # without lag, as converters do: a current behind a held command has images beside every
+    # multiple of the sample rate, which fold onto its lines. Positions are what the controller has
+    # read.
     oversampling: int = 1
 
     def __post_init__(self) -> None:
@@ -294,14 +234,9 @@ class Logger:
 
 @frozen
 class ProcessNoise:
-    """Random forces on the rotor, white, held over each period of the controller.
+    """Random forces on the rotor, white, held over each period of the controller."""
 
-    Parameters
-    ----------
-    std : mapping of str to float
-        Input or coordinate (the equation of it) to standard deviation in N (N m for an angle).
-    """
-
+    # input or coordinate (the equation of it) to standard deviation in N (N m for an angle)
     std: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -315,14 +250,9 @@ class Disturbance:
     """A force, or an acceleration of the frame, that nobody measures.
 
     Held over each period of the controller, at its value in the middle.
-
-    Parameters
-    ----------
-    on : mapping of str to float
-        Input (N), or coordinate (acceleration in m/s^2, rad/s^2), to its factor.
-    size : callable
-        From times in s, the record's first sample at 0, to the size there.
     """
 
+    # input (N), or coordinate (acceleration in m/s^2, rad/s^2), to its factor
     on: Mapping[str, float]
+    # from times in s, the record's first sample at 0, to the size there
     size: Callable[[Floats], Floats]

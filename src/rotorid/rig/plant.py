@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.polynomial import polynomial
 
-from rotorid.errors import ModelError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats, Integers
 from rotorid.models.linear import LinearForm
 from rotorid.models.model import Model
-from rotorid.record import Floats, Integers
 from rotorid.rig.rotation import Rotation
 
 _DEGREE = 4
@@ -25,28 +25,17 @@ class Plant:
 
     ``q'' = sum_d s^d (motion[d] [q; q'] + sum_h load[d, h] [cos h phi; sin h phi]) + force F``
     with ``s = (Omega - centre) / width``; at constant speed d = 0 alone.
-
-    Parameters
-    ----------
-    motion : array, shape (degree, coordinate, 2 coordinate)
-    load : array, shape (degree, harmonic, coordinate, 2)
-        Acceleration by the loads: cosine and sine of the harmonics of the rotor angle.
-    harmonics : int array, shape (harmonic,)
-    force : array, shape (coordinate, input)
-        Acceleration per force.
-    mass : array, shape (row, coordinate)
-    displacement : array, shape (input, coordinate)
-        What each actuator's displacement is made of.
-    centre, width : float
-        rad/s.
     """
 
-    motion: Floats
+    motion: Floats  # (degree, coordinate, 2 coordinate)
+    # (degree, harmonic, coordinate, 2): acceleration by the loads: cosine and sine of the harmonics
+    # of the rotor angle
     load: Floats
-    harmonics: Integers
-    force: Floats
-    mass: Floats
-    displacement: Floats
+    harmonics: Integers  # (harmonic,)
+    force: Floats  # (coordinate, input): acceleration per force
+    mass: Floats  # (row, coordinate)
+    displacement: Floats  # (input, coordinate): what each actuator's displacement is made of
+    # rad/s
     centre: float
     width: float
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.limits import RIG_SAMPLES
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import RIG_SAMPLES
 from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
@@ -24,15 +24,10 @@ SETTLED = 60.0
 
 @frozen
 class Rig(Machine):
-    """A machine that can be run; its parameters are those of `Machine`, and one more.
-
-    Parameters
-    ----------
-    spoils : sequence of callable
-        What happens to the logger's columns, (columns, rig, rng) -> columns, one after the other.
-    """
+    """A machine that can be run; its parameters are those of `Machine`, and one more."""
 
     described: Rig | None = None
+    # what happens to the logger's columns, (columns, rig, rng) -> columns, one after the other
     spoils: tuple[Spoil, ...] = ()
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 from rotorid.rig.errors import check
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 
@@ -17,19 +17,6 @@ class Rotation:
     """Speed over time, ``Omega = speed + acceleration t + drift sin(2 pi t / drift_period)``.
 
     t = 0 is the first sample of the record; before it the rig settles at the speed of t = 0.
-
-    Parameters
-    ----------
-    speed : float
-        rad/s at t = 0.
-    acceleration : float
-        rad/s^2: a ramp.
-    drift : float
-        rad/s: the amplitude of a slow wandering.
-    drift_period : float
-        s.
-    phase : float
-        Rotor angle in rad at t = 0.
 
     Raises
     ------
@@ -43,11 +30,11 @@ class Rotation:
     (16.0, 39.0)
     """
 
-    speed: float = 0.0
-    acceleration: float = 0.0
-    drift: float = 0.0
-    drift_period: float = 10.0
-    phase: float = 0.0
+    speed: float = 0.0  # rad/s at t = 0
+    acceleration: float = 0.0  # rad/s^2: a ramp
+    drift: float = 0.0  # rad/s: the amplitude of a slow wandering
+    drift_period: float = 10.0  # s
+    phase: float = 0.0  # rotor angle in rad at t = 0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -91,24 +78,14 @@ class Rotation:
 
 @frozen
 class Encoder:
-    """A disc with lines; the logger reads a counter.
+    """A disc with lines; the logger reads a counter."""
 
-    Parameters
-    ----------
-    lines : int
-        Counts per revolution.
-    jitter : float
-        Standard deviation of each reading before it is counted, in rad.
-    lost : int
-        Lines that the counter loses in the record, each at a time of its own; negative where it
-        counts them twice.
-    index : bool
-        The counter is set to 0 at every revolution, so that what is lost is found again.
-    """
-
-    lines: int
-    jitter: float = 0.0
+    lines: int  # counts per revolution
+    jitter: float = 0.0  # standard deviation of each reading before it is counted, in rad
+    # lines that the counter loses in the record, each at a time of its own; negative where it
+    # counts them twice
     lost: int = 0
+    # the counter is set to 0 at every revolution, so that what is lost is found again
     index: bool = False
 
     def __post_init__(self) -> None:
@@ -121,25 +98,13 @@ class Keyphasor:
 
     The logger samples the pulse, whose flanks last two samples each, as its low-pass makes them;
     a logic level has no samples on its flanks.
-
-    Parameters
-    ----------
-    jitter : float
-        Standard deviation of the pulses' times in s.
-    noise : float
-        Standard deviation of the samples; a pulse is 1 high.
-    width : float
-        Part of a revolution that the mark lasts.
-    logic : bool
-        The pulse is a logic level.
-    missing, double : int
-        Pulses that are not seen, or come twice, in the record.
     """
 
-    jitter: float = 0.0
-    noise: float = 0.0
-    width: float = 0.1
-    logic: bool = False
+    jitter: float = 0.0  # standard deviation of the pulses' times in s
+    noise: float = 0.0  # standard deviation of the samples; a pulse is 1 high
+    width: float = 0.1  # part of a revolution that the mark lasts
+    logic: bool = False  # the pulse is a logic level
+    # pulses that are not seen, or come twice, in the record
     missing: int = 0
     double: int = 0
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.record import Floats, Integers
+from rotorid.core.errors import InputError
+from rotorid.core.values import Floats, Integers
 
 MAX_EVENTS = 20_000
 MAX_DELAY = 100
@@ -21,31 +21,21 @@ class Schedule(NamedTuple):
 
     The events of one instant happen in this order: the controller reads and computes; commands
     whose delay is over take effect; the logger records.
-
-    Parameters
-    ----------
-    duration : float
-        Length of the pattern in s.
-    offset, length : array, shape (event,)
-        Time in s of each event in the pattern, and until the next one.
-    control, apply, log : int array, shape (event,)
-        Number within the pattern of the control step, of the command that takes effect and of
-        the logged sample; -1 where the event is none of the kind.
-    controls, logs : int
-        Control steps and logged samples of the pattern.
-    lag : int
-        Control steps after which a command takes effect; 0 where it does in the same one.
     """
 
-    duration: float
+    duration: float  # length of the pattern in s
+    # (event,): time in s of each event in the pattern, and until the next one
     offset: Floats
     length: Floats
+    # (event,): number within the pattern of the control step, of the command that takes effect and
+    # of the logged sample; -1 where the event is none of the kind
     control: Integers
     apply: Integers
     log: Integers
+    # control steps and logged samples of the pattern
     controls: int
     logs: int
-    lag: int
+    lag: int  # control steps after which a command takes effect; 0 where it does in the same one
 
 
 def check_rate(rate: float, place: str) -> None:

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, StrictInt
 
-from rotorid.actuators.entry import LawEntry
-from rotorid.toml import Schema
-from rotorid.units import to_si
+from rotorid.core.toml import Schema
+from rotorid.core.units import to_si
+from rotorid.force.entry import LawEntry
 
 
 def _quantity(unit: str) -> BeforeValidator:

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError
+from rotorid.core.errors import InputError
+from rotorid.core.units import quantity
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel, Record
 from rotorid.models import LinearForm, Model
-from rotorid.record import Channel, Complexes, Floats, Record
 from rotorid.signals.spectrum import line_spectra, synthesize
-from rotorid.units import quantity
 
 
 def steady_state(

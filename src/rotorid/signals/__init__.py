@@ -1,5 +1,1 @@
-"""Signals: excitation, period averaging, line spectra and their covariance, rotor angle."""
-
-from rotorid.signals.average import average
-
-__all__ = ["average"]
+"""Signals: excitation, periods, lines and their covariance, rotor angle, checks of a record."""

@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Booleans, Floats, Integers
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Booleans, Floats, Integers
 from rotorid.signals.rotation_fit import Readings, fit_rotation
 
 LOST = 0.6
@@ -41,32 +41,16 @@ PLATEAU = 0.02
 
 @frozen
 class MeasuredAngle:
-    """Rotor angle at each sample, and how the rotor turns.
+    """Rotor angle at each sample, and how the rotor turns."""
 
-    Parameters
-    ----------
-    angle : array, shape (sample,)
-        phi in rad, continuous.
-    speed : float
-        Mean speed in rad/s, by regression over the whole record.
-    drift : float
-        Change of the speed in rad/s^2, by the same regression.
-    scatter : float
-        Root mean square of what the regression leaves, in rad: wandering of the speed.
-    angle_std : float
-        Deviation of an offset common to all samples, in rad: what sampling and jitter leave open.
-    jitter : float
-        Deviation in rad of one reading, its interval apart.
-    missing, extra : int
-        Lines or pulses that were lost, or counted twice, and set right.
-    """
-
-    angle: Floats
-    speed: float
-    drift: float
-    scatter: float
+    angle: Floats  # (sample,): phi in rad, continuous
+    speed: float  # mean speed in rad/s, by regression over the whole record
+    drift: float  # change of the speed in rad/s^2, by the same regression
+    scatter: float  # root mean square of what the regression leaves, in rad: wandering of the speed
+    # deviation of an offset common to all samples, in rad: what sampling and jitter leave open
     angle_std: float = 0.0
-    jitter: float = 0.0
+    jitter: float = 0.0  # deviation in rad of one reading, its interval apart
+    # lines or pulses that were lost, or counted twice, and set right
     missing: int = 0
     extra: int = 0
 

@@ -6,10 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Complexes
-from rotorid.values import Arrays
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Arrays, Complexes
 
 Kind = Literal[
     "white",
@@ -26,35 +25,28 @@ Kind = Literal[
 KNOWN = 10**12
 """Degrees of freedom of a covariance that is known."""
 
+FLOOR = 1e-9
+"""Least deviation of a mean line, relative to the size of its channels: rounding and no more."""
+
 
 @frozen
 class LineCovariance(Arrays):
-    """Covariance of the mean over periods of each line.
+    """Covariance of the mean over periods of each line."""
 
-    Parameters
-    ----------
-    matrices : complex array, shape (line, channel, channel)
-        ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels kept.
-    dof : int
-        Complex degrees of freedom of the estimate.
-    kind : {"white", "correlated", "references", "quiet", "inputs", "stated", "known",
-        "repeated", "coherence"}
-        Where it came from: the scatter between periods, neighbouring lines of periods, a local
-        polynomial with references, a quiet record, a local polynomial with the measured inputs
-        for references, the user, a plan, repeated readings, or the coherence of frequency
-        responses: then it is diagonal, and each variance has `dof` of its own.
-    apart : float
-        Share of a line's noise that is not in its own covariance: 1 for the scatter of periods,
-        less where the residual of the line itself is among those that the covariance is made of.
-    shared : int
-        How many lines have their covariance from one estimate, of as many together.
-    """
-
+    # (line, channel, channel): ``E (z_k - E z_k)(z_k - E z_k)^H``, cross terms between channels
+    # kept
     matrices: Complexes
-    dof: int
+    dof: int  # complex degrees of freedom of the estimate
+    # {"white", "correlated", "references", "quiet", "inputs", "stated", "known": "repeated",
+    # "coherence"} Where it came from: the scatter between periods, neighbouring lines of periods, a
+    # local polynomial with references, a quiet record, a local polynomial with the measured inputs
+    # for references, the user, a plan, repeated readings, or the coherence of frequency responses:
+    # then it is diagonal, and each variance has `dof` of its own
     kind: Kind
+    # share of a line's noise that is not in its own covariance: 1 for the scatter of periods, less
+    # where the residual of the line itself is among those that the covariance is made of
     apart: float = 1.0
-    shared: int = 1
+    shared: int = 1  # how many lines have their covariance from one estimate, of as many together
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:

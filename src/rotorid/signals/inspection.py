@@ -1,4 +1,4 @@
-"""What is in a record before anything is identified: period, noise, distortion, rotation."""
+"""What a record holds, channel by channel, before anything is identified."""
 
 from __future__ import annotations
 
@@ -6,13 +6,160 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Check, Complexes, Floats, PeriodicRecord, Record, Verdict
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note, worst
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.average import average
-from rotorid.signals.checks import check_record, worst
-from rotorid.signals.checks_samples import is_input
-from rotorid.signals.periodicity import find_period, only_rotation
+from rotorid.signals.checks.channels import is_input
+from rotorid.signals.checks.registry import check_record
+from rotorid.signals.period_search import find_period, only_rotation
+
+
+@frozen
+class Distortion:
+    """What the lines of a run hold, one entry per channel in each array.
+
+    All levels are root mean squares over lines of the amplitude |X| of the mean over periods, so
+    that they compare with one another and with the excited lines.
+    """
+
+    channels: tuple[str, ...]
+    # (line,): harmonics that were excited; odd and even ones that were not
+    excited: Integers
+    odd: Integers
+    even: Integers
+    level: Floats  # (channel,): on the excited lines
+    # (channel,): distortion on the odd and even lines left out, the part that noise explains taken
+    # off; nan where there are no such lines
+    odd_level: Floats
+    even_level: Floats
+    noise: Floats  # (channel,): what noise alone leaves on a line of the mean
+    # (channel,): level over noise; about 1 where there is no distortion
+    odd_excess: Floats
+    even_excess: Floats
+
+    def relative(self, channel: str) -> tuple[float, float, float]:
+        """Return odd and even distortion and noise of a channel, over its excited lines.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        if channel not in self.channels:
+            raise InputError(
+                f"no channel {channel!r}",
+                f"one of {', '.join(self.channels)}",
+                "take a name from there",
+            )
+        j = self.channels.index(channel)
+        odd, even, noise = (
+            float(part[j] / self.level[j]) for part in (self.odd_level, self.even_level, self.noise)
+        )
+        return odd, even, noise
+
+
+def detect_distortion(
+    record: Record,
+    fundamental: float,
+    excited: Sequence[int],
+    *,
+    highest: int | None = None,
+    apart: Sequence[int] = (),
+    skip: float = 0.0,
+) -> Distortion:
+    """Tell even and odd distortion and noise from the lines that were not excited.
+
+    Parameters
+    ----------
+    record : Record
+    fundamental : float
+        Hz.
+    excited : sequence of int
+        Harmonics that were excited.
+    highest : int, optional
+        Highest harmonic to look at; without it the highest excited one.
+    apart : sequence of int
+        Harmonics to leave aside, as that of the rotation and its multiples, where unbalance and
+        runout are. Where the speed is a whole multiple of the fundamental they are left aside in
+        any case.
+    skip : float
+        Settling to drop, in s.
+
+    Returns
+    -------
+    Distortion
+
+    Raises
+    ------
+    InputError
+        For fewer than two periods, or where no line was left out.
+
+    Examples
+    --------
+    >>> from rotorid.data.record import Channel
+    >>> wave = np.cos(2 * np.pi * np.arange(400) / 100)
+    >>> record = Record([Channel("F")], (wave + 0.1 * wave**2)[:, None], 1000.0)
+    >>> found = detect_distortion(record, 10.0, [1], highest=4)
+    >>> [round(part, 6) for part in found.relative("F")]
+    [0.0, 0.035355, 0.0]
+    """
+    top = int(max(excited)) if highest is None else highest
+    aside = {*excited, *apart, *_rotation(record, fundamental, top)}
+    out = np.array([k for k in range(1, top + 1) if k not in aside], dtype=np.int64)
+    if not out.size:
+        raise InputError(
+            f"every harmonic up to {top} excited",
+            "lines left out",
+            "excite odd harmonics, or leave some out",
+            file=record.source,
+        )
+    periods = average(record, fundamental, harmonics=range(1, top + 1), skip=skip)
+    power = np.abs(periods.mean_spectrum) ** 2
+    noise = _noise(periods)
+    lines = {"odd": out[out % 2 == 1], "even": out[out % 2 == 0]}
+    mean = {name: _mean(power, chosen) for name, chosen in lines.items()}
+    floor = {name: _mean(noise, chosen) for name, chosen in lines.items()}
+    quiet = np.maximum(_mean(noise, out), 1e-300)
+    return Distortion(
+        channels=periods.names,
+        excited=np.array(sorted(excited), dtype=np.int64),
+        odd=lines["odd"],
+        even=lines["even"],
+        level=np.sqrt(_mean(power, np.array(sorted(excited)))),
+        odd_level=np.sqrt(np.maximum(mean["odd"] - floor["odd"], 0.0)),
+        even_level=np.sqrt(np.maximum(mean["even"] - floor["even"], 0.0)),
+        noise=np.sqrt(_mean(noise, out)),
+        odd_excess=np.sqrt(mean["odd"] / quiet),
+        even_excess=np.sqrt(mean["even"] / quiet),
+    )
+
+
+def _rotation(record: Record, fundamental: float, highest: int) -> list[int]:
+    turns = abs(record.speed) / (2 * np.pi * fundamental)
+    first = round(turns)
+    if first < 1 or abs(turns - first) > 0.01:
+        return []
+    return list(range(first, highest + 1, first))
+
+
+def _noise(periods: PeriodicRecord) -> Floats:
+    """Return the variance of the mean of each line, shape (line, channel).
+
+    From differences of successive periods, which a slow drift does not enter.
+    """
+    steps = np.abs(np.diff(periods.spectra, axis=0)) ** 2
+    return np.asarray(steps.mean(axis=0) / 2 / periods.periods)
+
+
+def _mean(power: Floats, harmonics: Integers) -> Floats:
+    """Return the mean over some harmonics of a table that starts at the first."""
+    if not harmonics.size:
+        return np.full(power.shape[1], np.nan)
+    return np.asarray(power[harmonics - 1].mean(axis=0))
+
 
 CREST = 3.0
 """Crest factor of an input above which it is worth a note: a multisine of good phases has 1.4 to 2,
@@ -31,45 +178,31 @@ MOST_LINES = 400
 
 @frozen
 class ChannelFacts:
-    """What one channel holds.
-
-    Parameters
-    ----------
-    name, unit : str
-    low, high, rms : float
-        Extremes, and root mean square about the mean, in SI.
-    crest_factor : float or None
-        Peak over rms of one mean period.
-    snr_db : float or None
-        Power of the kept lines over that of their noise, of one period.
-    coherence : float or None
-        Least share, over the kept lines, of what repeats.
-    odd, even : float or None
-        Size of odd and even lines that are not kept, over that of the kept ones, noise taken off.
-    orders : sequence of float
-        Amplitudes in SI at 1, 2, 3 times the rotation; empty at standstill.
-    """
+    """What one channel holds."""
 
     name: str
     unit: str
+    # extremes, and root mean square about the mean, in SI
     low: float
     high: float
     rms: float
-    crest_factor: float | None = None
-    snr_db: float | None = None
-    coherence: float | None = None
+    crest_factor: float | None = None  # peak over rms of one mean period
+    snr_db: float | None = None  # power of the kept lines over that of their noise, of one period
+    coherence: float | None = None  # least share, over the kept lines, of what repeats
+    # size of odd and even lines that are not kept, over that of the kept ones, noise taken off
     odd: float | None = None
     even: float | None = None
+    # amplitudes in SI at 1, 2, 3 times the rotation; empty at standstill
     orders: tuple[float, ...] = ()
 
 
 class Judged:
     """What was looked at, and what its checks come to."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[Note, ...]
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> str:
         """The gravest verdict of the checks."""
         return worst(self.checks)
 
@@ -81,26 +214,14 @@ class Judged:
 
 @frozen
 class Inspection(Judged):
-    """What is in a record.
-
-    Parameters
-    ----------
-    record : Record
-    periods : PeriodicRecord or None
-        None where the record does not repeat.
-    found : bool
-        The period was found here, not given.
-    checks : sequence of Check
-    channels : sequence of ChannelFacts
-    noise_correlation : array, shape (channel, channel), or None
-        Of the deviations from the mean over periods.
-    """
+    """What is in a record."""
 
     record: Record
-    periods: PeriodicRecord | None
-    found: bool
-    checks: tuple[Check, ...]
+    periods: PeriodicRecord | None  # none where the record does not repeat
+    found: bool  # the period was found here, not given
+    checks: tuple[Note, ...]
     channels: tuple[ChannelFacts, ...]
+    # (channel, channel), or None: of the deviations from the mean over periods
     noise_correlation: Floats | None
 
     @property
@@ -109,7 +230,7 @@ class Inspection(Judged):
         return self.record.source
 
 
-SENTENCES: dict[Verdict, str] = {
+SENTENCES: dict[str, str] = {
     "ok": "Nothing stands against identifying with this record.",
     "note": "The record can be used; read the notes.",
     "warning": "The answer may be wrong by more than its deviations: see to the warnings first.",
@@ -155,7 +276,7 @@ def inspect_record(
 
     Examples
     --------
-    >>> from rotorid.record import Channel
+    >>> from rotorid.data.record import Channel
     >>> wave = np.cos(2 * np.pi * np.arange(4000) / 400) ** 3
     >>> noise = 0.01 * np.random.default_rng(0).normal(size=4000)
     >>> found = inspect_record(Record([Channel("x", "m")], (wave + noise)[:, None], 1000.0))
@@ -174,7 +295,7 @@ def inspect_record(
         if lines is None or lines:
             periods = average(record, period_samples=size, harmonics=lines, band=band, skip=skip)
     if periods is None:
-        checks: tuple[Check, ...] = (*check_record(record), _no_period(whole))
+        checks: tuple[Note, ...] = (*check_record(record), _no_period(whole))
     else:
         checks = (*periods.checks, *_crests(periods))
     return Inspection(
@@ -187,11 +308,11 @@ def inspect_record(
     )
 
 
-def _no_period(whole: bool) -> Check:
+def _no_period(whole: bool) -> Note:
     if whole:
-        return Check("period", "", "no period, as the file says: taken as a whole", "ok")
+        return Note("period", "passes", "no period, as the file says: taken as a whole")
     text = "no period found: see docs/inspect.md for records that do not repeat"
-    return Check("period", "", text, "note")
+    return Note("period", "says", text)
 
 
 def _period(record: Record, skip: float) -> int | None:
@@ -226,7 +347,7 @@ def _clear_lines(record: Record, size: int, skip: float) -> list[int]:
     return sorted(int(k) for k in strongest if strength[k] > 1)
 
 
-def _crests(periods: PeriodicRecord) -> list[Check]:
+def _crests(periods: PeriodicRecord) -> list[Note]:
     found = []
     for c, channel in enumerate(periods.channels):
         crest = _crest(periods.mean[:, c])
@@ -235,7 +356,7 @@ def _crests(periods: PeriodicRecord) -> list[Check]:
                 f"crest factor {crest:.3g}: other phases (minimize_crest) excite more with the "
                 "same peak"
             )
-            found.append(Check("crest factor", channel.name, text, "note"))
+            found.append(Note("crest factor", "says", text, on=(channel.name,)))
     return found
 
 
@@ -312,7 +433,6 @@ def _orders(record: Record, c: int) -> tuple[float, ...]:
 
 
 def _correlation(periods: PeriodicRecord) -> Floats | None:
-    """Return the correlation between channels of what differs from period to period."""
     z: Complexes = periods.spectra - periods.mean_spectrum
     scale = np.sqrt((np.abs(z) ** 2).mean(axis=0))
     level = np.abs(periods.mean_spectrum).max(axis=0)

@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from rotorid.frozen import frozen
-from rotorid.record import Booleans, Complexes, Floats, Integers
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
 
 ORDERS = (2, 4, 6, 8)
 """S, of which the least is taken that leaves no bend: each is held against the next."""
@@ -53,29 +53,17 @@ CHUNK = 256
 
 @frozen
 class Local:
-    """Covariances of lines by a local polynomial.
+    """Covariances of lines by a local polynomial."""
 
-    Parameters
-    ----------
-    matrices : complex array, shape (line, channel, channel)
-    dof : int
-    leverage : float
-        Mean share of a line's noise that the polynomial takes up, missing from its residual.
-    order : int
-    half : int
-    standing_out : int array
-        Lines that noise does not explain: a rotation otherwise than stated, hum.
-    bent : bool
-        Even the highest order leaves motion in the residual.
-    """
-
-    matrices: Complexes
+    matrices: Complexes  # (line, channel, channel)
     dof: int
+    # mean share of a line's noise that the polynomial takes up, missing from its residual
     leverage: float
     order: int
     half: int
+    # lines that noise does not explain: a rotation otherwise than stated, hum
     standing_out: Integers
-    bent: bool = False
+    bent: bool = False  # even the highest order leaves motion in the residual
 
 
 def half_width(channels: int, references: int, rotating: bool, order: int) -> int:
@@ -166,7 +154,6 @@ class _Windows:
     dof: int
 
     def _first(self, lines: Integers) -> Integers:
-        """Return the first line of each window."""
         return np.clip(lines - self.half, 0, len(self.channels) - 2 * self.half - 1)
 
     def touched(self, lines: Integers, fresh: Integers) -> Booleans:

@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from rotorid.errors import InputError
-from rotorid.frozen import frozen
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
 
 Phases = Literal["zero", "schroeder", "random"]
 
@@ -20,18 +20,6 @@ Phases = Literal["zero", "schroeder", "random"]
 @frozen
 class Multisine:
     """Periodic signals, ``u(t) = sum_k Re(A_k exp(2 pi i k f0 t))``.
-
-    Parameters
-    ----------
-    fundamental : float
-        f0 in Hz.
-    harmonics : int array, shape (line,)
-        k, increasing, 1 or more.
-    amplitudes : complex array, shape (line, signal)
-        A, in the unit of the signals: |A| is the peak of a line.
-    names : sequence of str
-        Of the signals.
-    unit : str
 
     Raises
     ------
@@ -45,10 +33,11 @@ class Multisine:
     (array([2., 0., 0.]), array([1.]))
     """
 
-    fundamental: float
-    harmonics: Integers
+    fundamental: float  # f0 in Hz
+    harmonics: Integers  # (line,): k, increasing, 1 or more
+    # (line, signal): A, in the unit of the signals: |A| is the peak of a line
     amplitudes: Complexes
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the signals
     unit: str = "N"
 
     def __post_init__(self) -> None:

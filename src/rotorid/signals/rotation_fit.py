@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -54,14 +54,9 @@ _RESOLVED = 8  # steps of the grid in a deviation: of a uniform distribution to 
 
 @frozen
 class Readings:
-    """Intervals of the angle: at time t it lies within middle +- half.
+    """Intervals of the angle: at time t it lies within middle +- half."""
 
-    Parameters
-    ----------
-    time, middle, half : array, shape (reading,)
-        s, rad, rad; half is 0 for a reading without steps.
-    """
-
+    # (reading,): s, rad, rad; half is 0 for a reading without steps
     time: Floats
     middle: Floats
     half: Floats
@@ -78,24 +73,12 @@ class Readings:
 
 @frozen
 class RotationFit:
-    """A smooth rotation.
+    """A smooth rotation."""
 
-    Parameters
-    ----------
-    spline : callable
-        phi in rad at times in s.
-    std : float
-        Deviation in rad of an offset common to all times.
-    noise : float
-        Deviation in rad of a reading besides its interval.
-    knots : int
-        Interior knots.
-    """
-
-    spline: BSpline
-    std: float
-    noise: float
-    knots: int
+    spline: BSpline  # phi in rad at times in s
+    std: float  # deviation in rad of an offset common to all times
+    noise: float  # deviation in rad of a reading besides its interval
+    knots: int  # interior knots
 
 
 def fit_rotation(readings: Readings) -> RotationFit:
@@ -230,7 +213,6 @@ def _newton(
 
 
 def _likelihood(readings: Readings, spline: BSpline, noise: float) -> float:
-    """Return the logarithm of the likelihood of all readings."""
     left = readings.middle - spline(readings.time)
     return float(_log_chance(left, readings.half, noise).sum())
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from rotorid.estimate import Estimate
-from rotorid.estimators import MaximumLikelihood, Plan
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood, Plan
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import identify
+from rotorid.core.values import Floats
+from rotorid.data.record import Channel, Drive, PeriodicRecord
 from rotorid.models import Model, load_model
 from rotorid.models.model import Parameter, build_model
-from rotorid.record import Channel, Drive, Floats, PeriodicRecord
 from rotorid.rig.lines import add_noise, line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)

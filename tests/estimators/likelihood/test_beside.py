@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from test_spectra import KNOWN, MODEL, levitated, lines_of
 
-from rotorid.estimators.likelihood import beside as by_errors
-from rotorid.estimators.likelihood.information import _idle_share
-from rotorid.estimators.likelihood.passage import with_columns
-from rotorid.identify import identify
-from rotorid.lines import Beside
-from rotorid.observation import bind
+from rotorid.answer.identify import identify
+from rotorid.data.lines import Beside
+from rotorid.data.observation import bind
+from rotorid.likelihood import expected_cost as by_errors
+from rotorid.likelihood.other_answers import _idle_share
 
 LINES = 500
 
@@ -50,6 +49,7 @@ def beside(rng: np.random.Generator, references: int, **more) -> Beside:
     return Beside(columns, np.ones(LINES, dtype=bool), number, number, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("references", "quiet"), [(0, False), (4, False), (0, True)])
 def test_mean_and_variance_of_the_sum(references, quiet):
     """Noise of unit size on two equations, 120 times: as predicted by counting."""
@@ -186,7 +186,7 @@ def test_columns_exchanged_are_exchanged_in_the_quiet_record_too():
     matrix[2:4, 2:4] = [[0.0, 1.0], [-1.0, 0.0]]
     logged = [replace(each, samples=each.samples @ matrix.T) for each in (record, quiet)]
     expected = lines_of(logged[0], quiet=logged[1])
-    found = with_columns(bind(MODEL, lines_of(record, quiet=quiet)), matrix[:4, :4]).lines
+    found = bind(MODEL, lines_of(record, quiet=quiet)).with_columns(matrix[:4, :4]).lines
     np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
     np.testing.assert_allclose(found.beside.noise, expected.beside.noise, rtol=1e-12)
 

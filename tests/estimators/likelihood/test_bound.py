@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
-from rotorid.estimators import Constraint, MaximumLikelihood, Plan, predict_accuracy
-from rotorid.estimators.least_squares import LeastSquares
-from rotorid.identify import identify
+from rotorid import Constraint, MaximumLikelihood, Plan, predict_accuracy
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel, Drive
+from rotorid.linear.estimators import LeastSquares
 from rotorid.models import load_model
-from rotorid.record import Channel, Drive
 
 
 def percent(estimate, *names):
@@ -95,6 +95,7 @@ def test_says_beforehand_what_stays_open(demo, bearings):
     assert predict_accuracy(demo.model, demo.plan(sensors)).status == "ok"
 
 
+@pytest.mark.slow
 def test_is_what_many_periods_reach(demo, bearings):
     """The deviations that an estimate states exceed the bound by n / (n - t)."""
     estimator = MaximumLikelihood(fixed={"L1": 0.3})

@@ -11,17 +11,17 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.fit import fit
-from rotorid.estimators.likelihood.inference import infer
-from rotorid.estimators.likelihood.nuisances import Nuisances
-from rotorid.estimators.likelihood.preparation import Knowledge
-from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.solver import solve
-from rotorid.identify import identify
-from rotorid.lines import Lines
-from rotorid.observation import bind
+from rotorid import Constraint, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.data.lines import Lines
+from rotorid.data.observation import bind
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.fit import fit
+from rotorid.likelihood.inference import infer
+from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.solver import solve
+from rotorid.likelihood.unknowns import Nuisances
 from rotorid.rig.file import parse_rig
 from rotorid.rig.rig import Rig
 from rotorid.signals.average import average

@@ -154,6 +154,7 @@ def test_runout_asks_where_each_angle_begins(folders):
         assert len(rid.load_experiment(folders["runout"] / "run.toml").entry.records) == 2
 
 
+@pytest.mark.slow
 def test_headline_from_files(folders, levitated):
     """Coil currents and bearing sensors; one scale, one ruler."""
     options = '\n[estimator]\nmethod = "ml"\nrunout = true\ngains = ["ki", "ks"]\n'
@@ -176,6 +177,7 @@ def test_headline_from_files(folders, levitated):
     assert len(data["covariance"]) == 12 + 4 + 1 + 8
 
 
+@pytest.mark.slow
 def test_rejected_and_strict(folders):
     """A sensor that reads 2 % too much, not declared; then declared."""
     wrong = SENSORS.replace('"x1", unit = "m"', '"x1", unit = "m", scale = 1.02')
@@ -218,6 +220,7 @@ min = "0 kg m^2"
     assert data["misfit"]["dof"] == 48 + 2 - 13
 
 
+@pytest.mark.slow
 def test_unknown_phase_and_delays(folders):
     turned = one(100.0).replace('"0 deg"', '"unknown"')
     late = FORCES.replace('"F_x1", unit = "N"', '"F_x1", unit = "N", delay = { std = "5 us" }')

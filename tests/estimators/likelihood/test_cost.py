@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from differences import extrapolated
 
-from rotorid.estimators.likelihood import cost
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.cost import Likelihood
-from rotorid.estimators.likelihood.nuisances import Nuisances, Unknown, asked_nuisances
-from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
-from rotorid.lines import Lines
+from rotorid.data.lines import Lines
+from rotorid.data.observation import bind
+from rotorid.data.record import Channel, Drive, PeriodicRecord
+from rotorid.likelihood import cost
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.cost import Likelihood
+from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.unknowns import Nuisances, Scalar, asked_unknowns
 from rotorid.models import load_model
-from rotorid.observation import bind
-from rotorid.record import Channel, Drive, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
 
 MODEL = load_model("three-mass")
@@ -22,9 +22,9 @@ MODEL = load_model("three-mass")
 
 def layout_of(record: PeriodicRecord, nuisances: Nuisances | None = None) -> Layout:
     model = MODEL
-    parameters = [Unknown(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
-    extra = asked_nuisances([bind(model, record)], nuisances or Nuisances())
-    unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.unknowns))
+    parameters = [Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters]
+    extra = asked_unknowns([bind(model, record)], nuisances or Nuisances())
+    unknowns = (*parameters, *(unknown for nuisance in extra for unknown in nuisance.scalars))
     return Layout(model, unknowns, physical_factors(model), False, extra)
 
 

@@ -5,30 +5,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid.estimators.likelihood import search, verdict
-from rotorid.estimators.likelihood.scaling import find_scales
-from rotorid.estimators.likelihood.solver import bounds_held
+from rotorid.likelihood import doubts as verdict
+from rotorid.likelihood import starts as search
+from rotorid.likelihood.solver import bounds_held
+from rotorid.likelihood.whitening import find_scales
 
 
 @pytest.mark.parametrize(("periods", "told"), [(11, 1), (12, 0)])
 def test_twelve_periods_for_each_sensor_tell_a_wrong_model(periods: int, told: int) -> None:
-    assert len(list(verdict._few_periods(closed_loop(0.11, periods)))) == told
+    assert len(list(verdict.few_periods(closed_loop(0.11, periods)))) == told
 
 
 @pytest.mark.parametrize(("coherence", "told"), [(0.09, 0), (0.11, 1)])
 def test_noise_that_forces_and_sensors_share_shows_a_loop(coherence: float, told: int) -> None:
-    assert len(list(verdict._few_periods(closed_loop(coherence, 11)))) == told
+    assert len(list(verdict.few_periods(closed_loop(coherence, 11)))) == told
 
 
-def closed_loop(coherence: float, periods: int) -> SimpleNamespace:
-    """Return a fit to a record of one force and one sensor, whose noise is coherent by so much."""
+def closed_loop(coherence: float, periods: int) -> verdict.Asked:
+    """Return an answer from a record of a force and a sensor with coherent noise."""
     matrix = np.array([[4.0, 2 * np.sqrt(coherence)], [2 * np.sqrt(coherence), 1.0]])
     covariance = SimpleNamespace(kind="white", matrices=np.tile(matrix, (5, 1, 1)), dof=1e9)
     lines = SimpleNamespace(periods=periods, scatter=np.zeros(1), covariance=covariance)
     sensor = SimpleNamespace(column=1)
-    return SimpleNamespace(
-        records=[SimpleNamespace(lines=lines, sensors=[sensor], input_columns=(0,))]
-    )
+    record = SimpleNamespace(lines=lines, sensors=[sensor], input_columns=(0,))
+    return verdict.Asked(None, None, SimpleNamespace(records=[record]))
 
 
 @pytest.mark.parametrize(("chance", "explained"), [(0.9e-6, False), (1.1e-6, True)])

@@ -8,10 +8,10 @@ import pytest
 
 import rotorid as rid
 import rotorid.models
-from rotorid.dynamics import UNKNOWN, Constant, FirstOrder
-from rotorid.estimators.likelihood import suspects
-from rotorid.estimators.likelihood.candidates import find_structure
-from rotorid.estimators.likelihood.drawn import drawn_candidates, drawn_structure
+from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
+from rotorid.likelihood import rivals as suspects
+from rotorid.likelihood.rivals_terms import drawn_candidates
+from rotorid.models.structure import structure_of
 from rotorid.rig.lines import add_noise, line_record
 from rotorid.signals.spectrum import synthesize
 
@@ -192,7 +192,7 @@ def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
     )
     model, speed = rid.parse_model(text), 700.0
     values = model.values(model.nominal)
-    structure = drawn_structure(find_structure(model, values, speed), model)
+    structure = structure_of(model, values, speed)
     terms = {t.name: t for t in drawn_candidates(structure, model, values)}
     stiffer = model.values(model.nominal | {"s_M": 2.0})
     one, other = (model.require_linear().matrices(v, speed) for v in (values, stiffer))

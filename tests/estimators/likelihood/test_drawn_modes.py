@@ -55,6 +55,7 @@ def test_six_frequencies_give_two_stiffnesses_a_mass_and_a_support():
         assert estimate.std(name) < 0.005 * value
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("kept", "told"),
     [
@@ -72,6 +73,7 @@ def test_too_few_are_refused_with_what_is_missing(kept, told):
     assert not any("as many unknowns" in text for text in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_as_many_as_there_are_unknowns_check_nothing_and_say_so():
     modes = measured(CORED, FREE, SPRUNG)
     told = "nothing is left over that could contradict the model"
@@ -82,6 +84,7 @@ def test_as_many_as_there_are_unknowns_check_nothing_and_say_so():
     assert not any(told in text for text in identified(modes).warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", ["0 mm", "500 mm"])
 def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_either(at):
     modes = measured(with_mass(ALIKE, at), {}, count=4)
@@ -98,6 +101,7 @@ def test_which_end_carries_a_mass_is_not_told_by_a_shaft_that_is_the_same_from_e
     assert identified(modes, text=mended).status == "ok"
 
 
+@pytest.mark.slow
 def test_the_end_is_told_where_the_shaft_is_another_from_either():
     modes = measured(with_mass(CORED, "0 mm"), FREE, count=5)
     estimate = identified(modes, KNOWN)

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.errors import InputError, ModelError
-from rotorid.estimators import MaximumLikelihood
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.answer.result_file import load_estimate
+from rotorid.core.errors import InputError, ModelError
 from rotorid.models import Model, load_model, parse_model
-from rotorid.result_file import load_estimate
 from rotorid.rig.lines import add_noise, line_record
 
 
@@ -68,6 +68,7 @@ def test_nominal_values_never_bias(demo, bearings):
     np.testing.assert_allclose(np.std(found, axis=0) / deviations, 0, atol=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(factor=st.floats(1e-3, 1e3))
 def test_scaling_forces_scales_masses(demo, bearings, factor):
@@ -86,6 +87,7 @@ def test_scaling_forces_scales_masses(demo, bearings, factor):
         assert other.value(value.name) == pytest.approx(expected, rel=1e-9, abs=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_a_start_a_thousand_times_off(demo, bearings, factor):
     """All masses and stiffnesses alike: the finer homotopy finds the way back."""
@@ -97,6 +99,7 @@ def test_a_start_a_thousand_times_off(demo, bearings, factor):
     assert estimate.value("m2") == pytest.approx(demo.truth["m2"], rel=0.01)
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(order=st.permutations(range(8)))
 def test_permuting_equations_changes_nothing(demo, bearings, order):
@@ -224,6 +227,7 @@ def test_refuses_contradictory_options(demo, bearings, options, message):
         identify(demo.model, demo.record(bearings), MaximumLikelihood(**options))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("periods", [2, 5, 12])
 def test_too_few_periods_say_so(demo, periods):
     """V is mixed with the diagonal of C; deviations are rough, rather too wide than too narrow."""
@@ -244,7 +248,7 @@ def test_no_way_to_a_minimum_is_a_result_too(demo, bearings, tmp_path, monkeypat
     def lost(*_):
         raise np.linalg.LinAlgError("singular")
 
-    monkeypatch.setattr("rotorid.estimators.likelihood.search.solve", lost)
+    monkeypatch.setattr("rotorid.likelihood.starts.solve", lost)
     estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood(fixed={"L1": 0.3}))
     assert estimate.status == "not_converged"
     assert estimate.value("L1") == 0.3

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from rotorid.estimate import Estimate
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.expectation import Expectation
-from rotorid.estimators.likelihood.exact import KINDS, unseen_excess
-from rotorid.estimators.likelihood.verdict import STILL
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import identify
+from rotorid.core.distributions import Expectation
+from rotorid.core.units import to_si
+from rotorid.core.values import Floats
+from rotorid.data.record import PeriodicRecord
+from rotorid.likelihood.doubts import STILL, unseen_excess
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT
 from rotorid.models import load_model
-from rotorid.record import Floats, PeriodicRecord
 from rotorid.rig.lines import add_noise, line_record
-from rotorid.units import to_si
 
 FIXED = {"L1": 0.3}
 SIZES = {"runout": (1e-6, "m"), "rotor angle": (np.pi / 180, "rad"), "delay": (1e-5, "s")}
@@ -28,7 +29,7 @@ def notes(found: Estimate) -> dict[str, tuple[str, float]]:
     """Return the parameter and the deviations of each note of what is taken as exact."""
     assert found.status == "ok"
     pattern = re.compile(r"taken as (?:0|exact): .* may move (\w+) by ([\d.]+) deviations unseen; ")
-    told = {c.check: pattern.match(c.found) for c in found.checks if c.verdict == "note"}
+    told = {c.about: pattern.match(c.text) for c in found.checks if c.verdict == "note"}
     assert all("e+" not in m[2] for m in told.values() if m)
     return {check: (m[1], float(m[2])) for check, m in told.items() if m}
 
@@ -92,6 +93,7 @@ def found_after(edits: list[Edit]) -> tuple[Floats, float]:
     return np.array([p.value for p in found.parameters]), found.misfit.cost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", ["runout", "gain"])
 def test_the_worst_unseen_error_is_what_refits_say(check: str) -> None:
     """The estimates' shifts, and the quadratic form of the cost, by identifying again."""
@@ -130,6 +132,7 @@ def test_the_worst_unseen_error_is_what_refits_say(check: str) -> None:
     assert size == pytest.approx(worst.max(), rel=0.06)
 
 
+@pytest.mark.slow
 def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(levitated) -> None:
     (record,) = recorded(quieter(levitated, 1.0), 140.0)
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
@@ -143,6 +146,7 @@ def test_a_rotor_angle_off_by_what_is_said_moves_the_unbalance_by_what_is_said(l
     assert "rotor angle" not in notes(identify(model, replace(record, phase_std=0.02), estimator))
 
 
+@pytest.mark.slow
 def test_a_rotor_angle_that_nobody_asked_for_is_told_where_it_decides_the_deviations() -> None:
     """A keyphasor's angle is known within a sample: that was most of the deviation of xi."""
 
@@ -166,6 +170,7 @@ def test_what_no_block_tells_does_not_scatter() -> None:
     assert STILL == 1e-6
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.25, False)])
 def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share: float, told: bool) -> None:
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
@@ -175,6 +180,7 @@ def test_what_moves_nothing_by_a_deviation_is_not_told(levitated, share: float, 
     assert ("rotor angle" in notes(identify(model, louder, estimator))) is told
 
 
+@pytest.mark.slow
 def test_what_the_records_tell_is_not_unseen(levitated) -> None:
     """Runout is unbalance at one speed, whatever the noise; at two it is a misfit."""
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
@@ -187,16 +193,17 @@ def test_what_the_records_tell_is_not_unseen(levitated) -> None:
     assert "runout" not in notes(identify(model, recorded(rig, 140.0, 100.0), asked))
 
 
+@pytest.mark.slow
 def test_gains_beside_a_scale_that_is_told_differ(levitated) -> None:
     """Where the scale of all forces has a note of its own, the gains' is of what goes beyond it."""
     model, estimator = levitated.machine.model, MaximumLikelihood(fixed=FIXED)
     rig = quieter(levitated, 0.01)
     driven = identify(model, recorded(rig, 140.0), estimator)
-    assert [c.check for c in driven.checks].count("force scale") == 1
+    assert [c.about for c in driven.checks].count("force scale") == 1
     assert notes(driven)["gain"][1] < 20
     # Forces as such: a gain of all is the scale, and no misfit shows it.
     measured = identify(model, recorded(rig, 140.0, drives=False), estimator)
-    assert "force scale" not in [c.check for c in measured.checks]
+    assert "force scale" not in [c.about for c in measured.checks]
     name, size = notes(measured)["gain"]
     assert size > 0.4 * 0.01 * abs(measured.value(name)) / measured.std(name) > 100
 
@@ -209,14 +216,19 @@ def test_unseen_is_what_no_warning_tells() -> None:
 
 
 def test_the_sizes_are_what_is_written() -> None:
-    for kind in KINDS:
+    for kind in (each.plausible for each in TAKEN_AS_EXACT):
         shown = re.fullmatch(r"taken as (?:0|exact): (.*) of it", kind.text)
         assert shown is not None
-        if kind.check == "gain":
+        if kind.about == "gain":
             assert (shown[1], kind.size) == ("1 %", 0.01)
             continue
-        size, unit = SIZES[kind.check]
+        size, unit = SIZES[kind.about]
         assert kind.size == pytest.approx(size)
         assert kind.unit == unit
         assert to_si(shown[1], unit) == pytest.approx(size)
-    assert [kind.check for kind in KINDS] == ["runout", "rotor angle", "gain", "delay"]
+    assert [kind.plausible.about for kind in TAKEN_AS_EXACT] == [
+        "runout",
+        "rotor angle",
+        "gain",
+        "delay",
+    ]

@@ -1,20 +1,23 @@
 """An unknown that a few lines of a closed loop tell has an unsure deviation."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import test_spectra
 from test_spectra import MODEL, TRUTH, levitated
 
 import rotorid as rid
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.likelihood import few_lines
-from rotorid.estimators.likelihood.few_lines import told_by_few
+from rotorid import MaximumLikelihood
+from rotorid.likelihood import doubts as few_lines
+from rotorid.likelihood.doubts import told_by_few
 
 
 def said(found: rid.Estimate) -> list[str]:
     return [text for text in found.warnings if " is told by " in text]
 
 
+@pytest.mark.slow
 def test_the_damping_of_a_short_record_under_control(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(test_spectra.TRUTH, "c", 90.0)
     short, long = (
@@ -52,13 +55,19 @@ def test_how_many_lines_are_few(
     monkeypatch: pytest.MonkeyPatch, count: int, closed: float, parts: object, told: bool
 ) -> None:
     record = Made(np.arange(100.0), parts)
-    weight = np.zeros(100)
-    weight[5 : 5 + count] = 1.0
+    shares = np.zeros((100, 2, 3))
+    shares[5 : 5 + count] = 0.5
     monkeypatch.setattr(few_lines, "coherence", lambda _: closed)
-    monkeypatch.setattr(few_lines, "_weights", lambda *_: [weight] * 3)
     layout = type("Layout", (), {})()
     layout.unknowns = [type("Unknown", (), {"name": name})() for name in ("c", "xi", "gain[x]")]
     layout.free, layout.held, layout.load_only = [0, 1, 2], [0, 1], lambda: {1}
-    point = type("Point", (), {"problem": type("Problem", (), {"layout": layout})()})()
-    texts = list(told_by_few(point, [record]))
-    assert [text.split(" ")[0] for text in texts] == ["c"] * told
+    point = SimpleNamespace(
+        problem=SimpleNamespace(layout=layout),
+        linear=SimpleNamespace(told_by=lambda: shares.reshape(200, 3).T),
+        by_line=lambda rows: [rows.reshape(100, 2, 3)],
+    )
+    solution = SimpleNamespace(point=point, converged=True)
+    inference = SimpleNamespace(null=np.zeros((3, 0)))
+    fit = SimpleNamespace(solution=solution, inference=inference, records=[record])
+    notes = told_by_few(few_lines.Asked(None, None, fit))
+    assert [note.on for note in notes] == [("c",)] * told

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.gate import agreement
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.answer.machine_checks import agreement
 
 TURN = 7  # the line of the rotation, 140 Hz
 
@@ -38,6 +38,7 @@ def record(demo):
     return demo.noisy(replace(clean, spectra=spectra), np.random.default_rng(8))
 
 
+@pytest.mark.slow
 def test_a_speed_that_is_off_by_a_hundred_thousandth_is_told(demo, record):
     found = identify(demo.model, stated(record, 6.0), MaximumLikelihood())
     assert found.misfit.p_value > 1e-3  # no misfit of the mean shows it
@@ -46,10 +47,11 @@ def test_a_speed_that_is_off_by_a_hundred_thousandth_is_told(demo, record):
     assert right.status == "ok"
     # The angle is no better known than by its creep, and the deviations know it.
     assert found.std("xi") > 3 * right.std("xi")
-    told = agreement(["xi"], np.array([[-7.0], [7.0]]), np.ones(1), {"xi"}).faults
-    assert "the speed is not the one stated, or wanders" in told[0]
+    (told,) = agreement(["xi"], np.array([[-7.0], [7.0]]), np.ones(1), {"xi"})
+    assert "the speed is not the one stated, or wanders" in told.text
 
 
+@pytest.mark.slow
 def test_a_rotation_that_turns_as_stated_is_no_matter(demo, record):
     """Two degrees: less than what the checks of the rotation's line take for a wandering speed."""
     found = identify(demo.model, turning(stated(record, 2.0), 2.0), MaximumLikelihood())

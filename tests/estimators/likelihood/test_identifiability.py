@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.estimators.likelihood.identifiability import _exponents, _rotation_left_out
-from rotorid.identify import identify
-from rotorid.observation import bind
+from rotorid import Constraint, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.data.observation import bind
+from rotorid.likelihood.identifiability import _exponents, _rotation_left_out
 from rotorid.rig.lines import add_noise
 
 
@@ -27,6 +27,7 @@ def assert_agrees(estimate, truth, sigmas=4.5):
             assert value.value == pytest.approx(truth[value.name], abs=sigmas * value.std)
 
 
+@pytest.mark.slow
 def test_the_unit_of_angle(demo, bearings, rng):
     record = demo.noisy(demo.record(bearings), rng)
     estimate = identify(demo.model, record, MaximumLikelihood())
@@ -70,6 +71,7 @@ def test_a_sensor_cures_the_unit_of_angle(demo, bearings, rng):
     assert_agrees(estimate, demo.truth)
 
 
+@pytest.mark.slow
 def test_runout_at_one_speed(levitated, rng):
     """Four combinations of unbalance and runout; a second speed separates them."""
     truth, model = levitated.truth, levitated.machine.model
@@ -97,6 +99,7 @@ def test_runout_at_one_speed(levitated, rng):
     assert_agrees(cured, truth)
 
 
+@pytest.mark.slow
 def test_unknown_gains_and_no_mass(levitated, rng):
     truth, model = levitated.truth, levitated.machine.model
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
@@ -135,6 +138,7 @@ def test_gains_of_force_channels_need_a_mass_too(demo, bearings, rng):
     assert cured.value("ki[F_x1]") == pytest.approx(1.0, abs=4 * cured.std("ki[F_x1]"))
 
 
+@pytest.mark.slow
 def test_everything_open_at_once(levitated, rng):
     """No length, no mass, four force slopes: two scales, each named by itself."""
     records = [levitated.noisy(levitated.record(hertz), rng) for hertz in (140.0, 100.0)]
@@ -170,6 +174,7 @@ def test_unknown_phase_of_the_only_record(demo, bearings, rng):
     assert_agrees(both, demo.truth)
 
 
+@pytest.mark.slow
 def test_unbalance_without_a_line_of_the_rotation(demo, bearings, rng):
     record = demo.noisy(demo.record(bearings, harmonics=(1, 3, 5, 9, 11)), rng)
     estimate = identify(demo.model, record, MaximumLikelihood(fixed={"L1": 0.3}))
@@ -194,6 +199,7 @@ def test_a_rotation_within_a_thousandth_of_a_line_is_on_it(demo, bearings, hertz
     assert len(list(_rotation_left_out(bind(demo.model, record), ""))) == told
 
 
+@pytest.mark.slow
 def test_standstill(demo, bearings, rng):
     """No gyroscopic moment, no unbalance; a record of the turning rotor cures it."""
     still = demo.noisy(demo.record(bearings, hertz=0.0), rng)
@@ -212,6 +218,7 @@ def test_standstill(demo, bearings, rng):
     assert_agrees(cured, demo.truth)
 
 
+@pytest.mark.slow
 def test_noise_free_records_tell_the_same(demo, bearings):
     estimate = identify(demo.model, demo.record(bearings), MaximumLikelihood())
     assert estimate.status == "not_identifiable"

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from differences import extrapolated
 
-from rotorid.errors import InputError
-from rotorid.estimators import LeastSquares, MaximumLikelihood
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.nuisances import Unknown
-from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
-from rotorid.identify import identify
-from rotorid.lines import Lines
-from rotorid.observation import bind
-from rotorid.record import Channel, PeriodicRecord
+from rotorid import LeastSquares, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.lines import Lines
+from rotorid.data.observation import bind
+from rotorid.data.record import Channel, PeriodicRecord
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.unknowns import Scalar
 
 
 def derived(record: PeriodicRecord, name: str, order: int) -> PeriodicRecord:
@@ -78,7 +78,7 @@ def test_gradient_with_indirect_sensors_agrees_with_differences(demo, bearings, 
     record = replace(record, channels=tuple(channels))
     lines = replace(Lines.of_periods(record), transient=transient)
     model = demo.model
-    unknowns = tuple(Unknown(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
+    unknowns = tuple(Scalar(p.name, p.unit, p.nominal or 0.0) for p in model.parameters)
     kernel = assemble(Layout(model, unknowns, physical_factors(model), False), bind(model, lines))
     x = demo.values * (1 + 0.1 * rng.uniform(-1, 1, 13))
     at = kernel.evaluate(x)

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid.estimators.likelihood import information
-from rotorid.estimators.likelihood.valley import Valley
+from rotorid.likelihood import other_answers as information
+from rotorid.likelihood.other_answers import Valley
 
 
 def problem_of(*names: str) -> SimpleNamespace:
@@ -24,24 +24,39 @@ def solution_at(unknowns, cost: float = 100.0, problem=None) -> SimpleNamespace:
     return SimpleNamespace(point=point, converged=True)
 
 
+def minimum_of(
+    stated: float, start: float = 1.0, at: float = 1.0, chance: float = 0.5
+) -> information._Minimum:
+    """Return the minimum of a problem of one unknown, with its deviation."""
+    inference = SimpleNamespace(
+        covariance=np.array([[stated**2]]),
+        std=np.array([stated]),
+        undetermined=np.zeros(1, bool),
+        expectation=SimpleNamespace(p_value=lambda cost: chance),
+    )
+    problem, begin = problem_of("m"), np.array([start])
+    return information._Minimum(problem, begin, solution_at([at], problem=problem), inference)
+
+
+def expecting(monkeypatch, *deviations: float) -> None:
+    """Have the noise-free response give such a deviation, the last one again and again."""
+    told = list(deviations)
+
+    def next_of(*at):
+        return np.array([told.pop(0) if len(told) > 1 else told[0]])
+
+    monkeypatch.setattr(information, "predicted_deviations", next_of)
+
+
 def doubted(monkeypatch, stated: float, predicted: float, *, loose: bool, about: bool) -> bool:
     """Tell whether a mass of 1 kg is called noise; `about`: a machine near would not tell it."""
-    problem = problem_of("m")
-    point = SimpleNamespace(unknowns=np.ones(1))
     monkeypatch.setattr(
         information, "informed_by_noise", lambda at: (np.array([predicted]), np.zeros(1, bool))
     )
-    monkeypatch.setattr(information, "_taken_about", lambda *at: np.array([about]))
-    asked = information._Asked(
-        problem,
-        np.ones(1),
-        point,
-        np.array([stated]),
-        np.ones(1, bool),
-        np.ones(1, bool),
-        np.array([loose]),
-    )
-    return bool(asked.doubt(np.ones(1)).noise)
+    monkeypatch.setattr(information._Minimum, "taken_about", lambda at: np.array([about]))
+    monkeypatch.setattr(information, "explore", lambda *at: Valley(np.ones(1), None))
+    expecting(monkeypatch, 1.0 if loose else 0.0)
+    return bool(minimum_of(stated).doubt().noise)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +95,7 @@ def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told) -
     c, s = np.sqrt(share), np.sqrt(1 - share)
     root = np.array([[c, -s], [s, c]])
     noise = np.sqrt(power) * root[:, [0]].T[None]  # (input, row, free): along the first direction
-    found = information._owed([noise], root, np.ones(2))
+    found = information._owed([noise], root)
     assert found.tolist() == told
 
 
@@ -90,19 +105,15 @@ def test_of_whom_the_noise_of_forces_makes_the_information(power, share, told) -
 )
 def test_a_deviation_of_a_tenth_is_loose(monkeypatch, expected, stated, loose) -> None:
     """The one expected of the start, or the one stated."""
-    problem, solution = problem_of("m"), solution_at([2.0])
-    inference = SimpleNamespace(
-        covariance=np.array([[max(2 * stated, 1e-6) ** 2]]), undetermined=np.zeros(1, bool)
-    )
-    monkeypatch.setattr(information, "predicted_deviations", lambda *at: np.array([2 * expected]))
-    asked = information._Asked.of(problem, np.array([2.0]), solution, inference)
+    expecting(monkeypatch, 2 * expected)
+    asked = minimum_of(max(2 * stated, 1e-6), start=2.0, at=2.0)
     assert asked.loose.tolist() == [loose]
     assert asked.rigid.tolist() == [True]
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(2.9, True), (3.1, False), (1 / 2.9, True)])
 def test_a_start_that_is_off_by_three_is_no_machine(factor, kept) -> None:
-    (start,) = information._about(problem_of("m"), np.array([factor]), np.ones(1), 0)
+    (start,) = minimum_of(1.0, start=factor).about(0)
     assert start[0] == (factor if kept else 1.0)
 
 
@@ -113,22 +124,17 @@ def test_a_start_that_is_off_by_three_is_no_machine(factor, kept) -> None:
 def test_what_no_machine_about_the_start_tells(monkeypatch, stated, predicted, taken) -> None:
     """Neither to a tenth of the value nor to ten stated deviations."""
     monkeypatch.setattr(information, "further_starts", lambda *at: [np.ones(1)])
-    monkeypatch.setattr(information, "predicted_deviations", lambda *at: np.array([predicted]))
-    found = information._taken_about(problem_of("m"), np.ones(1), np.ones(1), np.array([stated]))
-    assert found.tolist() == [taken]
+    expecting(monkeypatch, predicted)
+    assert minimum_of(stated).taken_about().tolist() == [taken]
 
 
 @pytest.mark.parametrize(("informed", "taken"), [(9, False), (10, True)])
 def test_eight_machines_about_the_start_are_asked(monkeypatch, informed, taken) -> None:
     """Beside the start itself; here it is the one of this number that the forces inform."""
-    asked = iter(range(1, 100))
-    monkeypatch.setattr(
-        information,
-        "predicted_deviations",
-        lambda *at: np.array([0.0 if next(asked) == informed else np.inf]),
-    )
-    found = information._taken_about(problem_of("m"), np.ones(1), np.ones(1), np.ones(1))
-    assert found.tolist() == [taken]
+    deviations = [np.inf] * 20
+    deviations[informed - 1] = 0.0
+    expecting(monkeypatch, *deviations)
+    assert minimum_of(1.0).taken_about().tolist() == [taken]
 
 
 @pytest.mark.parametrize(
@@ -138,11 +144,15 @@ def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distan
     problem = problem_of("m", "k")
     solution = solution_at([1.0, 1.0], 100.0, problem)
     other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
-    found = information._apart([other], solution, np.array([1.0, 0.1]), np.ones(2, bool))
-    assert len(found) == answers
+    inference = SimpleNamespace(std=np.array([1.0, 0.1]), undetermined=np.zeros(2, bool))
+    mirrors = SimpleNamespace(images=lambda solution: [], layout=problem.layout)
+    found = information.other_answers(mirrors, solution, inference, [other])
+    assert len(found.alternatives) == answers
 
 
-def ways(monkeypatch, every: bool, above: float | None = None) -> list[tuple[float, ...]]:
+def ways(
+    monkeypatch, above: float | None = None, chance: float = 0.5, *, loose: bool = False
+) -> list[tuple[float, ...]]:
     """Return the stages of each further way that is gone; `above`: where the second one ends."""
     gone: list[tuple[float, ...]] = []
 
@@ -152,52 +162,34 @@ def ways(monkeypatch, every: bool, above: float | None = None) -> list[tuple[flo
         return solution_at([9.0], 100.0 + above) if ends else None
 
     monkeypatch.setattr(information, "elsewhere", elsewhere)
-    information._minima(problem_of("m"), np.ones(1), solution_at([1.0]), every)
+    expecting(monkeypatch, 1.0 if loose else 0.0)
+    minimum_of(1e-3, chance=chance).minima()
     return gone
 
 
 def test_how_many_further_starts_are_tried(monkeypatch) -> None:
     """Three; eight on demand, or where one ended elsewhere at a cost that is not far above."""
-    assert len(ways(monkeypatch, every=False)) == 3
-    tried = ways(monkeypatch, every=True)
+    assert len(ways(monkeypatch)) == 3
+    tried = ways(monkeypatch, loose=True)
     assert len(tried) == 8
     assert [len(stages) for stages in tried] == [5] * 3 + [3] * 5
     assert tried[-1] == (0.1, 0.01, 0.0)
-    assert [len(ways(monkeypatch, False, above)) for above in (149.0, 151.0)] == [8, 3]
+    assert [len(ways(monkeypatch, above)) for above in (149.0, 151.0)] == [8, 3]
 
 
-@pytest.mark.parametrize(
-    ("chance", "loose", "every"), [(0.0099, False, True), (0.0101, False, False), (0.5, True, True)]
-)
-def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chance, loose, every):
-    solution = solution_at([1.0])
-    asked = SimpleNamespace(
-        loose=np.array([loose]),
-        stated=np.ones(1),
-        told=np.ones(1, bool),
-        valley=lambda inference: Valley(np.ones(1), solution.point),
-        doubt=lambda wider: information.Doubt(),
-    )
-    demanded: list[bool] = []
-    monkeypatch.setattr(information._Asked, "of", lambda *at: asked)
-    monkeypatch.setattr(information, "_minima", lambda *at: demanded.append(at[-1]) or [])
-    monkeypatch.setattr(information, "_apart", lambda *at: [])
-    monkeypatch.setattr(information, "replace", lambda at, **changes: at)
-    inference = SimpleNamespace(
-        expectation=SimpleNamespace(p_value=lambda cost: chance), covariance=np.ones((1, 1))
-    )
-    information.questioned(problem_of("m"), np.ones(1), solution, inference)
-    assert demanded == [every]
+@pytest.mark.parametrize(("chance", "count"), [(0.0099, 8), (0.0101, 3)])
+def test_a_cost_that_chance_seldom_leaves_has_all_starts_tried(monkeypatch, chance, count):
+    assert len(ways(monkeypatch, chance=chance)) == count
 
 
 @pytest.mark.parametrize(("wider", "loose", "bent"), [(7.9, 1, 0), (8.1, 1, 1), (8.1, 0, 0)])
 def test_a_deviation_that_is_wider_by_eight_has_no_end(monkeypatch, wider, loose, bent) -> None:
     yes, one = np.ones(1, bool), np.ones(1)
     monkeypatch.setattr(information, "informed_by_noise", lambda at: (one, ~yes))
-    monkeypatch.setattr(information, "_taken_about", lambda *at: ~yes)
-    point = SimpleNamespace(unknowns=one)
-    asked = information._Asked(problem_of("m"), one, point, one, yes, yes, np.array([bool(loose)]))
-    assert asked.doubt(np.array([wider])).bent == ("m",) * bent
+    monkeypatch.setattr(information._Minimum, "taken_about", lambda at: ~yes)
+    monkeypatch.setattr(information, "explore", lambda *at: Valley(np.array([wider]), None))
+    expecting(monkeypatch, float(loose))
+    assert minimum_of(0.09).doubt().bent == ("m",) * bent
 
 
 @pytest.mark.parametrize(("below", "lower"), [(0.9, False), (1.1, True)])

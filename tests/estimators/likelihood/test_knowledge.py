@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
-from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.identify import identify
+from rotorid import Constraint, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +91,7 @@ def test_bound_that_does_not_bind_changes_nothing(demo, noisy):
     assert bounded.warnings == ()
 
 
+@pytest.mark.slow
 def test_bound_that_binds_is_an_equality(demo, noisy):
     """I_p <= 2 I_t of a rotor whose estimate lies beyond it; J rises as little as it must."""
     fixed = {"L1": 0.3}
@@ -120,6 +121,7 @@ def test_mass_is_kept_positive(demo, noisy):
         assert estimate.value("m1") >= 0.85 * (1 - 1e-12)
 
 
+@pytest.mark.slow
 def test_several_bounds_release_what_need_not_hold(demo, noisy):
     """Two bounds, of which only one binds once the other holds."""
     fixed = {"L1": 0.3}

@@ -1,16 +1,18 @@
 """Mistakes that are no small changes: undone, the data fit, and the first suspect names them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.likelihood import leads, suspects
-from rotorid.estimators.likelihood.candidates import find_structure
-from rotorid.identify import identify
-from rotorid.observation import bind
-from rotorid.record import Channel
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.answer.parts import EXPLAINS
+from rotorid.data.observation import bind
+from rotorid.data.record import Channel
+from rotorid.likelihood import rivals_channels as leads
+from rotorid.models.structure import find_structure
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,7 @@ def scale(factor, *channels):
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "term", "value"),
     [
@@ -75,6 +78,7 @@ def test_a_gain_is_said_as_unit_and_sign(demo, record):
     assert "upside down" in estimate.warnings[0]
 
 
+@pytest.mark.slow
 def test_the_speed(demo, record):
     wrong = replace(record, speed=record.speed * 30 / np.pi, angle=record.angle * 30 / np.pi)
     estimate = identify(demo.model, wrong, MaximumLikelihood())
@@ -143,6 +147,7 @@ def test_a_load_where_the_model_has_none(demo, record):
     assert first.value == pytest.approx(2e-5, rel=0.05)
 
 
+@pytest.mark.slow
 def test_nothing_explains_noise_in_the_wrong_place(demo, record):
     """Errors at random on every line and channel: where no suspect explains a fifth, it says so."""
     rng = np.random.default_rng(8)
@@ -151,7 +156,7 @@ def test_nothing_explains_noise_in_the_wrong_place(demo, record):
     changed = replace(record, spectra=record.spectra * wrong)
     estimate = identify(demo.model, changed, MaximumLikelihood())
     assert estimate.status != "ok"
-    told = estimate.suspects[0].share > suspects.EXPLAINS
+    told = estimate.suspects[0].share > EXPLAINS
     assert ("none of the" in estimate.warnings[0]) != told
 
 
@@ -176,7 +181,10 @@ def test_planes_of_sensors_that_read_combinations(demo):
     plan = demo.plan([*pair, "x1", "y1"])
     seen = bind(demo.model, plan.lines(demo.model))
     structure = find_structure(demo.model, demo.values, 100.0)
-    found = {frozenset(p) for p in leads.planes(seen, structure)}
+    case = SimpleNamespace(
+        records=[seen], model=demo.model, values=demo.values, structure=structure
+    )
+    found = {frozenset(p) for p in leads.planes(case)}
     assert {"s_x", "s_y"} in found
     assert {"x1", "y1"} in found
     assert {"F_x1", "F_y1"} in found

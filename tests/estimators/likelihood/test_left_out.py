@@ -9,7 +9,7 @@ import pytest
 from adverse import LINES, WRONG, measure, new_trial
 from adverse_edits import between
 
-from rotorid.estimators.likelihood import left_out
+from rotorid.likelihood import doubts as left_out
 
 
 def six(rng):
@@ -31,10 +31,10 @@ def hidden(seed, kind="three", lines=LINES):
     """Return the estimate of a rotor with a part in its shaft, its error, and the note of it."""
     trial = trial_of(kind, seed, lines)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(adverse.result, "find_suspects", adverse._no_suspects)
+        patched.setattr(adverse.result, "suspected", adverse._no_suspects)
         estimate = adverse.estimate_of(trial)
     error = adverse.outcome(estimate, trial.machine.truth).error
-    told = [c for c in estimate.checks if c.check == "model"]
+    told = [c for c in estimate.checks if c.about == "model"]
     return estimate, error, told
 
 
@@ -70,7 +70,7 @@ def test_a_machine_with_one_place_has_no_part_between():
     measure(trial)
     estimate = adverse.estimate_of(trial)
     assert estimate.status == "ok"
-    assert "model" not in {c.check for c in estimate.checks}
+    assert "model" not in {c.about for c in estimate.checks}
 
 
 @pytest.mark.parametrize(("moved", "told"), [(4.9, 0), (5.1, 1)])
@@ -79,8 +79,7 @@ def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told
 ):
     asked = []
     part = SimpleNamespace(name="mass between x1 and x2", nuisance=None)
-    unknown = SimpleNamespace(name="k1")
-    layout = SimpleNamespace(free=np.arange(1), unknowns=[unknown])
+    layout = SimpleNamespace(free=np.arange(1))
     solution = SimpleNamespace(point=None)
     fit = SimpleNamespace(
         records=("r",), prepared=SimpleNamespace(layout=layout), solution=solution
@@ -89,19 +88,19 @@ def test_a_hundredth_of_the_mass_that_moves_an_answer_by_five_deviations_is_told
     wide = SimpleNamespace(point=SimpleNamespace(jacobian=np.ones((3, 2))))
     model = SimpleNamespace(coordinates=(), units={})
 
-    def unseen(fit, effects):
-        asked.extend(effect[0, 0] for _, effect in effects)
-        return [(part.name, np.array([moved]))]
+    def unseen(fit, effect):
+        asked.append(effect[0, 0])
+        return "k1", moved
 
     for name, stands in {
         "structure_of": lambda *at: structure,
         "physical_at": lambda *at: None,
         "parts_between": lambda *at: [part],
-        "moves_unseen": unseen,
+        "moved_unseen": unseen,
         "Case": lambda *at: SimpleNamespace(with_unknowns=lambda added: wide),
     }.items():
         monkeypatch.setattr(left_out, name, stands)
-    assert len(left_out.parts_left_out(model, fit)) == told
+    assert len(list(left_out.part_left_out(left_out.Asked(model, None, fit)))) == told
     assert asked == pytest.approx([0.4])  # kg
 
 

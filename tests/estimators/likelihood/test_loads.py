@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimators.likelihood.assembly import load_lines, phase_steps
-from rotorid.estimators.likelihood.unknowns import Layout, physical_factors
-from rotorid.lines import Lines
-from rotorid.models.expression import Expression, number, product, symbol
+from rotorid.data.lines import Lines
+from rotorid.likelihood.assembly import load_lines, phase_steps
+from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.models.text import Expression, number, product, symbol
 
 MODEL = """
 title = "a mass on a spring, shaken at a frequency of its own"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.estimators import Constraint, MaximumLikelihood, Plan, predict_accuracy
-from rotorid.estimators.likelihood import mirrors
-from rotorid.estimators.likelihood.fit import _problem
-from rotorid.estimators.likelihood.mirrors import Mirrors, exchanged
-from rotorid.estimators.likelihood.nuisances import asked_nuisances
-from rotorid.estimators.likelihood.preparation import prepare
-from rotorid.identify import identify
-from rotorid.observation import bind
+from rotorid import Constraint, MaximumLikelihood, Plan, predict_accuracy
+from rotorid.answer.identify import identify
+from rotorid.data.observation import bind
+from rotorid.likelihood import symmetric_answers as mirrors
+from rotorid.likelihood.fit import _problem
+from rotorid.likelihood.preparation import prepare
+from rotorid.likelihood.symmetric_answers import Mirrors, exchanged
+from rotorid.likelihood.unknowns import asked_unknowns
 from rotorid.rig.lines import add_noise, line_record
 
 OVERHUNG = """
@@ -95,7 +95,7 @@ def mirrors_of(model, records, estimator=None):
     """Return the problem of some records, and its symmetries at the nominal values."""
     chosen = estimator or MaximumLikelihood()
     bound = tuple(bind(model, record) for record in records)
-    nuisances = asked_nuisances(bound, chosen.nuisances)
+    nuisances = asked_unknowns(bound, chosen.nuisances)
     prepared = prepare(model, chosen.knowledge(model), nuisances, False, model.nominal)
     problem = _problem(prepared, bound)
     return problem, Mirrors.of(problem, bound, prepared.layout.start)
@@ -206,6 +206,7 @@ def test_wings_may_change_places_from_every_start(wings):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cure",
     [
@@ -260,6 +261,7 @@ def test_natural_frequencies_do_not_tell_wings_apart():
     assert problem.at(exchange.of(start)).cost == pytest.approx(problem.at(start).cost, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_start_that_keeps_the_bound_may_lead_to_the_mirror_image(wings):
     model = rid.parse_model(WINGS)
     start = {"m1": 0.7, "k1": 3e5, "c1": 5.0, "m3": 0.69, "k3": 2e5, "c3": 8.0}
@@ -437,12 +439,12 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
     count = len(problem.layout.free)
     for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
         inference = SimpleNamespace(
-            covariance=np.eye(count) * (3e4 / deviations) ** 2,
+            std=np.full(count, 3e4 / deviations),
             undetermined=np.zeros(count, dtype=bool),
         )
-        assert len(found.warnings(solution, inference)) == told
+        assert len(found.notes(solution, inference)) == told
     inference.undetermined[:] = True
-    assert found.warnings(solution, inference) == []
+    assert found.notes(solution, inference) == []
 
 
 def test_an_image_is_settled_only_where_it_costs_something_else(overhung, monkeypatch):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators.likelihood.modal import GRANTED
-from rotorid.estimators.likelihood.mode_leads import UNITS
-from rotorid.estimators.likelihood.preparation import GENERATOR, GENERIC, Knowledge, prepare
-from rotorid.estimators.modes import configurations
+from rotorid.core.errors import InputError
+from rotorid.data.measured_modes import configurations
+from rotorid.likelihood.modal import GRANTED
+from rotorid.likelihood.preparation import GENERATOR, GENERIC, Knowledge, prepare
+from rotorid.likelihood.rivals_stated import UNITS
 from tests.differences import extrapolated
 
 CHAIN = """
@@ -101,9 +101,11 @@ def moved(known, x: np.ndarray, step: np.ndarray, relaxation: float, row: int, h
 
 
 class TestGradient:
+    @pytest.mark.slow
     def test_damped_chain_in_three_configurations(self) -> None:
         check_gradient(MODEL, {**TRUTH, "c": 300.0}, modes())
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("hertz", [0.0, 140.0])
     def test_rotor_whose_modes_coincide_in_two_planes(self, hertz: float) -> None:
         model = rid.load_model("three-mass")
@@ -210,6 +212,7 @@ class TestMistakes:
     def test_order_of_the_list_does_not_matter(self) -> None:
         assert wrong(alone(*reversed(modes()))) < 1e-3
 
+    @pytest.mark.slow
     def test_a_mode_that_was_skipped_is_named(self) -> None:
         given = modes()
         del given[1]
@@ -219,6 +222,7 @@ class TestMistakes:
         given[1] = replace(given[1], mode=3)
         assert wrong(alone(*given, m1=2.0, c=20.0)) < 1e-3
 
+    @pytest.mark.slow
     def test_a_frequency_that_contradicts_the_others_is_named(self) -> None:
         given = modes()
         given[3] = replace(given[3], frequency=1.05 * given[3].frequency)
@@ -324,6 +328,7 @@ class TestBesideRecords:
         for value in found.parameters:
             assert abs(value.value - demo.truth[value.name]) <= 4 * value.std
 
+    @pytest.mark.slow
     def test_one_that_contradicts_the_record_is_named(self, demo, bearings, given) -> None:
         record = demo.noisy(demo.record(bearings), np.random.default_rng(7))
         off = [*given[:2], replace(given[2], frequency=335.0), given[3]]

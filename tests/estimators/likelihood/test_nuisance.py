@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.errors import InputError
-from rotorid.estimators import Constraint, MaximumLikelihood
-from rotorid.estimators.likelihood import nuisances
-from rotorid.estimators.likelihood.nuisances import Factor, Unknown
-from rotorid.frozen import frozen
-from rotorid.identify import identify
-from rotorid.record import Channel, Drive
+from rotorid import Constraint, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.data.record import Channel, Drive
+from rotorid.likelihood import unknowns as nuisances
+from rotorid.likelihood.unknowns import Scalar
+from rotorid.likelihood.unknowns.channel_factors import Factor
 
 
 def assert_agrees(estimate, truth, sigmas=4.5):
@@ -27,6 +28,7 @@ def skewed(record, seconds):
     return replace(record, spectra=spectra)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["force", "position"])
 def test_common_delay(demo, bearings, kind):
     """It costs nearly nothing: k1 .20 -> .22 % (theory.md, section 3)."""
@@ -321,7 +323,7 @@ class Stretch(Factor):
     @classmethod
     def every(cls, records):
         sensors = frozenset(s.channel.name for r in records for s in r.sensors)
-        unknown = Unknown("stretch[position]", "s^2", 0.0, nuisance=True, additive=True)
+        unknown = Scalar("stretch[position]", "s^2", 0.0, nuisance=True, additive=True)
         return [cls((unknown,), sensors)]
 
     def factor(self, values, omega):
@@ -331,6 +333,7 @@ class Stretch(Factor):
         return (-(omega**2) / (1 + values[0] * omega**2) + 0j)[:, None]
 
 
+@pytest.mark.slow
 def test_a_further_kind_is_one_class(demo, bearings, monkeypatch):
     """Start, fit, deviation, report and the record's covariance: nothing else knows of it."""
     size = 2e-7

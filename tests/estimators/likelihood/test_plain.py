@@ -7,10 +7,11 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.estimators.likelihood import plain, result, solver
-from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.tangent import Tangent
-from rotorid.estimators.likelihood.thinning import PLAIN_LINES
+from rotorid.likelihood import rivals as plain
+from rotorid.likelihood import solver
+from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.starts import PLAIN_LINES
+from rotorid.likelihood.tangent import Tangent
 
 tangent = solver.tangent
 
@@ -31,6 +32,7 @@ def term(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.mark.slow
 def test_what_is_plain_is_told_before_anything_is_searched(
     term: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -41,7 +43,7 @@ def test_what_is_plain_is_told_before_anything_is_searched(
         return tangent(point, *rest)
 
     monkeypatch.setattr(solver, "tangent", counting)
-    monkeypatch.setattr(result, "find_suspects", None)
+    monkeypatch.setattr(plain, "tell", None)
     monkeypatch.setattr(plain, "search", None)
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "rejected"
@@ -54,19 +56,20 @@ def test_what_is_plain_is_told_before_anything_is_searched(
         assert estimate.value(name) == pytest.approx(true, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Here two: sensors exchanged, one of them a quarter short."""
     lines, asked = mistaken(True, 0.25), []
 
-    def counting(problem: plain.Problem, *rest: object) -> object:
+    def counting(problem: Problem, *rest: object) -> object:
         asked.append(len(problem.likelihoods[0].data))
         return search(problem, *rest)
 
     search = plain.search
     monkeypatch.setattr(plain, "search", counting)
-    monkeypatch.setattr(result, "find_suspects", lambda *_: result.Suspicion())
+    monkeypatch.setattr(plain, "tell", lambda *_: plain.Suspicion())
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status in ("rejected", "not_converged")
     assert len(asked) == 1
@@ -77,12 +80,15 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
     ("costs", "followed"),
     [((10.0, 19.9, 20.1), 2), ((10.0,) * 6, 4), ((10.0, 14.0, 16.0, 12.0, 11.0), 4)],
 )
-def test_which_mistakes_are_followed(monkeypatch, costs, followed) -> None:
+def test_which_mistakes_are_followed(costs: tuple[float, ...], followed: int) -> None:
     """Four at the most, screened within twice the lowest cost; those that explain are kept."""
-    monkeypatch.setattr(plain, "screened", lambda prepared, cost: cost)
-    monkeypatch.setattr(plain, "minimized", lambda prepared, cost, *way: SimpleNamespace(cost=cost))
-    monkeypatch.setattr(plain, "_costs", lambda point, times: not 2.9 < times < 3.1)
-    mistakes = [SimpleNamespace(undo=lambda records, cost=cost: cost) for cost in costs]
-    prepared = SimpleNamespace(layout=SimpleNamespace(start=None))
-    found = plain._without_a_mistake(prepared, (), mistakes)
+
+    def changed(cost: float) -> SimpleNamespace:
+        there = SimpleNamespace(point=SimpleNamespace(cost=cost), gross=False)
+        return SimpleNamespace(
+            screened=lambda: cost, from_start=lambda: None, at=lambda point: there
+        )
+
+    mistakes = [SimpleNamespace(change=lambda _, cost=cost: changed(cost)) for cost in costs]
+    found = plain._without_a_mistake(None, mistakes)
     assert [point.cost for point, _ in found] == sorted(costs)[:followed]

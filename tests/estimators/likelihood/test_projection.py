@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.estimators.likelihood.projection import Reflections, Reflectors, projection
+from rotorid.likelihood.projection import Reflections, Reflectors, projection
 
 
 @pytest.fixture

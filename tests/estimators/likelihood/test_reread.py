@@ -7,29 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.actuators import Differential, Flux, ForceReading, forces
-from rotorid.actuators.source import ForceSource
-from rotorid.dynamics import Constant, Dynamics, FirstOrder
-from rotorid.errors import InputError
-from rotorid.estimators import MaximumLikelihood
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.leads import multiplied
-from rotorid.estimators.likelihood.nuisances import (
-    Bend,
-    Nuisance,
-    Nuisances,
-    asked_nuisances,
-    every_nuisance,
-)
-from rotorid.estimators.likelihood.preparation import Knowledge, prepare
-from rotorid.identify import identify
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.observation import Observation, bind
+from rotorid.data.record import Channel, PeriodicRecord, Record
+from rotorid.data.whole_record import spectra
+from rotorid.force.channel_dynamics import Constant, Dynamics, FirstOrder
+from rotorid.force.laws import Differential, Flux
+from rotorid.force.reading import ForceReading, ForceSource, forces
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.rivals_channels import multiplied
+from rotorid.likelihood.unknowns import Nuisances, Unknown, asked_unknowns, every_unknown
+from rotorid.likelihood.unknowns.nonlinearity import Bend
 from rotorid.models import load_model
-from rotorid.observation import Observation, bind
-from rotorid.record import Channel, PeriodicRecord, Record
-from rotorid.signals import average
-from rotorid.signals.shift import shifted
-from rotorid.signals.spectrum import synthesize
-from rotorid.spectra import spectra
+from rotorid.signals.average import average
+from rotorid.signals.spectrum import shifted, synthesize
 
 MODEL = load_model("jeffcott")
 TRUTH = {"m": 2.0, "c": 60.0, "k": 4e5, "xi": 0.0, "zeta": 0.0}
@@ -124,7 +118,7 @@ def test_a_wrong_gap_is_suspected_by_its_name() -> None:
     assert "have it estimated" in told
 
 
-def derivatives_hold(observation: Observation, nuisances: Sequence[Nuisance]) -> None:
+def derivatives_hold(observation: Observation, nuisances: Sequence[Unknown]) -> None:
     """Hold the gradient by the nuisances, away from their starts, against differences."""
     guess = {name: 1.1 * value for name, value in TRUTH.items()}
     layout = prepare(MODEL, Knowledge(), nuisances, False, guess).layout
@@ -154,8 +148,8 @@ def test_derivatives_of_constants_against_differences() -> None:
         saturation_std=np.inf,
     )
     observation = bind(MODEL, periods(law, {"bias": "magnets"}))
-    nuisances = asked_nuisances([observation], Nuisances())
-    free = [n.unknowns[0].name.partition("[")[0] for n in nuisances]
+    nuisances = asked_unknowns([observation], Nuisances())
+    free = [n.scalars[0].name.partition("[")[0] for n in nuisances]
     assert free.count("bias") == 1
     assert free.count("gap") == free.count("iron") == free.count("saturation") == 2
     derivatives_hold(observation, nuisances)
@@ -163,8 +157,8 @@ def test_derivatives_of_constants_against_differences() -> None:
 
 def test_derivatives_of_bends_against_differences() -> None:
     observation = bind(MODEL, periods(MAGNET))
-    bends = [n for n in every_nuisance([observation]) if isinstance(n, Bend)]
-    assert {n.unknowns[0].name for n in bends} == {
+    bends = [n for n in every_unknown([observation]) if isinstance(n, Bend)]
+    assert {n.scalars[0].name for n in bends} == {
         "nonlinear x", "nonlinear y", "nonlinear x ... y",
         "hysteresis F_x", "hysteresis F_y", "hysteresis force",
     }  # fmt: skip
@@ -214,7 +208,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
     """Reading with the right gap, and reading with a wrong one that is put right, agree."""
     wrong = bind(MODEL, periods(replace(MAGNET, gap=4.2e-4, gap_std=1e-5), {"gap": "g"}))
     right = periods(MAGNET)
-    nuisances = asked_nuisances([wrong], Nuisances())
+    nuisances = asked_unknowns([wrong], Nuisances())
     layout = prepare(MODEL, Knowledge(), nuisances, False, TRUTH).layout
     x = layout.start.copy()
     x[layout.index["gap[g]"]] = MAGNET.gap
@@ -224,6 +218,7 @@ def test_the_lines_of_another_constant_are_those_of_another_law() -> None:
     np.testing.assert_allclose(found[:, :2], right.mean_spectrum[:, :2], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_records_without_periods_keep_their_samples_for_it() -> None:
     law = replace(MAGNET, gap=4.1e-4, gap_std=np.inf)
     record = recorded(law, {"gap": "magnets"})
@@ -248,14 +243,14 @@ def test_what_is_shared_is_stated_alike() -> None:
 
 
 def test_what_every_law_may_have_wrong() -> None:
-    every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, periods(MAGNET))])}
+    every = {n.scalars[0].name for n in every_unknown([bind(MODEL, periods(MAGNET))])}
     assert {"gap", "bias", "iron", "bias_difference", "saturation", "K"} <= every
     record = recorded(MAGNET)
     flux = tuple(
         replace(c, law=None if c.law is None else ForceSource(Flux(2e-4))) for c in record.channels
     )
     fluxes = average(replace(record, channels=flux), F0, harmonics=LINES)
-    every = {n.unknowns[0].name for n in every_nuisance([bind(MODEL, fluxes)])}
+    every = {n.scalars[0].name for n in every_unknown([bind(MODEL, fluxes)])}
     assert "area" in every
     assert not {"gap", "saturation"} & every
 
@@ -345,6 +340,7 @@ def current_upside_down(values: np.ndarray) -> None:
     values[:, 0] *= -1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.dynamics import UNKNOWN, Constant, EddyCurrents, FirstOrder, Measured, SecondOrder
-from rotorid.errors import InputError
-from rotorid.estimators import MaximumLikelihood
-from rotorid.identify import identify
-from rotorid.record import Channel
+from rotorid import MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
+from rotorid.data.record import Channel
+from rotorid.force.channel_dynamics import (
+    UNKNOWN,
+    Constant,
+    EddyCurrents,
+    FirstOrder,
+    Measured,
+    SecondOrder,
+)
 
 BANDWIDTH = Constant("bandwidth", "Hz", 1500.0)
 KINDS = {

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.errors import InputError
-from rotorid.estimators import Batch, Constraint, MaximumLikelihood
-from rotorid.identify import identify
+from rotorid import Batch, Constraint, MaximumLikelihood
+from rotorid.answer.identify import identify
+from rotorid.core.errors import InputError
 
 FOLLOWING = "m1, m2, m3, I_t, I_p, k1, k2"
 
@@ -44,29 +44,29 @@ def test_a_mass_that_is_known_tells_the_scale(levitated, record):
     scale = found["scale[force]"]
     assert scale.value == pytest.approx(1.02, abs=4 * scale.std)
     assert scale.std < 0.006  # what the record leaves of the masses, at this noise
-    assert not [c for c in found.checks if c.check == "force scale"]
+    assert not [c for c in found.checks if c.about == "force scale"]
 
 
 def test_a_scale_taken_as_exact_is_told_where_no_misfit_shows_it(levitated, record, demo, bearings):
     model, fixed = levitated.machine.model, {"L1": 0.3}
     found = identify(model, record, MaximumLikelihood(fixed=fixed))
-    (note,) = [c for c in found.checks if c.check == "force scale"]
+    (note,) = [c for c in found.checks if c.about == "force scale"]
     assert note.verdict == "note"
-    assert note.channel == "F_x1, F_y1, F_x3, F_y3"
+    assert ", ".join(note.on) == "F_x1, F_y1, F_x3, F_y3"
     assert note.found.startswith(f"taken as exact: 1 % of it is 1 % of {FOLLOWING}, beyond")
     weighed = MaximumLikelihood(fixed={**fixed, "m2": levitated.truth["m2"]})
-    assert not [c for c in identify(model, record, weighed).checks if c.check == "force scale"]
+    assert not [c for c in identify(model, record, weighed).checks if c.about == "force scale"]
     total = sum(levitated.truth[name] for name in ("m1", "m2", "m3"))
     for gains in ((), ("ki",), ("ki", "ks")):  # the rotor on a scale, exactly
         chosen = MaximumLikelihood(
             fixed=fixed, constraints=(Constraint("m1 + m2 + m3", total),), gains=gains
         )
         checks = identify(model, record, chosen).checks
-        assert not [c for c in checks if c.check == "force scale"]
+        assert not [c for c in checks if c.about == "force scale"]
     # Forces that were measured as such have a calibration of their own: gain_std.
     forces = demo.noisy(demo.record(bearings), np.random.default_rng(3))
     plain = identify(demo.model, forces, MaximumLikelihood(fixed=fixed))
-    assert not [c for c in plain.checks if c.check == "force scale"]
+    assert not [c for c in plain.checks if c.about == "force scale"]
 
 
 def test_a_scale_is_a_share():

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import rotorid as rid
 
@@ -59,6 +60,7 @@ def said(estimate: rid.Estimate) -> bool:
     return any("share noise on each line" in text for text in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_noise_of_a_force_that_all_sensors_share(tmp_path: Path) -> None:
     rng, off, truth = np.random.default_rng(4), [], rid.models.parse_model(MODEL).nominal
     for _ in range(8):

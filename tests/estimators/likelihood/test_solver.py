@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from rotor_bank import SETTINGS, Case, rotor_case
 
-from rotorid.estimators.likelihood import search as search_module
-from rotorid.estimators.likelihood import solver as solver_module
-from rotorid.estimators.likelihood.assembly import assemble
-from rotorid.estimators.likelihood.fit import Fit, fit
-from rotorid.estimators.likelihood.nuisances import Nuisances, asked_nuisances
-from rotorid.estimators.likelihood.preparation import Knowledge, prepare
-from rotorid.estimators.likelihood.problem import Problem
-from rotorid.estimators.likelihood.solver import Solution, solve
-from rotorid.observation import bind_all
+from rotorid.data.observation import bind_all
+from rotorid.likelihood import solver as solver_module
+from rotorid.likelihood import starts as search_module
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.fit import Fit, fit
+from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.solver import Solution, solve
+from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
 
 SLOW_SEEDS = 12
 
@@ -32,7 +32,7 @@ def problem_of(case: Case) -> Problem:
     start = {name: value for name, value in case.truth.items() if name not in case.fixed}
     known = Knowledge(fixed=case.fixed, start=start)
     records = bind_all(case.model, case.records)
-    prepared = prepare(case.model, known, asked_nuisances(records, Nuisances()), False, {})
+    prepared = prepare(case.model, known, asked_unknowns(records, Nuisances()), False, {})
     likelihoods = tuple(assemble(prepared.layout, r, k) for k, r in enumerate(records))
     return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
 
@@ -61,11 +61,13 @@ HARD = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("setting", "seed"), HARD)
 def test_arrives_where_it_is_hard(setting, seed):
     assert not missed(rotor_case(SETTINGS[setting], seed))
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_arrives(setting):
     assert not missed(rotor_case(SETTINGS[setting], 1))
@@ -87,6 +89,7 @@ def _without_its_mass(solution: Solution, share: float) -> Solution:
     return replace(solution, point=problem.best_at(unknowns, 0.0))
 
 
+@pytest.mark.slow
 def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     """A cost to be believed for the time being is looked past: a further way finds the rotor."""
     case = rotor_case(SETTINGS["8 sensors, noise x 10"], 2)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid.estimators.likelihood import solver
+from rotorid.likelihood import solver
 
 
 class Stairs(solver._Walk):

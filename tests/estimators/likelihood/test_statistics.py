@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.estimators import Constraint, MaximumLikelihood, predict_accuracy
+from rotorid import Constraint, MaximumLikelihood, predict_accuracy
+from rotorid.data.record import Channel
 from rotorid.models import load_model
-from rotorid.record import Channel
 
 pytestmark = pytest.mark.slow
 

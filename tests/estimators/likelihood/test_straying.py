@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from severities import doubting, rejecting
 from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
-from rotorid.estimators import gate
-from rotorid.estimators.likelihood import straying
-from rotorid.estimators.likelihood.straying import Straying, against_angle
-from rotorid.observation import bind_all
+from rotorid.answer import machine_checks as gate
+from rotorid.data.observation import bind_all
+from rotorid.likelihood import doubts_angle as straying
+from rotorid.likelihood.doubts_angle import Straying, against_angle
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,7 @@ def strays(found: rid.Estimate) -> list[str]:
     return [text for text in found.warnings if "strays from its angle" in text]
 
 
+@pytest.mark.slow
 def test_a_drift_that_the_halves_do_not_tell_is_told(record: rid.Record) -> None:
     right = answer(record)
     assert right.status == "ok"
@@ -50,6 +52,7 @@ def test_a_drift_that_the_halves_do_not_tell_is_told(record: rid.Record) -> None
     assert told.endswith("check the mark of the angle, its lines and its column")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_each_shape_is_told(record: rid.Record, order: int) -> None:
     count = len(record.samples)
@@ -100,5 +103,5 @@ def test_what_is_told_and_what_is_sure(
     found = Straying(np.array([size, 0.0, 0.0]), chance, moved)
     monkeypatch.setattr(straying, "straying", lambda *_: [(0, found)])
     lines = rid.spectra(record, (2.0, 20.0), references=["r_x", "r_y"])
-    judged = against_angle(None, bind_all(MODEL, [lines]))
-    assert (len(judged.faults), len(judged.doubts)) == (faults, doubts)
+    judged = list(against_angle(None, bind_all(MODEL, [lines])))
+    assert (len(rejecting(judged)), len(doubting(judged))) == (faults, doubts)

@@ -9,15 +9,18 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.estimators.likelihood import assembly, result, search, solver, thinning
-from rotorid.estimators.likelihood.noise import Noise, noise_factor
-from rotorid.estimators.likelihood.problem import Point
-from rotorid.estimators.likelihood.response import SINGULAR, _motion
-from rotorid.estimators.likelihood.solver import HOPELESS, Solution
-from rotorid.estimators.likelihood.suspects import PLAIN, Suspicion
-from rotorid.estimators.likelihood.tangent import Tangent
-from rotorid.estimators.likelihood.thinning import FEW, WORTH, thinned
-from rotorid.observation import bind
+from rotorid.data.observation import bind
+from rotorid.likelihood import assembly, solver
+from rotorid.likelihood import starts as search
+from rotorid.likelihood import starts as thinning
+from rotorid.likelihood import summary as result
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.response import SINGULAR, _motion
+from rotorid.likelihood.rivals import PLAIN, Suspicion
+from rotorid.likelihood.solver import HOPELESS, Solution
+from rotorid.likelihood.starts import FEW, WORTH, thinned
+from rotorid.likelihood.tangent import Tangent
+from rotorid.likelihood.whitening import Noise, noise_factor
 from rotorid.signals.covariance import LineCovariance
 
 
@@ -78,6 +81,7 @@ def test_the_strongest_lines_lead_the_way(record: rid.Record) -> None:
     np.testing.assert_allclose(whole[where], phi, rtol=1e-12)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "few"), [(1.3, True), (1.014, True), (1.01, False)])
 def test_a_plain_mistake_is_looked_for_on_fewer_lines(
     record: rid.Record, gain: float, few: bool
@@ -112,7 +116,7 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
         return ways[-1]
 
     monkeypatch.setattr(search, "solve", counting)
-    monkeypatch.setattr(result, "find_suspects", lambda *_: Suspicion())
+    monkeypatch.setattr(result, "suspected", lambda *_: Suspicion())
     assert rid.identify(MODEL, lines, KNOWN).status == "rejected"
     assert len(ways) == 1
     problem, trail = ways[0].point.problem, ways[0].trail
@@ -167,6 +171,7 @@ def test_a_rotor_that_floats_at_dc() -> None:
     )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gain", "hopeless"), [(-1.0, True), (1.01, False)])
 def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     record: rid.Record, monkeypatch: pytest.MonkeyPatch, gain: float, hopeless: bool
@@ -182,7 +187,7 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
 
     tangent = solver.tangent
     monkeypatch.setattr(solver, "tangent", counting)
-    monkeypatch.setattr(result, "find_suspects", lambda *_: Suspicion())
+    monkeypatch.setattr(result, "suspected", lambda *_: Suspicion())
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status != "ok"
     assert (estimate.misfit.cost > HOPELESS * 8 * 991) == hopeless

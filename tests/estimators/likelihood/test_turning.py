@@ -9,7 +9,7 @@ import pytest
 from adverse import FUNDAMENTAL, RATE, TURN
 
 import rotorid as rid
-from rotorid.estimators.likelihood import turning
+from rotorid.likelihood import doubts_angle as turning
 
 
 def made(kind: str, seed: int, factor: float = 1.0) -> adverse.Trial:
@@ -65,7 +65,7 @@ def test_eight_periods_tell_a_slope_from_scatter(monkeypatch, periods, asked) ->
     at = SimpleNamespace(ends=None, whiten=lambda rows: seen.append(1) or np.zeros((4, 1)))
     lines = SimpleNamespace(scatter=np.zeros(1), periods=periods)
     record = SimpleNamespace(lines=lines, periodic=SimpleNamespace(speed=100.0))
-    monkeypatch.setattr(turning, "_turned", lambda *at: None)
+    monkeypatch.setattr(turning, "_turned_rows", lambda *at: None)
     assert turning._creep(at, record) is None  # nothing turns here
     assert bool(seen) == asked
 
@@ -128,7 +128,7 @@ def test_no_creep_without_turning_or_with_few_periods() -> None:
 def test_creeps_of_good_records_are_standard_normal(monkeypatch: pytest.MonkeyPatch) -> None:
     from good_records import good_record
 
-    from rotorid.estimators.likelihood import fit
+    from rotorid.likelihood import fit
 
     found: list[float] = []
 

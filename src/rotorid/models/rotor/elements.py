@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotorid.frozen import frozen
-from rotorid.record import Floats
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
 
 PLANES = 4
 """Coordinates of a node: x, y, theta_x, theta_y."""

@@ -7,14 +7,22 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from rotorid.errors import ModelError
-from rotorid.frozen import frozen
+from rotorid.core.errors import ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.toml import Schema
+from rotorid.core.units import to_si
 from rotorid.models.names import ParameterEntry, check_names
-from rotorid.models.rotor.drawing import ENDS, Disc, Rotor, Section, Support, Unbalance
-from rotorid.models.rotor.mesh import divided
-from rotorid.models.rotor.quantity import Quantity, read_quantity
-from rotorid.toml import Schema
-from rotorid.units import to_si
+from rotorid.models.rotor.drawing import (
+    ENDS,
+    Disc,
+    Quantity,
+    Rotor,
+    Section,
+    Support,
+    Unbalance,
+    read_quantity,
+)
+from rotorid.models.rotor.fem import divided
 
 MAX_SECTIONS = 500
 MAX_ELEMENTS = 500

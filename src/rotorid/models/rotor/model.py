@@ -1,4 +1,4 @@
-"""`RotorModel`: the model of a drawing, a `Model` whose matrices are constant pieces."""
+"""The model of a drawn rotor."""
 
 from __future__ import annotations
 
@@ -10,33 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.errors import InputError, ModelError
-from rotorid.frozen import frozen
+from rotorid.core.errors import InputError, ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import multiply_units
+from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, monomial_name
-from rotorid.models.expression import Expression, Monomial, product, symbol
-from rotorid.models.linear import (
-    InputTerm,
-    Kind,
-    LinearForm,
-    StiffnessTable,
-    StiffnessTerm,
-    Term,
-)
+from rotorid.models.equations import DERIVATIVES, Equations, Names, sort_monomials
+from rotorid.models.linear import InputTerm, Kind, LinearForm, StiffnessTable, StiffnessTerm, Term
 from rotorid.models.model import Model, Motion, Parameter
-from rotorid.models.rotor.assembly import (
-    Load,
-    Piece,
-    coordinates_of,
-    inputs_of,
-    loads_of,
-    pieces_of,
-)
-from rotorid.models.rotor.drawing import AXES, Rotor
-from rotorid.models.rotor.quantity import Factors
+from rotorid.models.rotor.drawing import AXES, Factors, Rotor
+from rotorid.models.rotor.fem import Load, Piece, coordinates_of, inputs_of, loads_of, pieces_of
 from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
-from rotorid.models.terms import DERIVATIVES, Equations, Names, sort_monomials
-from rotorid.record import Floats, Integers
-from rotorid.units import multiply_units
+from rotorid.models.text import Expression, Monomial, product, symbol
 
 DEPENDENT = 1e-9
 """What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
@@ -54,20 +39,6 @@ _TURNING = {
 class RotorModel(Model):
     """A model from a drawing: M, D, G, K are sums of constant matrices times monomials.
 
-    Parameters
-    ----------
-    rotor : Rotor
-        The drawing.
-    fixed : mapping of str to float
-        Parameters that were replaced by numbers.
-    pieces, loads : sequence of Piece and of Load
-    push : array, shape (row, input)
-        B.
-    reduction : Reduction, optional
-        Of a reduced rotor: its basis.
-    whole : RotorModel, optional
-        Of a reduced rotor: what it was made of.
-
     Examples
     --------
     >>> from rotorid.models import load_model
@@ -75,12 +46,15 @@ class RotorModel(Model):
     ('F_xA', 'F_yA', 'F_xB', 'F_yB')
     """
 
-    rotor: Rotor = field(kw_only=True)
+    rotor: Rotor = field(kw_only=True)  # the drawing
+    # parameters that were replaced by numbers
     fixed: Mapping[str, float] = field(kw_only=True, default_factory=dict)
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
     loads: tuple[Load, ...] = field(kw_only=True, compare=False, repr=False)
-    push: Floats = field(kw_only=True, compare=False, repr=False)
+    push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
+    # of a reduced rotor: its basis
     reduction: Reduction | None = field(kw_only=True, default=None, compare=False, repr=False)
+    # of a reduced rotor: what it was made of
     whole: RotorModel | None = field(kw_only=True, default=None, compare=False, repr=False)
 
     @cached_property
@@ -114,7 +88,6 @@ class RotorModel(Model):
 
     @cached_property
     def _numbers(self) -> dict[Factors, int]:
-        """The number of the monomial that factors make."""
         where = {monomial: i for i, monomial in enumerate(self._monomials)}
         return {factors: where[self._monomial(factors)] for factors in self._every}
 
@@ -368,7 +341,7 @@ class RotorModel(Model):
         >>> model = load_model("flexible")
         >>> model.to_ross(model.nominal | {"c_i": 0.0})  # doctest: +SKIP
         """
-        from rotorid.models.rotor.ross_rotor import to_ross
+        from rotorid.models.rotor.ross import to_ross
 
         return to_ross(self.rotor, {**self.fixed, **values, "Omega": speed})
 
@@ -404,4 +377,42 @@ def rotor_model(
         pieces=pieces_of(rotor),
         loads=loads_of(rotor),
         push=inputs_of(rotor),
+    )
+
+
+@frozen
+class Inertia:
+    """Mass in kg, its centre in m from the left end, and moments of inertia about it in kg m^2."""
+
+    mass: float
+    centre: float
+    transverse: float
+    polar: float
+
+
+def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
+    """Return the inertia of the whole rotor, from its M and G.
+
+    Examples
+    --------
+    >>> from rotorid.models import load_model
+    >>> model = load_model("flexible")
+    >>> round(inertia(model, model.nominal).mass, 3)
+    4.167
+    """
+    matrices = model.require_linear().matrices(model.values(values))
+    place = model.rotor.positions
+    across, tilt = np.zeros(len(model.coordinates)), np.zeros(len(model.coordinates))
+    across[0::4] = 1.0
+    tilt[0::4], tilt[3::4] = place, 1.0
+    mass, first = across @ matrices.M @ across, across @ matrices.M @ tilt
+    centre = first / mass
+    turned = tilt - centre * across
+    other = np.zeros(len(model.coordinates))
+    other[1::4], other[2::4] = -turned[0::4], turned[3::4]
+    return Inertia(
+        float(mass),
+        float(centre),
+        float(turned @ matrices.M @ turned),
+        float(other @ matrices.G @ turned),
     )

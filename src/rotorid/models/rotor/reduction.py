@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from rotorid.models.rotor.assembly import Load, Piece
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.models.rotor.drawing import Factors
 from rotorid.models.rotor.elements import PLANES
-from rotorid.models.rotor.quantity import Factors
-from rotorid.record import Complexes, Floats, Integers
+from rotorid.models.rotor.fem import Load, Piece
 
 WORTH = 4e7
 """Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
@@ -74,24 +74,14 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Banded:
-    """Z of a whole rotor, whose entries stand near its diagonal, line by line.
-
-    Parameters
-    ----------
-    pieces : sequence of Piece
-    width : int
-        Entries on either side of the diagonal.
-    bands : array, shape (piece, 2 width + 1, coordinate)
-        Entry (row, column) of each stands at (width + row - column, column).
-    size : array, shape (coordinate,)
-        One over the root of the diagonal of K: metres and radians alike.
-    values : mapping of str to float
-    """
+    """Z of a whole rotor, whose entries stand near its diagonal, line by line."""
 
     pieces: tuple[Piece, ...]
-    width: int
+    width: int  # entries on either side of the diagonal
+    # (piece, 2 width + 1, coordinate): entry (row, column) of each stands at (width + row - column,
+    # column)
     bands: Floats
-    size: Floats
+    size: Floats  # (coordinate,): one over the root of the diagonal of K: metres and radians alike
     values: Mapping[str, float]
 
     @classmethod

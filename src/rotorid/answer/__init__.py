@@ -1,0 +1,1 @@
+"""The estimate: its parts, its status, its file, and what it predicts."""

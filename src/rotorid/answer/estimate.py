@@ -1,0 +1,283 @@
+"""`Estimate`: the one result of every estimator; its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import TypeAdapter
+from pydantic_core import to_json
+
+from rotorid.answer import tables as page_of
+from rotorid.answer.judge import judge
+from rotorid.answer.parts import Answer, Value
+from rotorid.core.errors import InputError
+from rotorid.core.files import write_whole
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.tables import Page, Table, page_html, page_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+SCHEMA = "rotorid-estimate/2"
+
+
+@frozen
+class Estimate(Answer):
+    """What an estimator found.
+
+    Parameters
+    ----------
+    model, method : str
+    status : {"ok", "rejected", "not_identifiable", "not_converged"}
+    parameters : sequence of Value
+        Base parameters for the least-squares family, physical ones for maximum likelihood.
+    nuisance : sequence of Value
+    derived : sequence of Value
+        The physical parameters that follow from base ones, or the base ones from physical ones.
+    covariance : array, shape (free, free)
+        One row per parameter that is not fixed, in order, then per nuisance parameter.
+    misfit : Misfit or None
+        ``None`` for methods without a likelihood.
+    prediction : mapping of input name to Prediction or None
+        ``None`` for an input that is zero.
+    lines_hz : sequence of float
+    periods : int
+    notes : sequence of Note
+        All that was found; `warnings` (in words), `suspects` and `checks` are views of them.
+    condition_number : float or None
+        Of the scaled least-squares problem.
+    line_misfit : sequence of LineMisfit
+        The misfit line by line, for methods with a likelihood.
+    equation_misfit : sequence of EquationMisfit
+        The same equation by equation.
+    alternatives : sequence of Alternative
+        Other answers that fit as well; not empty means that the status is ``not_identifiable``.
+    modes : sequence of ModeFit
+        Measured natural frequencies beside those of the estimate.
+    unbalance : sequence of Unbalance
+        What the parameters say of the unbalance of each plane.
+    provenance : Provenance or None
+        Files, experiment, version and command; for an estimate made in Python the model alone.
+    evidence : Evidence or None
+        What a report shows of the records; see `with_evidence`.
+
+    Examples
+    --------
+    >>> mass = Value("m", "kg", 2.0, std=0.01)
+    >>> estimate = Estimate("one", "ls", "ok", (mass,), covariance=np.array([[1e-4]]))
+    >>> estimate.value("m"), estimate.std("m")
+    (2.0, 0.01)
+    >>> print(estimate)
+    one, ls: ok
+    <BLANKLINE>
+    parameters  value    std  std %  unit
+    m           2.000  0.010   0.50  kg
+    """
+
+    def __getitem__(self, name: str) -> Value:
+        """Return a parameter, nuisance or derived quantity by name."""
+        everything = (*self.parameters, *self.nuisance, *self.derived)
+        for value in everything:
+            if value.name == name:
+                return value
+        raise KeyError(f"{name!r}; there are: {', '.join(v.name for v in everything)}")
+
+    def value(self, name: str) -> float:
+        """Return the value of a quantity, in its unit."""
+        return self[name].value
+
+    def std(self, name: str) -> float | None:
+        """Return the standard deviation of a quantity, in its unit."""
+        return self[name].std
+
+    @property
+    def value_tables(self) -> list[Table]:
+        """The parameters, nuisance and derived quantities.
+
+        What is derived by its own name alone is left out, and so are inflated deviations where
+        they are those that stand beside them.
+        """
+        return page_of.value_tables(self)
+
+    @property
+    def tables(self) -> list[Table]:
+        """What matters first: values, unbalance, what may be wrong, and what follows from them."""
+        return page_of.tables(self)
+
+    @property
+    def sentences(self) -> list[str]:
+        """Sentences on the fit, the data and the warnings, in text."""
+        return page_of.sentences(self)
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{v.name} = {v.value:.4g}" for v in self.parameters)
+        found = shorten(names, 120, placeholder="...")
+        return f"<Estimate {shorten(self.model, 40)}, {self.method}: {self.status}; {found}>"
+
+    @property
+    def page(self) -> Page:
+        """All there is to read: status, tables, and notes on them."""
+        return self.summary()
+
+    def summary(self, *, intervals: bool = False) -> Page:
+        """Return what `print` shows: sentences and tables.
+
+        Parameters
+        ----------
+        intervals : bool
+            The ends of the 95 % intervals in place of the deviations.
+        """
+        return page_of.page(self, intervals=intervals)
+
+    def __str__(self) -> str:
+        return page_text(self.page)
+
+    def _repr_html_(self) -> str:
+        """Return the tables for a notebook."""
+        return page_html(self.page)
+
+    def with_(self, **changes: Any) -> Estimate:
+        """Return a copy with some fields replaced."""
+        return replace(self, **changes)
+
+    def with_notes(self, *more: Note) -> Estimate:
+        """Return a copy with further notes, and the status that they leave."""
+        return replace(self, status=judge(more, self.status), notes=(*self.notes, *more))
+
+    def plot(self) -> Figure:
+        """Draw the deviations in percent and the correlations; returns a matplotlib figure.
+
+        Raises
+        ------
+        InputError
+            For an estimate without covariance.
+        """
+        from rotorid.report.drawn import correlation, deviations
+        from rotorid.report.figure import figure_of  # takes its time to load
+
+        if not 0 < len(self.free) == len(self.covariance):
+            raise InputError(
+                "an estimate without covariance", "one row per free parameter", "see its status"
+            )
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        size = np.abs([value.value for value in self.free])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            percent = 100 * deviation / size
+        names = [value.name for value in self.free]
+        return figure_of([deviations(names, percent), correlation(names, self.correlation)], 2)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return every quantity as a row of a pandas data frame, indexed by name.
+
+        What is derived by its own name alone is there once, as a parameter.
+
+        Raises
+        ------
+        ImportError
+            Where pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise ImportError(
+                "no pandas for a data frame; install it: pip install pandas"
+            ) from None
+        kinds = {
+            "parameter": self.parameters,
+            "nuisance": self.nuisance,
+            "derived": page_of.derived(self)[0][1],
+        }
+        rows = [{**vars(v), "kind": kind} for kind, values in kinds.items() for v in values]
+        columns = ["name", "kind", "unit", "value", "std", "std_inflated", "fixed"]
+        return pd.DataFrame(rows, columns=columns).set_index("name")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data, as the result file holds it."""
+        from rotorid import __version__
+
+        data = adapter().dump_python(self, mode="json", exclude=_LEFT_OUT)
+        data["warnings"] = list(self.warnings)
+        data["suspects"] = [vars(suspect) for suspect in self.suspects]
+        data["checks"] = [check.as_check for check in self.checks]
+        return {"schema": SCHEMA, "version": __version__, **data}
+
+    def save(self, path: str | Path) -> None:
+        """Write the result file (JSON).
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        write_whole(path, self.to_json())
+
+    def to_json(self) -> bytes:
+        """Return the content of the result file."""
+        data = self.to_dict()
+        try:
+            return _json(data)
+        except ValueError:  # names of files are bytes, and may be no text
+            return _json(_encodable(data))
+
+
+def _json(data: dict[str, Any]) -> bytes:
+    """Return JSON with one key, and of a list one entry, on each line: to be read, and not long."""
+
+    def text(value: Any) -> bytes:
+        return to_json(value, inf_nan_mode="null")
+
+    parts = []
+    for key, value in data.items():
+        entry = text(value)
+        if isinstance(value, list) and value and isinstance(value[0], dict | list):
+            entry = b"[\n    " + b",\n    ".join(map(text, value)) + b"\n  ]"
+        parts.append(b"  " + text(key) + b": " + entry)
+    return b"{\n" + b",\n".join(parts) + b"\n}\n"
+
+
+def _encodable(data: Any) -> Any:
+    """Return plain data with the bytes of names that are no UTF-8 written out."""
+    if isinstance(data, dict):
+        return {_encodable(key): _encodable(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_encodable(value) for value in data]
+    is_text = isinstance(data, str)
+    return data.encode("utf-8", "backslashreplace").decode() if is_text else data
+
+
+_EVERY = {"__all__": {"fixed", "std_inflated"}}
+_LEFT_OUT: Any = {"nuisance": _EVERY, "derived": _EVERY}
+
+
+@cache
+def adapter() -> TypeAdapter[Estimate]:
+    """Return what reads and writes estimates; to build it takes its time."""
+    return TypeAdapter(Estimate)
+
+
+def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
+    """Refuse values in other units than those that a model gives its parameters.
+
+    Raises
+    ------
+    InputError
+        With the first of them.
+    """
+    for value in estimate.parameters:
+        unit = units.get(value.name.partition("[")[0], value.unit)
+        if value.unit != unit:
+            raise InputError(
+                f"{value.name} in {value.unit[:60]!r}",
+                f"{unit}, as its model has it",
+                "identify again: the values of a result are in SI",
+                place="parameters",
+            )

@@ -1,0 +1,163 @@
+"""The front function: a model, records and a method to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.judge import of_data
+from rotorid.answer.parts import Provenance, Value
+from rotorid.answer.unbalance import unbalance_of, unbalance_untold
+from rotorid.core.errors import InputError
+from rotorid.core.notes import Note
+from rotorid.data.lines import PhasorClock
+from rotorid.data.observation import Data, Observation
+from rotorid.data.record import PeriodicRecord
+from rotorid.models import Model
+from rotorid.signals.checks.registry import check_periods
+
+
+class Estimator(Protocol):
+    """What `rotorid.identify` needs: one method."""
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        """Return what the records say of the model's parameters."""
+        ...
+
+
+METHODS = {
+    "ls": "LeastSquares",
+    "batch": "Batch",
+    "sequential": "Sequential",
+    "ml": "MaximumLikelihood",
+}
+
+
+def by_name(method: str) -> Estimator:
+    """Return an estimator with its default settings by the name of its method."""
+    if method not in METHODS:
+        raise InputError(
+            f"the method {method!r}", f"one of {', '.join(METHODS)}", "name one of these methods"
+        )
+    estimator: Estimator = getattr(import_module("rotorid"), METHODS[method])()
+    return estimator
+
+
+NO_SCATTER = "identical periods"
+"""The check that finds periods without scatter: of a whole record where it names no channel."""
+
+
+def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator | str) -> Estimate:
+    r"""Estimate the parameters of a model from one record or several.
+
+    Parameters
+    ----------
+    model : Model
+    periods : PeriodicRecord, Lines or FilteredRecord, or sequence of them
+        Records of one machine; several are identified together.
+    estimator : Estimator or str
+        `LeastSquares`, `Batch`, `Sequential`, `MaximumLikelihood`, one of your own, or the name
+        of a method: "ls", "batch", "sequential", "ml".
+
+    Returns
+    -------
+    Estimate
+        Its status says whether the parameters are determined.
+
+    Raises
+    ------
+    InputError
+        For records that do not fit the model or the estimator, or whose checks refuse them.
+
+    Examples
+    --------
+    >>> import numpy as np, rotorid as rid
+    >>> t = np.arange(400) / 100.0
+    >>> motion = np.column_stack([-3.0 * np.pi**2 * np.cos(np.pi * t), 0.75 * np.cos(np.pi * t)])
+    >>> record = rid.Record([rid.Channel("F_x"), rid.Channel("x")], motion, sample_rate=100.0)
+    >>> model = rid.parse_model('''
+    ... title = "a free mass"
+    ... equations = ["m*x\'\' = F_x"]
+    ... coordinates = { x = "m" }
+    ... inputs = { F_x = "N" }
+    ... parameters = { m = { unit = "kg" } }''')
+    >>> estimate = rid.identify(model, rid.average(record, 0.5, harmonics=[1]), rid.LeastSquares())
+    >>> round(estimate.value("m"), 9)
+    4.0
+    """
+    data = periods if isinstance(periods, Sequence) else [periods]
+    found = [_checks(each) for each in data]
+    for each, checks in zip(data, found, strict=True):
+        for check in checks:
+            if check.severity == "refuses":
+                table = not isinstance(each, Observation) and isinstance(
+                    getattr(each, "clock", None), PhasorClock
+                )
+                more = "" if table else "; rotorid inspect shows more"
+                raise InputError(
+                    str(check),
+                    "a record that can be identified",
+                    f"mend the record or leave that channel out{more}",
+                    file=_source(each),
+                )
+    checks = tuple(dict.fromkeys(check for checks in found for check in checks))
+    chosen = by_name(estimator) if isinstance(estimator, str) else estimator
+    estimate = chosen.estimate(model, data)
+    silent = [c for c in checks if c.about == NO_SCATTER and c.severity != "passes" and not c.on]
+    if silent:
+        estimate = without_deviations(estimate)
+    told = (*of_data(checks, estimate.status), *unbalance_untold(model, estimate))
+    return (
+        estimate.with_(notes=(*checks, *estimate.notes))
+        .with_notes(*told)
+        .with_(
+            unbalance=unbalance_of(model, estimate),
+            provenance=estimate.provenance or _model_of(model),
+        )
+    )
+
+
+def _model_of(model: Model) -> Provenance | None:
+    """Return what a result must hold of its model to be used without the model's file."""
+    return Provenance(model=model.file_text, held=model.held) if model.file_text else None
+
+
+def _checks(data: Data) -> tuple[Note, ...]:
+    """Return what the data show before any model; lines made by hand are looked at here."""
+    held = data.lines if isinstance(data, Observation) else data
+    periods = data.periodic if isinstance(data, Observation) else data
+    if held.checks or not isinstance(periods, PeriodicRecord):
+        return held.checks
+    return check_periods(periods)
+
+
+def _source(data: Data) -> str:
+    """Return where a record comes from."""
+    return data.lines.source if isinstance(data, Observation) else data.source
+
+
+def without_deviations(estimate: Estimate) -> Estimate:
+    """Return an estimate from periods that do not scatter: values, and no deviations, never 0.
+
+    Such periods are copies of one, or made without noise: they tell nothing of what noise does.
+    """
+
+    def bare(values: tuple[Value, ...]) -> tuple[Value, ...]:
+        return tuple(v if v.fixed else replace(v, std=None, std_inflated=None) for v in values)
+
+    told = "the periods are identical: without scatter no deviations can be stated"
+    return estimate.with_(
+        parameters=bare(estimate.parameters),
+        nuisance=bare(estimate.nuisance),
+        derived=bare(estimate.derived),
+        covariance=np.full(estimate.covariance.shape, np.nan),
+        misfit=None,
+        line_misfit=(),
+        equation_misfit=(),
+        notes=(Note(NO_SCATTER, "doubts", told), *(n for n in estimate.notes if n.drop is None)),
+    )

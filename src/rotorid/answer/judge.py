@@ -1,0 +1,115 @@
+"""What the notes on an answer come to: its status, and the order in which they are told.
+
+This is the one place that weighs notes against one another. Some doubts are cast only on an answer
+of a certain status: they ask `judge` for that of the notes so far, which costs nothing; the status
+of an estimate is that of all its notes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+from rotorid.core.notes import VERDICTS, Note
+
+Status = Literal["ok", "rejected", "not_identifiable", "not_converged"]
+STATUSES: dict[str, Status] = {
+    "unfinished": "not_converged",
+    "open": "not_identifiable",
+    "rejects": "rejected",
+}
+"""What a note makes of an answer, the gravest first."""
+CONTRADICTING = frozenset(
+    {
+        "drift",
+        "settled",
+        "knock",
+        "lost samples",
+        "clocks",
+        "speed",
+        "period",
+        "repeats",
+        "copied periods",
+        "clipped",
+        "stuck",
+        "wander",
+    }
+)
+"""Checks whose warnings contradict what every method takes for granted: that the machine, its
+speed and its period stay what they are, and that the samples are the quantity."""
+SILENT = frozenset({"dead", "stuck", "quantized"})
+"""Checks whose warnings are of a channel that reads nothing: no suspect explains it better, and
+can but say that the gain of a dead sensor is 1e-19."""
+OPEN = "not identifiable"
+"""What a note on an open direction, and on what would close it, is about."""
+SUSPECTS = "suspects"
+"""What the sentence on the possible causes is about: it says what to do, and stands first."""
+_LATER = (
+    "units",
+    "record",
+    "noise",
+    "bound",
+    "search",
+    "modes",
+    "other answers",
+    "sign",
+    "misfit",
+    OPEN,
+    "blocks",
+    "unbalance",
+    "report",
+)
+"""What is told behind the reasons to turn an answer away and the doubts about it, in this order."""
+
+
+def judge(notes: Iterable[Note], before: Status = "ok") -> Status:
+    """Return the status of an answer by its notes; one that was none before stays none.
+
+    Examples
+    --------
+    >>> doubtful, wrong = Note("halves", "doubts"), Note("misfit", "rejects")
+    >>> judge([doubtful]), judge([doubtful, wrong]), judge([wrong], "not_converged")
+    ('ok', 'rejected', 'not_converged')
+    """
+    found = {STATUSES[note.severity] for note in notes if note.severity in STATUSES} | {before}
+    return next((status for status in STATUSES.values() if status in found), "ok")
+
+
+def ordered(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Return each note once, those that say more first; those on the data are the last."""
+    return tuple(sorted(dict.fromkeys(notes), key=_place))
+
+
+def _place(note: Note) -> int:
+    if note.severity in VERDICTS:
+        return 6 + len(_LATER)
+    if note.about in SILENT:
+        return 0
+    if note.drop is not None:
+        return 2
+    if note.about in _LATER:
+        return 6 + _LATER.index(note.about)
+    if note.about in CONTRADICTING:
+        return 3
+    return 1 if note.about == SUSPECTS else 4 if note.severity == "rejects" else 5
+
+
+def of_data(checks: Sequence[Note], status: Status) -> list[Note]:
+    """Return what the data, before any model, say against an answer of a status."""
+    grave = [c for c in checks if c.severity == "warns"]
+    against = [
+        Note(c.about, "rejects", f"the data say otherwise: {c}", on=c.on)
+        for c in grave
+        if c.about in CONTRADICTING - SILENT
+    ]
+    silent = [
+        Note(
+            c.about,
+            "rejects" if c.about in CONTRADICTING else "doubts",
+            f"before any suspect, see to {c}",
+            on=c.on,
+        )
+        for c in grave
+        if c.about in SILENT
+    ]
+    return against if judge((*against, *silent), status) == "ok" else [*silent, *against]

@@ -1,0 +1,203 @@
+"""How well an estimate predicts a record, its own or better another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from rotorid.answer.estimate import Estimate, check_units
+from rotorid.answer.parts import Prediction
+from rotorid.core.errors import InputError
+from rotorid.core.values import Floats
+from rotorid.data.observation import Data, Observation, bind_all
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.preparation import Knowledge, prepare
+from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.response import by_likelihood
+from rotorid.likelihood.unknowns import Own, Scalar, every_unknown
+from rotorid.linear.by_samples import filtered_records
+from rotorid.linear.equations import (
+    Predicted,
+    Regression,
+    SampledRegression,
+    by_regression,
+    predicted,
+    relative_errors,
+)
+from rotorid.models import Model
+from rotorid.models.priors import own_in_si
+
+
+def predict(
+    model: Model, estimate: Estimate, records: Data | Sequence[Data]
+) -> dict[str, Prediction | None]:
+    """Return how well an estimate predicts records, channel by channel.
+
+    Where every coordinate is measured, inputs are predicted: what the equations of motion leave
+    over is laid to the inputs, ``B u = Z q - g``. Where some are hidden, readings are:
+    ``y = C Z^-1 (B u + g)``.
+
+    Parameters
+    ----------
+    model : Model
+        The one that was identified.
+    estimate : Estimate
+    records : PeriodicRecord, Lines or FilteredRecord, or sequence of them
+        The same records, or better other ones.
+
+    Returns
+    -------
+    dict of channel name to Prediction
+        ``|lines(measured - predicted)| / |lines(measured)|``; ``None`` for a channel that is zero.
+
+    Raises
+    ------
+    InputError
+        For an estimate that is not of this model, or that lacks values, and for a rotor angle of
+        unknown phase.
+
+    References
+    ----------
+    Levy and Arogeti, equation (12).
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> model = rid.load_model("jeffcott")
+    >>> turn = 2 * np.pi * np.arange(100) / 100
+    >>> forces = np.column_stack([400.0 * np.cos(3 * turn), 300.0 * np.sin(5 * turn)])
+    >>> values = model.values(model.nominal)
+    >>> record = rid.simulate(model, values, forces, sample_rate=1000.0, periods=3,
+    ...                       speed=2 * np.pi * 30.0)
+    >>> periods = rid.average(record, 10.0, harmonics=[1, 3, 5])
+    >>> estimate = rid.identify(model, periods, rid.LeastSquares())
+    >>> predict(model, estimate, periods)["F_x"].relative_error < 1e-3
+    True
+    """
+    data = records if isinstance(records, Sequence) else [records]
+    return relative_errors(predict_lines(model, estimate, data))
+
+
+def predict_lines(
+    model: Model, estimate: Estimate, records: Sequence[Data], first: int = 0
+) -> list[Predicted]:
+    """Return the lines that an estimate predicts, record by record, beside the measured ones.
+
+    What every record has to itself is taken from the record of the same number, `first` that of
+    the first one here.
+    """
+    for number, record in enumerate(records, start=first):
+        own = record.own if isinstance(record, Observation) else record.parameters
+        _check(model, estimate, number, own)
+    bound = bind_all(model, records)
+    if filtered_records(bound):
+        reduced, base = base_of(model, estimate)
+        return [predicted(SampledRegression(r.rebound(reduced)), base) for r in bound]
+    if model.linear is None:
+        reduced, base = base_of(model, estimate)
+        return [by_regression(Regression(r.rebound(reduced)), base) for r in bound]
+    return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
+
+
+def missing_values(
+    model: Model, estimate: Estimate, number: int = 0, given: Iterable[str] = ()
+) -> list[str]:
+    """Return what the model needs and neither estimate nor record names, physical or base.
+
+    `number` is that of the record, `given` the parameters that it states itself.
+    """
+    found = {v.name for v in estimate.parameters}
+    names = model.parameter_names
+    told = {*given, *(n for n in names if n in found or f"{n}[{number}]" in found)}
+    if {*names} <= told:
+        return []
+    if any(f"{n}[{k}]" in found for n in names for k in (0, number)):
+        return [n for n in names if n not in told]
+    fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
+    if not fixed.keys() <= {*model.parameter_names}:
+        return sorted(fixed.keys() - {*model.parameter_names})
+    return [name for name in model.substitute(fixed).base.names if name not in found]
+
+
+def _own_values(
+    model: Model, values: Mapping[str, float], records: Sequence[Observation], first: int
+) -> list[Own]:
+    """Return the parameters that records have to themselves: as they state them, or as found."""
+    given = [own_in_si(record) for record in records]
+    found = []
+    for index, parameter in enumerate(model.parameters):
+        name = parameter.name
+        own: dict[int, float] = {}
+        for k, stated in enumerate(given):
+            if name in stated:
+                own[k] = stated[name][0]
+            elif f"{name}[{first + k}]" in values:
+                own[k] = values[f"{name}[{first + k}]"]
+        for k, value in own.items():
+            unknown = Scalar(f"{name}[{k}]", parameter.unit, value, 0.0)
+            alone = len(own) == len(records)
+            found.append(Own((unknown,), frozenset([name]), index, alone, record=k))
+    return found
+
+
+def _at_estimate(
+    model: Model, estimate: Estimate, records: Sequence[Observation], first: int
+) -> Point:
+    """Evaluate the likelihood of records at an estimate, its nuisances included."""
+    values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
+    for record in records:
+        if not record.lines.phase_known:
+            raise InputError(
+                "a rotor angle of unknown phase",
+                "a known phase",
+                "give the phase, or a keyphasor or angle column",
+                file=record.lines.source,
+            )
+    own = _own_values(model, values, records, first)
+    told = {*values, *(model.parameter_names[n.parameter] for n in own)}
+    base = not {*model.parameter_names} <= told
+    # The phase of a record is its own, and says nothing of another's.
+    nuisances = [
+        n
+        for n in every_unknown(records)
+        if {u.name for u in n.scalars} <= values.keys() and n.record is None
+    ]
+    # Parameters of the estimate's single records are in `own`, under the numbers of these ones.
+    single = {f"{n}[{k}]" for n in model.parameter_names for k in range(len(values))}
+    of_all = [v for v in estimate.parameters if v.name not in single]
+    held = {v.name: v.value for v in of_all if v.fixed}
+    known = {v.name for v in of_all} | {u.name for n in nuisances for u in n.scalars}
+    start = {name: value for name, value in values.items() if name in known and name not in held}
+    prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *nuisances], base, {})
+    likelihoods = tuple(
+        assemble(prepared.layout, record, number) for number, record in enumerate(records)
+    )
+    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    return problem.at(prepared.layout.start)
+
+
+def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:
+    """Return the model with what was fixed substituted, and the base parameters of an estimate."""
+    found = {value.name: value.value for value in estimate.parameters}
+    reduced = model.substitute({v.name: v.value for v in estimate.parameters if v.fixed})
+    return reduced, np.array([found[name] for name in reduced.base.names], dtype=float)
+
+
+def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) -> None:
+    missing = missing_values(model, estimate, number, given)
+    if missing:
+        raise InputError(
+            f"a result of {estimate.model!r} without {missing[0]!r}",
+            f"the parameters of {model.name!r}: {', '.join(model.parameter_names)}, or its base "
+            f"parameters: {', '.join(model.base.names)}",
+            "use the result and the experiment of one model",
+        )
+    check_units(estimate, {p.name: p.unit for p in model.parameters})
+    unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
+    if unknown:
+        raise InputError(
+            f"a result that leaves {', '.join(unknown)} undetermined",
+            "a value of every parameter",
+            "fix one or measure more, then identify again",
+        )

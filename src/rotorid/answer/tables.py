@@ -1,0 +1,346 @@
+"""What is shown of an estimate: tables of its values and of what may be wrong, notes on both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.answer.parts import DOUBTFUL, Answer, EquationMisfit, LineMisfit, Prediction, Value
+from rotorid.core.notes import Note
+from rotorid.core.tables import Page, Table, table
+
+NOTICED = 0.01  # p-value below which the tables say where the misfit lies
+WORST = 8  # lines, equations, suspects or pairs that they list: what a screen holds
+SPOILT = 0.3  # relative error of an accepted prediction from which on its reason is told
+FAR = 10.0  # deviations in a value, from which on it is not shown in percent
+ROUNDING = 0.005  # deviations below which a value is zero: half the last digit of two
+ANYWHERE = 90.0  # deg, deviation of an angle from which on it may be any
+NAMED = 1e-3  # share of the misfit below which a suspect explains nothing, and is not listed
+MANY = 4  # pairs of one group of parameters, from which on its names are told once
+TOGETHER = 0.95  # correlation from which two parameters are named as known together
+HALF_WIDTH = 1.959964  # deviations on either side that hold 95 % of a normal distribution
+_BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which one balances
+
+
+def page(estimate: Answer, *, intervals: bool = False) -> Page:
+    """Return all there is to read: status, tables, and notes on them."""
+    head = f"{estimate.model}, {estimate.method}: {estimate.status}{_doubt(estimate)}"
+    return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
+
+
+def _doubt(estimate: Answer) -> str:
+    """Say in the first line, which may be all that is read, that an answer is doubtful."""
+    misfit = estimate.misfit
+    if estimate.status != "ok" or misfit is None or not misfit.p_value < DOUBTFUL:
+        return ""
+    return f", but doubtful (p = {misfit.p_value:.1g})"
+
+
+def value_tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:
+    """Return the parameters, nuisance and derived quantities."""
+    return [
+        _table(title, values, intervals=intervals)
+        for title, values in (*_own(estimate), *derived(estimate))
+        if values
+    ]
+
+
+def tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:
+    """Return the values, unbalance, what may be wrong, and what follows from the values."""
+
+    def shown(parts: list[tuple[str, tuple[Value, ...]]]) -> list[Table]:
+        return [_table(title, values, intervals=intervals) for title, values in parts if values]
+
+    late = estimate.method == "ml"  # products of the parameters, which few want to read
+    parameters, *others = _own(estimate)
+    return [
+        *shown([parameters]),
+        *([] if late else shown(derived(estimate))),
+        *_unbalance_tables(estimate, intervals=intervals),
+        *shown(others),
+        *_mode_tables(estimate),
+        *_alternative_tables(estimate),
+        *_suspect_tables(estimate),
+        *_misfit_tables(estimate),
+        *(shown(derived(estimate)) if late else []),
+    ]
+
+
+def sentences(estimate: Answer) -> list[str]:
+    """Return sentences on the fit, the data, what was taken as exact, and the warnings."""
+    return [
+        *on_fit(estimate),
+        *(f"{c.verdict}, {on_data(c)}" for c in estimate.checks if c.severity != "passes"),
+        *(f"warning: {warning}" for warning in estimate.warnings),
+    ]
+
+
+def on_data(check: Note) -> str:
+    """Return what a check found, of which channels."""
+    names = f" of {', '.join(check.on)}" if check.on else ""
+    return f"{check.about}{names}: {check.text}"
+
+
+def on_fit(estimate: Answer) -> list[str]:
+    """Return sentences on the fit in figures."""
+    told = []
+    if estimate.misfit is not None:
+        m = estimate.misfit
+        told.append(
+            f"misfit {m.cost:.4g} where noise alone leaves {m.expected:.4g} "
+            f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
+        )
+    errors = {n: "zero" if p is None else _percent(p) for n, p in estimate.prediction.items()}
+    if errors:
+        shown = ", ".join(f"{name} {error}" for name, error in errors.items())
+        told.append(f"predicted against measured, {_by_noise(estimate)}off by: {shown}")
+    if estimate.lines_hz:
+        low, high = min(estimate.lines_hz), max(estimate.lines_hz)
+        whole = f"{estimate.periods} periods" if estimate.periods > 1 else "no periods"
+        told.append(f"{whole}, {len(estimate.lines_hz)} lines from {low:g} to {high:g} Hz")
+    if estimate.condition_number is not None:
+        told.append(f"condition number {estimate.condition_number:.4g}")
+    if _inflated((*estimate.parameters, *estimate.nuisance)):
+        told.append("inflated: deviations as if all of the misfit were noise")
+    return [*told, *_together(estimate)]
+
+
+def _together(estimate: Answer) -> list[str]:
+    """Name the pairs that are known together far better than one by one."""
+    names = [value.name for value in estimate.free]
+    if len(names) < 2 or len(names) != len(estimate.covariance):
+        return []
+    found = np.abs(np.triu(estimate.correlation, 1))
+    pairs = [(found[i, j], i, j) for i, j in zip(*np.nonzero(found > TOGETHER), strict=True)]
+    pairs.sort(key=lambda pair: (-round(float(pair[0]), 6), pair[1], pair[2]))
+    if not pairs:
+        return []
+    said = []
+    for group in _linked([(i, j) for _, i, j in pairs]):
+        own = [(r, i, j) for r, i, j in pairs if i in group]
+        if len(own) > MANY:
+            said.append(f"{', '.join(names[i] for i in sorted(group))}, up to {own[0][0]:.3f}")
+        else:
+            told = ((names[i], names[j], estimate.correlation[i, j]) for _, i, j in own)
+            said += [f"{one} with {other} {r:+.3f}" for one, other, r in told]
+    more = f" and {len(said) - WORST} more" if len(said) > WORST else ""
+    shown = (", " if len(said) == len(pairs) else "; ").join(said[:WORST])
+    return [f"correlated, so known together better than one by one: {shown}{more}"]
+
+
+def _linked(pairs: Sequence[tuple[int, int]]) -> list[set[int]]:
+    """Return the groups that pairs link, in the order in which they begin."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        met = [group for group in groups if group & {*pair}]
+        if met:
+            met[0].update(pair, *met[1:])
+            groups = [group for group in groups if all(group is not other for other in met[1:])]
+        else:
+            groups.append({*pair})
+    return groups
+
+
+def _by_noise(estimate: Answer) -> str:
+    """Say what makes a prediction from the forces worse than none, where the cost is in order."""
+    worst = max((p.relative_error for p in estimate.prediction.values() if p), default=0.0)
+    if worst < SPOILT or estimate.status != "ok" or estimate.misfit is None:
+        return ""
+    return (
+        "which says little here: beside a resonance with hardly any damping the noise of the "
+        "measured forces moves the model as far as the machine moved; the misfit tells the fit; "
+    )
+
+
+def _own(estimate: Answer) -> list[tuple[str, tuple[Value, ...]]]:
+    return [("parameters", estimate.parameters), ("nuisance", estimate.nuisance)]
+
+
+def derived(estimate: Answer) -> list[tuple[str, tuple[Value, ...]]]:
+    """Return what is derived, but for what is so by its own name alone."""
+    names = {value.name for value in estimate.parameters}
+    return [("derived", tuple(v for v in estimate.derived if v.name not in names))]
+
+
+def _table(title: str, values: Sequence[Value], *, intervals: bool = False) -> Table:
+    """Return name, value, deviation, the same in percent, inflated, unit; or 95 % intervals."""
+    if intervals:
+        ends = [(value.name, *_ends(value), _row(value)[-1]) for value in values]
+        return table((title, "value", "95 % from", "to", "unit"), ends)
+    if _inflated(values):
+        return table((title, "value", "std", "std %", "inflated", "unit"), map(_row, values))
+    rows = [(*cells[:4], cells[5]) for cells in map(_row, values)]
+    return table((title, "value", "std", "std %", "unit"), rows)
+
+
+def _alternative_tables(estimate: Answer) -> list[Table]:
+    if not estimate.alternatives:
+        return []
+    others = [dict(alternative.parameters) for alternative in estimate.alternatives]
+    names = dict.fromkeys(name for other in others for name in other)
+    own = {value.name: value.value for value in estimate.parameters}
+    cost = [estimate.misfit and estimate.misfit.cost, *(a.cost for a in estimate.alternatives)]
+    headings = ("other answers", "this", *(f"no. {i + 1}" for i in range(len(others))))
+    rows = [
+        (name, *("" if name not in o else f"{o[name]:.6g}" for o in (own, *others)))
+        for name in names
+    ]
+    costs = ("misfit", *("" if c is None else f"{c:.4g}" for c in cost))
+    return [table(headings, [*rows, costs])]
+
+
+def _mode_tables(estimate: Answer) -> list[Table]:
+    """Return measured natural frequencies and damping ratios beside those of the estimate."""
+    rows = []
+    for m in estimate.modes:
+        turning = f" at {m.speed_rad_s / (2 * math.pi):g} rev/s" if m.speed_rad_s else ""
+        name = f"mode {m.mode}{turning}" + "".join(f", {n} = {v:g}" for n, v in m.parameters)
+        pairs = [(name, m.frequency_hz, m.std_hz, m.fitted_hz, "Hz")]
+        if m.damping_ratio is not None and m.damping_std and m.fitted_damping_ratio is not None:
+            ratio = m.damping_ratio, m.damping_std, m.fitted_damping_ratio
+            pairs.append((f"{name}, damping ratio", *ratio, ""))
+        for label, value, std, fitted, unit in pairs:
+            away = f"{(fitted - value) / std:+.2f}"
+            rows.append((label, f"{value:.6g}", _two_digits(std), f"{fitted:.6g}", away, unit))
+    headings = ("natural frequencies", "measured", "std", "fitted", "off by std", "unit")
+    return [table(headings, rows)] if rows else []
+
+
+def _unbalance_tables(estimate: Answer, *, intervals: bool) -> list[Table]:
+    """Return amount and angle of the unbalance in each plane, in units of a balancer."""
+    rows: list[tuple[str, ...]] = []
+    for plane in estimate.unbalance:
+        unit, factor = _BY_HAND.get(plane.unit, (plane.unit, 1.0))
+        sizes = (factor * plane.amount, None if plane.std is None else factor * plane.std)
+        angles = [
+            None if a is None else math.degrees(a) for a in (plane.angle_rad, plane.angle_std_rad)
+        ]
+        told = _ends if intervals else _value_and_std
+        first = told(Value("", "", *sizes))
+        second = told(Value("", "", angles[0] or 0.0, angles[1]))
+        if angles[1] is not None and angles[1] > ANYWHERE:
+            second = ("any", *("" for _ in second[1:]))
+        rows.append((plane.plane, *first, unit, *second))
+    headings: tuple[str, ...]
+    if intervals:
+        headings = ("unbalance", "amount", "95 % from", "to", "unit", "at deg", "95 % from", "to")
+    else:
+        headings = ("unbalance", "amount", "std", "unit", "at deg", "std")
+    return [table(headings, rows)] if rows else []
+
+
+def _suspect_tables(estimate: Answer) -> list[Table]:
+    """Return what the model may lack, what explains most first; nothing where nothing is wrong."""
+    if estimate.status == "ok":
+        return []
+    rows = [
+        (
+            s.term,
+            _plain(f"{s.drop:.3g}"),
+            "" if s.share is None else f"{100 * s.share:.3g}",
+            "" if s.value is None else f"{s.value:.4g}",
+            "" if s.unit == "1" else s.unit,
+        )
+        for s in [s for s in estimate.suspects if s.share is None or s.share >= NAMED][:WORST]
+    ]
+    headings = ("suspect", "misfit falls by", "% of the excess", "if freed", "unit")
+    known = 5 if any(row[2] for row in rows) else 2  # results of version 1 hold the drop alone
+    return [table(headings[:known], (row[:known] for row in rows))] if rows else []
+
+
+def _misfit_tables(estimate: Answer) -> list[Table]:
+    """Return where the misfit lies, worst first; nothing where it is what noise leaves."""
+    if estimate.misfit is None or estimate.misfit.p_value > NOTICED:
+        return []
+    several = len({row.record for row in estimate.line_misfit}) > 1
+    lines = [
+        (f"{row.frequency_hz:.6g} Hz" + f", record {row.record + 1}" * several, row)
+        for row in estimate.line_misfit
+    ]
+    equations = [
+        (row.equation + f", record {row.record + 1}" * several, row)
+        for row in estimate.equation_misfit
+    ]
+    return [
+        _misfit_table(title, rows)
+        for title, rows in (("misfit by line", lines), ("misfit by equation", equations))
+        if rows
+    ]
+
+
+def _misfit_table(title: str, rows: Sequence[tuple[str, LineMisfit | EquationMisfit]]) -> Table:
+    def excess(named: tuple[str, LineMisfit | EquationMisfit]) -> float:
+        return named[1].cost - named[1].expected
+
+    worst = sorted(rows, key=excess, reverse=True)[:WORST]
+    cells = [
+        (name, _plain(f"{row.cost:.4g}"), _plain(f"{row.expected:.4g}")) for name, row in worst
+    ]
+    return table((title, "found", "by noise"), cells)
+
+
+def _inflated(values: Sequence[Value]) -> bool:
+    return any(v.std and v.std_inflated and v.std_inflated > 1.05 * v.std for v in values)
+
+
+def as_zero(value: float, spread: float) -> float:
+    """Return a value, and 0 for one that the two digits of its spread do not show."""
+    return 0.0 if abs(value) < ROUNDING * spread else value
+
+
+def _row(value: Value) -> tuple[str, ...]:
+    unit = "" if value.unit == "1" else value.unit
+    inflated = "" if value.std_inflated is None else _two_digits(value.std_inflated)
+    if value.std and as_zero(value.value, value.std) == 0:
+        return value.name, "0", _two_digits(value.std), "", inflated, unit
+    if value.fixed or value.std is None or not value.std > 0:
+        std = "fixed" if value.fixed else "-" if value.std is None else f"{value.std:g}"
+        return value.name, f"{value.value:.6g}", std, "", "", unit
+    digits = 6
+    if np.isfinite([value.value, value.std]).all():
+        digits = int(np.floor(np.log10(abs(value.value))) - np.floor(np.log10(value.std))) + 2
+    far = value.std > FAR * abs(value.value)  # a percentage of what may as well be zero
+    percent = "" if far else _two_digits(100 * value.std / abs(value.value))
+    number = _plain(f"{value.value:#.{min(max(digits, 2), 12)}g}")
+    return value.name, number, _two_digits(value.std), percent, inflated, unit
+
+
+def _value_and_std(value: Value) -> tuple[str, ...]:
+    return _row(value)[1:3]
+
+
+def _ends(value: Value) -> tuple[str, ...]:
+    """Return a value and the ends of its 95 % interval, all to the same digit."""
+    std = value.std_inflated or value.std
+    if value.fixed or not std or not np.isfinite([value.value, std]).all():
+        _, number, told = _row(value)[:3]
+        return number, told if told == "fixed" else "-", "" if told == "fixed" else "-"
+    low, high = (value.value + side * HALF_WIDTH * std for side in (-1, 1))
+    last = int(np.floor(np.log10(std))) - 1
+    largest = max(abs(low), abs(high))
+    digits = max(int(np.floor(np.log10(largest))) - last + 1, 1)
+    if last < 0 and largest < 1e6 and last > -9:
+        return f"{value.value:.{-last}f}", f"{low:.{-last}f}", f"{high:.{-last}f}"
+    shown = (_plain(f"{number:#.{min(digits, 12)}g}") for number in (value.value, low, high))
+    first, second, third = shown
+    return first, second, third
+
+
+def _two_digits(number: float) -> str:
+    return _plain(f"{number:#.2g}")
+
+
+def _plain(text: str) -> str:
+    """Return a number without a power of ten where it has less than eight digits."""
+    mantissa, _, power = text.partition("e")
+    if power.startswith("+") and int(power) < 7:
+        return f"{float(text):.0f}"
+    return text.rstrip(".") if not power else f"{mantissa.rstrip('.')}e{power}"
+
+
+def _percent(prediction: Prediction) -> str:
+    if prediction.relative_error > FAR:  # of a rotor that floats forces alone tell no motion
+        return f"more than {100 * FAR:.0f} %"
+    return f"{100 * prediction.relative_error:.3g} %"

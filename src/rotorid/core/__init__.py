@@ -1,0 +1,1 @@
+"""What every part stands on: errors, values, units, files, tables, distributions."""

@@ -1,0 +1,108 @@
+"""Tails of gamma, F and t distributions, and what noise makes of a cost.
+
+scipy loads its parts where they are first used: a record that calls for none of these waits for
+none.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+
+
+def gamma_tail(value: float, shape: float) -> float:
+    """Return the chance that a gamma variable of unit scale exceeds a value."""
+    return float(scipy.special.gammaincc(shape, value))
+
+
+def f_tail(value: float, first: float, second: float) -> float:
+    """Return the chance that F with these degrees of freedom exceeds a value."""
+    return float(scipy.special.fdtrc(first, second, value))
+
+
+def f_limit(chance: float, first: float, second: float) -> float:
+    """Return what F with these degrees of freedom exceeds with a chance, however small."""
+    if first == 2:  # the tail is (1 + 2 F / second)^(- second / 2)
+        return second / 2 * math.expm1(-2 / second * math.log(chance))
+    # fdtri takes 1 - chance, and rounds.
+    share = scipy.special.betaincinv(second / 2, first / 2, chance)
+    return float(second / first * (1 - share) / share)
+
+
+def t_limit(chance: float, freedom: Floats) -> Floats:
+    """Return what Student's t with these degrees of freedom exceeds with a chance."""
+    return np.asarray(-scipy.special.stdtrit(freedom, chance), dtype=float)
+
+
+def bound_of_length(mean: Floats, covariance: Floats, chance: float) -> float:
+    """Return what the length of a normal vector in the plane stays below with a chance.
+
+    `mean` has shape (2,), `covariance` (2, 2). Its density along the wider axis of the ellipse
+    times what the other axis leaves inside the circle, integrated over the circle.
+    """
+    size, axes = np.linalg.eigh(covariance)
+    narrow, wide = np.sqrt(np.clip(size, 0.0, None))
+    if wide == 0:
+        return float(np.hypot(*mean))
+    across, along = axes.T @ mean
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+
+    def inside(radius: float) -> float:
+        low, high = (max(-radius, along - 9 * wide), min(radius, along + 9 * wide))
+        if low >= high:
+            return -chance
+        x = (low + high) / 2 + (high - low) / 2 * nodes
+        half = np.sqrt(np.clip(radius**2 - x**2, 0.0, None))
+        if narrow > 1e-9 * wide:
+            ends = [scipy.special.ndtr((s * half - across) / narrow) for s in (1, -1)]
+            share = ends[0] - ends[1]
+        else:
+            share = (np.abs(across) <= half).astype(float)
+        density = np.exp(-(((x - along) / wide) ** 2) / 2) / (wide * math.sqrt(2 * math.pi))
+        return float((high - low) / 2 * (weights * density * share).sum()) - chance
+
+    most = float(np.hypot(*mean)) + 9 * wide
+    return float(scipy.optimize.brentq(inside, 0.0, most, rtol=1e-6))
+
+
+NODES = 200
+"""Points of the integral: right to 1e-6 down to axes of a ratio of a thousand."""
+
+
+@frozen
+class Expectation:
+    """Mean and variance of a cost, and the chance of one at least as large."""
+
+    mean: float
+    variance: float
+    dof: int
+
+    def p_value(self, cost: float) -> float:
+        """Return the chance that noise alone gives this cost or more."""
+        if self.dof <= 0 or self.mean <= 0:
+            return 1.0
+        spread = self.variance / self.mean**2
+        excess = spread * self.dof - 2
+        if excess < 1e-9:  # C is known, or holds part of what it weighs: a gamma distribution
+            shape = min(2 / spread, 1e15)
+            return gamma_tail(cost / self.mean * shape / 2, shape / 2)
+        nu = (2 * self.dof - 4 + 4 * spread * self.dof) / excess
+        if nu <= 4:
+            nu = 4.0 + 1e-6
+        return f_tail(cost / self.mean * nu / (nu - 2), self.dof, nu)
+
+
+def line_moments(left: Floats, dof: Floats, multiplicity: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance of each line's cost."""
+    t, c = np.maximum(left, 0.0), multiplicity
+    a = c * t
+    b = np.maximum(c * (dof - t + 1), 4.0 + 1e-3)  # fewer have no variance
+    scale = dof * a / np.maximum(dof - t + 1, 1e-9)
+    safe = np.maximum(a, 1e-300)
+    variance = scale**2 * 2 * b**2 * (a + b - 2) / (safe * (b - 2) ** 2 * (b - 4))
+    return scale * b / (b - 2), np.where(a > 0, variance, 0.0)

@@ -1,0 +1,114 @@
+"""The errors that a user sees, and what of other people's text may stand in a line.
+
+Titles, columns, file names and keys of TOML come from files that others wrote. They may hold
+escape sequences that a terminal obeys, newlines that begin a new key of a file, marks that turn
+the direction of writing, and any length.
+"""
+
+from __future__ import annotations
+
+from typing import Self
+
+LINE = 590  # characters of a message: what is read as one line, and below what a log cuts
+PART = 240  # of one part of it, so that a long one leaves room for the others
+CELL = 300  # of a cell of a table: longer than any honest name or finding
+SENTENCE = 4_000  # of a sentence between tables: a warning may list fifty names
+_GAP = " ... "
+
+
+def printable(text: str, *, keep: str = "") -> str:
+    r"""Return a text with everything that is not printable written as Python writes it.
+
+    Parameters
+    ----------
+    text : str
+    keep : str
+        Characters to leave as they are, such as newlines.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> print(printable("a\x1b[2Jb\nc"))
+    a\x1b[2Jb\nc
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii")
+        for c in text
+    )
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most `most` characters: its beginning and its end.
+
+    Examples
+    --------
+    >>> shortened("abcdefghijklmnopqrstuvwxyz", 15)
+    'abcde ... vwxyz'
+    """
+    if len(text) <= most:
+        return text
+    end = (most - len(_GAP)) // 2
+    return text[: most - len(_GAP) - end] + _GAP + text[len(text) - end :]
+
+
+def one_line(text: str, most: int = PART) -> str:
+    """Return a text as one printable line, white space as single blanks, cut to `most`."""
+    # What is far too long is cut first: escaping it all would take its time.
+    return shortened(printable(" ".join(shortened(text, 8 * most).split())), most)
+
+
+class InputError(ValueError):
+    """Input that cannot be used, said in one line.
+
+    Parameters
+    ----------
+    found, expected, cure : str
+        What was there, what should have been, and what to do about it.
+    file : str, optional
+        The file that holds it.
+    place : str, optional
+        Where in the file: a key, a line, a column, an equation.
+
+    Examples
+    --------
+    >>> print(InputError("'kgg'", "a mass", "write kg", file="a.toml", place="parameters.m"))
+    a.toml: parameters.m: found 'kgg'; expected a mass; write kg
+    """
+
+    def __init__(
+        self, found: str, expected: str, cure: str, *, file: str = "", place: str = ""
+    ) -> None:
+        self.found, self.expected, self.cure = found, expected, cure
+        self.file, self.place = file, place
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        where = [one_line(part) for part in (self.file, self.place) if part]
+        found, expected, cure = map(one_line, (self.found, self.expected, self.cure))
+        return ": ".join([*where, f"found {found}; expected {expected}; {cure}"])
+
+    def at(self, *, file: str = "", place: str = "") -> Self:
+        """Return the same error with the file and the outer place that the caller knows."""
+        inner = ": ".join(part for part in (place, self.place) if part)
+        return type(self)(self.found, self.expected, self.cure, file=self.file or file, place=inner)
+
+
+class ReadError(InputError):
+    """A file that cannot be read or does not hold what it should."""
+
+
+class ModelError(InputError):
+    """Equations, names or units that make no model."""
+
+
+class UnfinishedError(Exception):
+    """What was asked for beside the answer, and could not be made; the answer stands."""
+
+
+class NotConvergedError(Exception):
+    """An iteration that ended before its answer."""

@@ -1,0 +1,381 @@
+"""Regular files read, and files written whole or not at all.
+
+A pipe would be waited for without end, a device may have no end or do things when it is opened.
+
+Every file that rotorid writes is written here. Its content is made in memory first; it is then
+written beside its target and moved there, so that at any moment the old file or the new one is
+there, whole. A file that came there while a command worked, or changed, is kept: it is somebody
+else's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import count
+from pathlib import Path
+from typing import BinaryIO
+
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+_BLOCK = 512  # bytes of what `stat` counts as blocks
+_HOLLOW = 16_000_000  # bytes up to which holes do not matter: reading them takes 10 ms
+_NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # a pipe put there since is opened at once, too
+
+
+def check_regular(path: str | Path, expected: str = "a readable file") -> os.stat_result:
+    """Refuse what is no regular file, without opening it."""
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        raise _unreadable(path, error, expected) from None
+    _require_regular(path, found, expected)
+    return found
+
+
+def open_regular(path: str | Path, expected: str = "a readable file") -> BinaryIO:
+    """Open a regular file for reading; anything else is refused at once."""
+    check_regular(path, expected)
+    try:
+        stream = open(path, "rb", opener=_open)  # noqa: SIM115 - the caller closes it
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error, expected) from None
+    try:
+        _require_regular(path, os.fstat(stream.fileno()), expected)
+    except ReadError:
+        stream.close()
+        raise
+    return stream
+
+
+def read_regular(path: str | Path, most: int, expected: str, cure: str) -> bytes:
+    """Return the content of a regular file of at most so many bytes."""
+    with open_regular(path, expected) as stream:
+        try:
+            data = stream.read(most + 1)
+        except OSError as error:
+            raise _unreadable(path, error, expected) from None
+    if len(data) > most:
+        raise ReadError(f"more than {most // 1000} kB", expected, cure, file=str(path))
+    return data
+
+
+def check_beside(name: str, record: str | Path) -> Path:
+    """Return the path of a file that a record refers to; it must lie in the record's folder."""
+    folder = Path(record).absolute().parent.resolve()  # of a link, where it lies
+    path = folder / name
+    try:
+        inside = path.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError, ValueError):  # links that go in a circle, a null byte
+        inside = False
+    if not inside:
+        raise ReadError(
+            f"samples in {name[:80]!r}",
+            "samples in the record, or in files below its folder",
+            "copy that file beside the record, or write the record whole",
+            file=str(record),
+        )
+    check_regular(path, f"a part of {record}")
+    return path
+
+
+def is_hollow(found: os.stat_result) -> bool:
+    """Tell whether a file is made of holes for the most part: nobody measured those."""
+    held = _BLOCK * getattr(found, "st_blocks", found.st_size)
+    return found.st_size > _HOLLOW and 2 * held < found.st_size
+
+
+def _open(path: str, flags: int) -> int:
+    return os.open(path, flags | _NOT_BLOCKING)
+
+
+def _require_regular(path: str | Path, found: os.stat_result, expected: str) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
+        raise ReadError(kind, expected, "give the path of a file", file=str(path))
+
+
+def _unreadable(path: str | Path, error: Exception, expected: str) -> ReadError:
+    if isinstance(error, FileNotFoundError):
+        found = "no such file"
+    elif isinstance(error, ValueError):  # in whose words each Python says it otherwise
+        found = "a null byte in the name"
+    else:
+        found = str(getattr(error, "strerror", None) or error)
+        found = found[:1].lower() + found[1:]
+    return ReadError(found, expected, "check the path", file=str(path))
+
+
+Content = Callable[[], bytes]
+Seen = tuple[int, int, int, int] | None
+"""What tells a file from another, or from itself before it was edited; None where there is none."""
+_HEAD = 4096  # bytes at the beginning of a file that say who wrote it
+
+
+@frozen
+class Kind:
+    """A kind of file that a command writes, and how a file of it is known again."""
+
+    writer: str  # the command, for messages
+    begins: bytes  # A regular expression that the beginning of such a file matches
+    # what another file is called in a message
+    found: str = "a file that `{}` did not write, or that was edited since"
+
+    def wrote(self, path: Path) -> bool:
+        """Tell whether a file is of this kind."""
+        with path.open("rb") as stream:
+            return re.match(self.begins, stream.read(_HEAD)) is not None
+
+
+def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -> None:
+    """Refuse a path that cannot be written, or holds what is not the program's.
+
+    Parameters
+    ----------
+    path : Path
+    kind : Kind, optional
+        What is to be written there; a file of another kind is not replaced.
+    force : bool
+        Replace it all the same.
+
+    Raises
+    ------
+    InputError
+        Before the work that leads to the file.
+    """
+    try:
+        mode = _mode(path)
+    except (OSError, ValueError) as error:
+        raise _refusal(path, str(getattr(error, "strerror", None) or error)) from None
+    if mode is None:
+        folder = os.path.dirname(os.path.realpath(path))
+        if not os.path.isdir(folder):
+            raise InputError(
+                "no such folder", "a folder to write into", "create it", file=str(path)
+            )
+    elif stat.S_ISDIR(mode):
+        raise InputError("a folder", "a file to write", "add a file name", file=str(path))
+    elif stat.S_ISSOCK(mode):
+        raise _refusal(path, "a socket")
+    elif stat.S_ISREG(mode) and _standard(path) is None:
+        if not os.access(path, os.W_OK):
+            raise _refusal(path, "a file that may not be written")
+        if kind is not None and not force:
+            _require_own(path, kind)
+
+
+def seen(path: Path) -> Seen:
+    """Return what is at a path now, for `write_files` to find it as it was."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _refusal(path: Path, found: str) -> InputError:
+    return InputError(found, "a file to write", "write elsewhere", file=str(path))
+
+
+def _mode(path: Path) -> int | None:
+    """Return the mode of what a path leads to; ``None`` where there is nothing yet."""
+    try:
+        return os.stat(path).st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _require_own(path: Path, kind: Kind) -> None:
+    """Refuse to replace a file that is not of this kind; one without content is nobody's."""
+    try:
+        mine = os.path.getsize(path) == 0 or kind.wrote(path)
+    except Exception:  # whatever is wrong with it, it is not what was written
+        mine = False
+    if not mine:
+        raise InputError(
+            kind.found.format(kind.writer),
+            "a new name, or a file of its own",
+            "choose another name, or replace the file with --force",
+            file=str(path),
+        )
+
+
+def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """Refuse to write over what a run reads, or twice into one file."""
+    # A name with a null leads nowhere, and is refused where it is opened.
+    real = [os.path.realpath(path) for path in inputs if "\0" not in str(path)]
+    taken = dict.fromkeys(real, "an input of this run")
+    for target in targets:
+        if target.is_file() or not target.exists():  # devices and pipes take all
+            place = os.path.realpath(target)
+            found = taken.get(place)
+            if found is not None:
+                raise InputError(found, "a file of its own", "write elsewhere", file=str(target))
+            taken[place] = "another output of this run"
+
+
+def write_whole(path: str | Path, content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be written, with its name; what was there before is there still.
+    """
+    write_files({Path(path): lambda: content})
+
+
+def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | None = None) -> None:
+    """Make all contents, write them beside their targets, and move them there.
+
+    Parameters
+    ----------
+    contents : mapping of Path to callable
+    found : mapping of Path to what `seen` returned, optional
+        What must still be there; other files are replaced as they are.
+
+    Raises
+    ------
+    OSError
+        Where one cannot be written, with its name; no file is changed then.
+    InputError
+        Where another program wrote one meanwhile.
+    """
+    made = {path: content() for path, content in contents.items()}
+    before = dict(found or {})
+    parts: dict[str, tuple[Path, str]] = {}
+    try:
+        for path, data in made.items():
+            with _named(path):
+                if (stream := _stream(path)) is not None:
+                    _write_all(stream, data)
+                    continue
+                target = os.path.realpath(path)
+                part = _free_name(target)
+                parts[part] = path, target
+                _write_part(part, target, data)
+        for path, _ in parts.values():
+            if path in before and seen(path) != before[path]:
+                raise _came_meanwhile(path)
+        for part, (path, target) in parts.items():
+            with _named(path):
+                if path in before and before[path] is None:
+                    _move_new(part, target, path)
+                else:
+                    os.replace(part, target)
+    finally:
+        for part in parts:
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+
+
+def _came_meanwhile(path: Path) -> InputError:
+    return InputError(
+        "a file that another program wrote there meanwhile",
+        "what was there when the command began",
+        "choose another name, or replace the file with --force",
+        file=str(path),
+    )
+
+
+def _move_new(part: str, target: str, path: Path) -> None:
+    """Move a file to a name that nothing has; what has it since is kept.
+
+    Where the disk knows no links, as on memory cards, the name is taken by an empty file first.
+    """
+    try:
+        try:
+            os.link(part, target)
+        except FileExistsError:
+            raise
+        except OSError:
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            os.replace(part, target)
+    except FileExistsError:
+        raise _came_meanwhile(path) from None
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Give an error of the machine the name that the user gave the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from None
+
+
+def _free_name(target: str) -> str:
+    """Return a name beside a target that nothing has; a killed process may have left some."""
+    folder, name = os.path.split(target)
+    for number in count():
+        # 80 characters of the name: with all of a long one the name may be too long.
+        part = os.path.join(folder, f".{name[:80]}.{os.getpid()}-{number}.part")
+        if not os.path.lexists(part):
+            return part
+    raise AssertionError
+
+
+def _write_part(part: str, target: str, data: bytes) -> None:
+    """Write a new file with the mode of the one that it is to replace."""
+    mode = _mode(Path(target))
+    # From its first byte on, nobody reads it who may not read what it replaces.
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    file = os.open(part, flags, 0o666 if mode is None else 0o600)
+    try:
+        if mode is not None and hasattr(os, "fchmod"):
+            os.fchmod(file, stat.S_IMODE(mode))
+    except OSError:
+        os.close(file)
+        raise
+    _write_all(file, data)
+
+
+def _write_all(file: int, data: bytes) -> None:
+    """Write all bytes to an open file, down to the disk where there is one, and close it."""
+    try:
+        left = memoryview(data)
+        while left:
+            left = left[os.write(file, left) :]
+        if stat.S_ISREG(os.fstat(file).st_mode):
+            os.fsync(file)  # a full disk or quota may show only now
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.close(file)
+        raise
+    os.close(file)
+
+
+def _standard(path: Path) -> int | None:
+    """Return which of the process's own outputs a path is, as /dev/stdout in `> file`."""
+    found = os.stat(path)
+    for stream in (1, 2):
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, os.fstat(stream)):
+                return stream
+    return None
+
+
+def _stream(path: Path) -> int | None:
+    """Open a device, a pipe, or an output of the process's own; ``None`` for a file."""
+    mode = _mode(path)
+    if mode is None:
+        return None
+    if stat.S_ISREG(mode):
+        own = _standard(path)
+        return None if own is None else os.dup(own)
+    # Without waiting: a pipe that nobody reads would keep the answer for ever.
+    file = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
+    os.set_blocking(file, True)
+    return file

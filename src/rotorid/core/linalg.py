@@ -1,0 +1,60 @@
+"""Rank and null space, with every tolerance and its reason in one place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.core.values import Complexes, Floats
+
+SENSORS = 1e-9
+"""Sensors whose combinations differ by less than this share read the same: gains, lengths and
+positions of sensors are known to 1e-4 at best, and a coordinate divided by 1e-9 is noise."""
+
+
+def sensor_rank(reads: Floats) -> int:
+    """Return how many combinations of coordinates the sensors tell apart; reads (sensor, q)."""
+    if not reads.size:
+        return 0
+    values = np.linalg.svd(reads, compute_uv=False)
+    return int((values > SENSORS * values[0]).sum())
+
+
+def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return U, S and V^H with one singular value for each column, be there fewer rows or not.
+
+    What fewer rows than columns leave open has the singular value 0, and is not left out.
+    """
+    rows, columns = matrix.shape
+    padded = np.pad(matrix, ((0, max(0, columns - rows)), (0, 0)))
+    left, values, right = np.linalg.svd(padded, full_matrices=False)
+    return left[:rows], values, right
+
+
+def null_space(matrix: Floats, rank: int) -> Floats:
+    """Return an orthonormal basis of what a matrix of this rank sends to zero, (column, n)."""
+    _, _, right = np.linalg.svd(matrix)
+    return np.asarray(right[rank:].T)
+
+
+def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
+    """Return how many columns, each of length one, no others make up within a tolerance."""
+    return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
+
+
+def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Floats]:
+    """Return ``(1 - share)^-1 score``, of an answer without one group of rows (the jackknife).
+
+    Parameters
+    ----------
+    share : array, shape (n, n)
+        What the group tells of the whole: ``G_b X_b`` of values ``G @ right side`` with the design
+        X, or ``X_b G_b``.
+    score : array, shape (n,)
+        ``G_b e_b``, or e_b, the group's residual: then the result is its residual without it.
+    least : float
+        Singular values of ``1 - share`` up to which the group tells something alone. That is left
+        out of the result, and returned beside it, (n, directions).
+    """
+    left, size, right = np.linalg.svd(np.eye(len(share)) - share)
+    told = size > least
+    return right[told].T @ ((left[:, told].T @ score) / size[told]), right[~told].T

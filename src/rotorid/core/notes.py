@@ -1,0 +1,112 @@
+"""`Note`: the one message to the user, whatever it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+from rotorid.core.frozen import frozen
+
+Severity = Literal[
+    "refuses", "unfinished", "open", "rejects", "doubts", "remarks", "warns", "says", "passes"
+]
+VERDICTS: dict[Severity, str] = {
+    "refuses": "refused",
+    "warns": "warning",
+    "says": "note",
+    "passes": "ok",
+}
+"""How notes on the data and on what is taken as exact are called in tables and files."""
+
+
+@frozen
+class Note:
+    """A message: what was looked at, what was found there, and what to do about it.
+
+    Parameters
+    ----------
+    about : str
+        The check, rival or doubt that it comes from; filter by it: "dead", "speed", "misfit",
+        "not identifiable".
+    severity : str
+        Of an answer: "unfinished": the search did not arrive. "open": the data leave something
+        undetermined. "rejects": the answer is wrong. "doubts": it may be wrong by more than its
+        standard deviations. "remarks": to be read with it.
+        Of the data, and of what is taken as exact: "refuses": no answer can come of it. "warns":
+        an answer may be wrong by more than its standard deviations. "says": worth knowing.
+        "passes": looked at and in order.
+    found : str
+        What was found, with figures.
+    cure : str
+        What to do about it.
+    on : sequence of str
+        The channels, parameters or records concerned; none for all.
+    value : float, optional
+        The figure that was found, in `unit`.
+    unit : str
+        SI; "1" for a plain number.
+    drop : float, optional
+        Of a possible cause of a misfit: how far the misfit falls with it.
+    share : float, optional
+        Share of the excess misfit that the possible cause explains.
+
+    Examples
+    --------
+    >>> note = Note("dead", "refuses", "0 in every sample", "check the cable", on=("x1",))
+    >>> print(note)
+    dead, x1: 0 in every sample; check the cable
+    >>> note.text
+    '0 in every sample; check the cable'
+    """
+
+    about: str
+    severity: Severity
+    found: str = ""
+    cure: str = ""
+    on: tuple[str, ...] = ()
+    value: float | None = None
+    unit: str = ""
+    drop: float | None = None
+    share: float | None = None
+
+    @property
+    def text(self) -> str:
+        """What was found and what to do, without what it is about."""
+        return "; ".join(part for part in (self.found, self.cure) if part)
+
+    @property
+    def verdict(self) -> str:
+        """The severity of a note on the data, as tables and files call it: "ok" to "refused"."""
+        return VERDICTS[self.severity]
+
+    @property
+    def as_check(self) -> dict[str, str]:
+        """A note on the data as files hold it."""
+        channel = ", ".join(self.on)
+        return {
+            "check": self.about,
+            "channel": channel,
+            "found": self.text,
+            "verdict": self.verdict,
+        }
+
+    def __str__(self) -> str:
+        subject = ", ".join((self.about, *self.on))
+        return f"{subject}: {self.text}"
+
+
+def remarks(about: str, texts: Iterable[str]) -> list[Note]:
+    """Return sentences that are to be read with an answer, each once."""
+    return [Note(about, "remarks", text) for text in dict.fromkeys(texts)]
+
+
+def worst(notes: Iterable[Note]) -> str:
+    """Return the gravest verdict of notes on the data.
+
+    Examples
+    --------
+    >>> worst([Note("dead", "says", "0 in every sample"), Note("drift", "passes", "none")])
+    'note'
+    """
+    found = {note.severity for note in notes}
+    return next((word for severity, word in VERDICTS.items() if severity in found), "ok")

@@ -1,0 +1,146 @@
+"""Tables: described once, shown as text, as HTML and in a notebook."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from textwrap import fill
+
+from rotorid.core.errors import CELL, SENTENCE, one_line, printable, shortened
+from rotorid.core.frozen import frozen
+
+GAP = "  "
+NARROW = 20  # characters, below which sentences are not broken any further
+LONG = 30  # characters, from which a cell of words may be broken
+_NUMBER = re.compile(
+    r"[-+\N{MINUS SIGN}]?(\d|\.\d)[\d.]*(e[-+]?\d+)?( ?[^\s\d]{1,3})?|-|[-+]?(nan|inf)"
+)
+
+
+@frozen
+class Table:
+    """Headings and rows of text; the first column names the rows.
+
+    Columns that hold numbers, where they say anything, stand to the right.
+    """
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which columns hold numbers, shape (column,)."""
+        columns = list(zip(self.headings, *self.rows, strict=True))
+        return (False, *(_is_numeric(cells) for _, *cells in columns[1:]))
+
+    def text(self, width: int | None = None) -> str:
+        """Return aligned columns; those that do not fit a width follow below, with the names."""
+        columns = [
+            _aligned([one_line(cell, CELL) for cell in cells], right)
+            for cells, right in zip(
+                zip(self.headings, *self.rows, strict=True), self.numeric, strict=True
+            )
+        ]
+        names, rest = columns[0], columns[1:]
+        blocks = [[names]]
+        for column in rest:
+            used = sum(len(c[0]) + len(GAP) for c in blocks[-1])
+            if width is not None and len(blocks[-1]) > 1 and used + len(column[0]) > width:
+                blocks.append([names])
+            blocks[-1].append(column)
+        return "\n\n".join(
+            "\n".join(GAP.join(row).rstrip() for row in zip(*block, strict=True))
+            for block in blocks
+        )
+
+    def html(self) -> str:
+        """Return an HTML table; numbers have the class ``number``."""
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.headings)
+        marks = [
+            'class="number"' if numeric else 'class="flow"' if _is_long(column) else ""
+            for numeric, column in zip(self.numeric, columns, strict=True)
+        ]
+        cells = zip(self.headings, marks, strict=True)
+        lines = ["<table>", "<thead><tr>", *(_cell("th", text, mark) for text, mark in cells)]
+        lines += ["</tr></thead>", "<tbody>"]
+        for name, *values in self.rows:
+            lines += ["<tr>", _cell("th", name, 'scope="row"')]
+            lines += [_cell("td", text, m) for text, m in zip(values, marks[1:], strict=True)]
+            lines += ["</tr>"]
+        return "".join([*lines, "</tbody></table>"])
+
+
+Page = Sequence[str | Table]
+
+
+def page_text(page: Page, width: int | None = None) -> str:
+    """Return sentences and tables as text, a blank line about every table.
+
+    A width breaks sentences between words, so that a terminal need not break them within one.
+    """
+    parts: list[str] = []
+    for index, part in enumerate(page):
+        if isinstance(part, Table):
+            if index and parts[-1]:
+                parts.append("")
+            parts += [part.text(width), ""]
+        else:
+            text = shortened(printable(part), SENTENCE)
+            parts.append(text if width is None else _wrapped(text, width))
+    return "\n".join(parts).rstrip("\n")
+
+
+def _wrapped(sentence: str, width: int) -> str:
+    return fill(
+        sentence,
+        max(width, NARROW),
+        subsequent_indent=GAP,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def page_html(page: Page) -> str:
+    """Return sentences and tables as HTML."""
+    return "".join(
+        part.html() if isinstance(part, Table) else f"<p>{_escaped(part)}</p>" for part in page
+    )
+
+
+def by_hand(unit: str) -> tuple[str, float]:
+    """Return the unit in which small motion is told, and the factor from SI.
+
+    >>> by_hand("m"), by_hand("A")
+    (('um', 1000000.0), ('A', 1.0))
+    """
+    return {"m": ("um", 1e6), "rad": ("urad", 1e6)}.get(unit, (unit, 1.0))
+
+
+def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+    """Return a table of headings and rows."""
+    return Table(tuple(headings), tuple(tuple(row) for row in rows))
+
+
+def _is_numeric(cells: Sequence[str]) -> bool:
+    said = [cell for cell in cells if cell not in ("", "fixed")]
+    return all(_NUMBER.fullmatch(cell) for cell in said) and bool(said)
+
+
+def _is_long(cells: Sequence[str]) -> bool:
+    return any(len(cell) >= LONG for cell in cells)
+
+
+def _aligned(cells: Sequence[str], right: bool) -> list[str]:
+    width = max(map(len, cells))
+    return [cell.rjust(width) if right else cell.ljust(width) for cell in cells]
+
+
+def _cell(tag: str, text: str, mark: str) -> str:
+    said = _escaped(text)
+    return f"<{tag} {mark}>{said}</{tag}>" if mark else f"<{tag}>{said}</{tag}>"
+
+
+def _escaped(text: str) -> str:
+    """Return a text for a page, where a newline is a blank like any other."""
+    return escape(printable(text, keep="\n"))

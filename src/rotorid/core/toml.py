@@ -1,0 +1,181 @@
+"""TOML files checked against a schema; every fault is one line with file and key."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from codecs import BOM_UTF8
+from difflib import get_close_matches
+from pathlib import Path
+from reprlib import Repr
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.files import read_regular
+from rotorid.core.limits import DIGITS, TOML_BYTES, TOML_VALUES
+
+# A key of n parts costs n^2: more than anyone writes by hand are refused before they are parsed.
+_LONG_KEY = re.compile(rb"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}")
+# Hexadecimal numbers of any length become integers, and no text in these files is so long a number.
+_LONG_NUMBER = re.compile(rb"[0-9A-Fa-f_]{%d}" % (DIGITS + 1))
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
+S = TypeVar("S", bound="Schema")
+
+
+class Schema(BaseModel):
+    """A table of a TOML file: no key but the declared ones."""
+
+    # Tables within tables are built with the outermost, when it is used, not each by itself too.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+def read_toml(path: str | Path, schema: type[S]) -> S:
+    """Read a TOML file into a schema."""
+    return parse_toml(read_bytes(path), schema, file=str(path))
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Read a file written by hand."""
+    cure = "check that this is the right file"
+    return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
+
+
+def holds_key(data: bytes, key: str) -> bool:
+    """Tell whether TOML text has a key at its top; text that is no TOML has none."""
+    if _LONG_KEY.search(data):
+        return False
+    try:
+        return key in tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError):
+        return False
+
+
+def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
+    """Parse TOML text into a schema."""
+    table = parse_table(data, file=file)
+    try:
+        return schema.model_validate(table)
+    except ValidationError as error:
+        raise _first_fault(error, schema, file) from None
+    except RecursionError:
+        raise _too_deep(file) from None
+
+
+def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
+    """Parse TOML text; what would take long, or is no TOML, is one line."""
+    data = data.removeprefix(BOM_UTF8)  # Windows' editors put it there
+    if _LONG_KEY.search(data):
+        raise ReadError("a key of more than 32 parts", "keys of a few parts", "cut it", file=file)
+    if _LONG_NUMBER.search(data):
+        raise ReadError(
+            f"a number of more than {DIGITS} digits",
+            "TOML",
+            "write it with fewer digits, such as 1.5e3",
+            file=file,
+        )
+    try:
+        table = tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise ReadError(
+            f"byte {error.start} that is no UTF-8", "TOML text", "save it as UTF-8", file=file
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        message, _, place = str(error).partition(" (at ")
+        raise ReadError(
+            f"{message.rstrip('.')}",
+            "TOML",
+            "write key = value there, texts in quotes, tables in [ ] or { }",
+            file=file,
+            place=place.rstrip(")"),
+        ) from None
+    except RecursionError:
+        raise _too_deep(file) from None
+    _check_values(table, file)
+    return table
+
+
+def table_within(text: str) -> dict[str, Any]:
+    """Parse TOML text that another file holds; empty where it is none, or would take long."""
+    data = text.encode("utf-8", "replace")
+    try:
+        return parse_table(data) if len(data) <= TOML_BYTES else {}
+    except InputError:
+        return {}
+
+
+def _too_deep(file: str) -> ReadError:
+    return ReadError("nesting too deep", "TOML of a few levels", "flatten it", file=file)
+
+
+def _check_values(table: dict[str, Any], file: str) -> None:
+    """Refuse more values than anyone writes, before each is looked at."""
+    count, members = 0, [table]
+    while members and count <= TOML_VALUES:
+        one: Any = members.pop()
+        if isinstance(one, dict | list):
+            count += len(one)
+            members.extend(one.values() if isinstance(one, dict) else one)
+    if count > TOML_VALUES:
+        raise ReadError(
+            f"more than {TOML_VALUES} values",
+            "a TOML file written by hand",
+            "check that this is the right file",
+            file=file,
+        )
+
+
+def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> InputError:
+    """Turn the first fault that pydantic found into one line."""
+    faults = error.errors(include_url=False)
+    # A misspelt key first: it may be the one that is missing.
+    fault = min(faults, key=lambda f: f["type"] != "extra_forbidden")
+    inner = fault.get("ctx", {}).get("error")
+    place = ".".join(str(part)[:60] for part in fault["loc"])
+    if isinstance(inner, InputError):
+        return inner.at(file=file, place=place)
+    if fault["type"] == "extra_forbidden":
+        known = _known_keys(schema, fault["loc"][:-1])
+        near = get_close_matches(str(fault["loc"][-1]), known, n=1)
+        return ReadError(
+            f"the unknown key {str(fault['loc'][-1])[:60]!r}",
+            f"one of {', '.join(known)}" if known else "a known key",
+            f"did you mean {near[0]}?" if near else "remove it",
+            file=file,
+            place=place,
+        )
+    if fault["type"] == "missing":
+        return ReadError("no such key", "a value", "add it", file=file, place=place)
+    expected = fault["msg"].removeprefix("Input should be ")
+    if fault["type"] in ("model_type", "dict_type"):
+        expected = "a table, such as { key = value }"
+    return ReadError(
+        _SHORT.repr(fault["input"]),
+        expected[0].lower() + expected[1:],
+        "write such a value",
+        file=file,
+        place=place,
+    )
+
+
+def _known_keys(schema: type[Schema], location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys that the table at a location may hold."""
+    inner: type[Schema] | None = schema
+    for part in location:
+        inner = _inner_schema(inner, part)
+    return [] if inner is None else [f.alias or name for name, f in inner.model_fields.items()]
+
+
+def _inner_schema(schema: type[Schema] | None, part: int | str) -> type[Schema] | None:
+    if schema is None or isinstance(part, int) or part not in schema.model_fields:
+        return schema  # an index of a list, or a key of a mapping: the schema of its members
+    found = _schemas_in(schema.model_fields[part].annotation)
+    return found[0] if len(found) == 1 else None
+
+
+def _schemas_in(annotation: Any) -> list[type[Schema]]:
+    if isinstance(annotation, type) and issubclass(annotation, Schema):
+        return [annotation]
+    return [s for inner in getattr(annotation, "__args__", ()) for s in _schemas_in(inner)]

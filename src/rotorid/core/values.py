@@ -1,0 +1,100 @@
+"""Values: frozen, equal by content, their arrays read-only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from html import escape
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+
+Array = NDArray[Any]
+
+
+class ByContent:
+    """A base of frozen dataclasses (``eq=False``) that hold arrays: ``==`` compares content.
+
+    NaN equals NaN: what is not determined is the same as what is not determined.
+    """
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        return same(self, other) if type(other) is type(self) else NotImplemented
+
+
+def same(first: Any, second: Any) -> bool:
+    """Say whether two values hold the same, arrays and NaN included."""
+    if first is second:
+        return True
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        return _same_arrays(np.asarray(first), np.asarray(second))
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(same(first[k], second[k]) for k in first)
+    if isinstance(first, tuple | list) and isinstance(second, tuple | list):
+        return len(first) == len(second) and all(map(same, first, second))
+    if type(first) is type(second) and is_dataclass(first):
+        names = [field.name for field in fields(first) if field.compare]
+        return all(same(getattr(first, name), getattr(second, name)) for name in names)
+    if isinstance(first, float) and isinstance(second, float) and first != first:
+        return second != second
+    return bool(first == second)
+
+
+def _same_arrays(first: NDArray[Any], second: NDArray[Any]) -> bool:
+    numbers = first.dtype.kind in "fc" and second.dtype.kind in "fc"
+    return first.shape == second.shape and np.array_equal(first, second, equal_nan=numbers)
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view of an array that refuses to be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class Arrays(ByContent):
+    """A base of frozen dataclasses that hold measured arrays: read-only, and brief to look at."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # type: ignore[arg-type]
+            value = vars(self).get(each.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, each.name, read_only(value))
+
+    def __repr__(self) -> str:
+        """Return the fields, arrays by their shape, names for channels: what fits a screen."""
+        told = (f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(told)})"
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, for notebooks."""
+        rows = "".join(
+            f"<tr><th>{escape(f.name)}</th><td>{escape(_brief(getattr(self, f.name)))}</td></tr>"
+            for f in fields(self)  # type: ignore[arg-type]
+        )
+        return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
+
+
+LONGEST = 80
+"""Characters of a field in a brief text."""
+
+
+def _brief(value: Any) -> str:
+    """Return a value in a few characters."""
+    if isinstance(value, np.ndarray):
+        return f"<{'x'.join(map(str, value.shape)) or 'one'} {value.dtype}>"
+    if isinstance(value, tuple) and value and all(hasattr(v, "name") for v in value):
+        value = tuple(v.name for v in value)
+    elif isinstance(value, tuple) and len(value) > 3:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    text = repr(value)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

@@ -1,0 +1,503 @@
+"""Samples of a record without periods, low-passed, for models that are not linear.
+
+Where nothing repeats and the equations are not linear in the motion, there are no lines to keep.
+The equations of motion hold at every sample, and a filter that is applied to all their columns
+alike leaves them true:
+
+    L[Phi(q, q', q'')] theta = L[u],
+
+L a zero-phase low-pass. The motion inside a nonlinear term is low-passed before, too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.units import quantity, to_si
+from rotorid.core.values import Arrays, Booleans, Floats, Integers
+from rotorid.data.record import Channel, Known, Record
+from rotorid.signals.checks.registry import check_record
+from rotorid.signals.spectrum import transfer_of_recording
+
+ORDER = 4
+"""Of the Butterworth filter that is run forward and backward: the published one (Janot et al.)."""
+END = 1e-3
+"""Share of the weight of a filtered sample that may lie beyond the ends of its stretch.
+
+What the record would have gone on to there is guessed, at most as wrong as the motion is large;
+a thousandth of it is below what any model of friction leaves.
+"""
+
+
+@frozen
+class LowPass:
+    """``1 / (1 + (f / f_c)^8)`` for each cut-off: 4th-order Butterworth, forward and backward."""
+
+    sample_rate: float  # Hz
+    cutoffs: tuple[float, ...]  # Hz; the filters of all of them, one after the other
+
+    def gain(self, frequency: Floats) -> Floats:
+        """Return the factor of each frequency (Hz)."""
+        total = np.ones_like(frequency)
+        for cutoff in self.cutoffs:
+            total /= 1 + (frequency / cutoff) ** (2 * ORDER)
+        return total
+
+    def memory(self) -> int:
+        """Return how many samples away the weights of a filtered sample add up to `END`."""
+        count = int(np.ceil(32 * self.sample_rate / min(self.cutoffs)))
+        gain = self.gain(scipy.fft.rfftfreq(count, 1 / self.sample_rate))
+        weights = np.abs(scipy.fft.irfft(gain, n=count))
+        far = 2 * np.cumsum(weights[: count // 2 : 1][::-1])[::-1]
+        return int(np.argmax(far <= END * weights.sum()))
+
+    def apply(
+        self, samples: Floats, order: int = 0, channels: tuple[Channel, ...] | None = None
+    ) -> Floats:
+        """Return a derivative of the filtered samples, shape (sample, signal).
+
+        The stretch is continued beyond its ends point by point (odd), about the line between
+        them, so that filter and derivative are products on its lines: exact, no differences. What
+        the `channels` are known to do, delay, hold and dynamics, is undone on the same lines.
+        """
+        count = len(samples)
+        time = np.arange(count) / self.sample_rate
+        slope = (samples[-1] - samples[0]) / time[-1]
+        centred = samples - samples[0] - np.multiply.outer(time, slope)
+        extended = np.concatenate([centred, -centred[-2:0:-1]])
+        frequency = scipy.fft.rfftfreq(len(extended), 1 / self.sample_rate)
+        factor = (self.gain(frequency) * (2j * np.pi * frequency) ** order)[:, None]
+        late = np.zeros(samples.shape[1])
+        if channels is not None:
+            transfer = transfer_of_recording(channels, frequency, self.sample_rate)
+            factor = factor * transfer
+            late = np.angle(transfer[1]) / (2 * np.pi * frequency[1])
+        lines = scipy.fft.rfft(extended, axis=0) * factor
+        found = scipy.fft.irfft(lines, n=len(extended), axis=0)[:count]
+        if order == 0:
+            found += samples[0] + (time[:, None] + late) * slope
+        elif order == 1:
+            found += slope
+        return np.asarray(found)
+
+    def noise_of(self, samples: Floats, order: int) -> Floats:
+        """Return the deviation that white noise leaves on a filtered derivative, shape (signal,).
+
+        The noise is what the filter takes away; motion above the cut-off counts as noise too.
+        """
+        frequency = np.linspace(0, self.sample_rate / 2, 4097)
+        gain = self.gain(frequency)
+        taken = np.sqrt(((samples - self.apply(samples)) ** 2).mean(axis=0))
+        left = (gain * (2 * np.pi * frequency) ** order) ** 2
+        return np.asarray(taken * np.sqrt(left.mean() / ((1 - gain) ** 2).mean()))
+
+
+_TEXT = re.compile(
+    r"\s*(?:abs\(\s*(?P<inside>\w+)(?P<inside_dots>'{0,2})\s*\)|(?P<name>\w+)(?P<dots>'{0,2}))"
+    r"\s*(?P<sign>[<>])\s*(?P<limit>\S.*?)\s*"
+)
+_PER_SECOND = ("{unit}", "{unit}/s", "{unit}/s^2")
+
+
+@frozen
+class Condition:
+    """A comparison of a channel or of its derivative with a number."""
+
+    text: str  # as it was given
+    channel: str
+    order: int  # of the derivative
+    absolute: bool
+    below: bool  # whether samples below the limit meet it, or those above
+    limit: float  # SI
+
+    def met(self, values: Floats) -> Booleans:
+        """Tell which samples meet the condition."""
+        size = np.abs(values) if self.absolute else values
+        return np.asarray(size < self.limit if self.below else size > self.limit)
+
+
+def read_condition(text: str, units: dict[str, str]) -> Condition:
+    """Return a condition from its text; `units` are the SI units of the channels.
+
+    Raises
+    ------
+    InputError
+        For another text, an unknown channel, and a limit in another unit.
+
+    Examples
+    --------
+    >>> read_condition("abs(q') < 2 mm/s", {"q": "m"}).limit
+    0.002
+    """
+    found = _TEXT.fullmatch(text)
+    if found is None:
+        raise InputError(
+            f"the condition {text!r}",
+            'a channel, < or >, and a quantity, such as "abs(q\') < 1 mm/s" or "F > 120 N"',
+            "write it so; several conditions stand in a list",
+            place="leave_out",
+        )
+    inside = found["inside"] is not None
+    name = found["inside"] if inside else found["name"]
+    order = len(found["inside_dots"] if inside else found["dots"])
+    if name not in units:
+        raise InputError(
+            f"{name!r} in the condition {text!r}",
+            f"a channel of the record: {', '.join(units)}",
+            "name one, with ' for its velocity and '' for its acceleration",
+            place="leave_out",
+        )
+    unit = _PER_SECOND[order].format(unit=units[name] or "1")
+    try:
+        limit = to_si(found["limit"], unit)
+    except InputError as error:
+        raise error.at(place="leave_out") from None
+    return Condition(text.strip(), name, order, inside, found["sign"] == "<", limit)
+
+
+SPILLED = 0.1
+"""Share of the weight of a filtered sample that may lie on samples that are left out."""
+PASSED = 0.8
+"""Of half the rate that decimation leaves, what its low-pass lets pass: the published rule."""
+
+
+@frozen
+class FilteredRecord(Arrays):
+    """A record to be low-passed and differentiated, and which of its samples are used.
+
+    Parameters
+    ----------
+    record : Record
+    cutoff : float
+        Hz; of the zero-phase low-pass.
+    decimate : int
+        Every how many samples one is used.
+    second : float or None
+        Hz; cut-off of the low-pass that goes with a decimation.
+    begins, ends : int array, shape (stretch,)
+        The stretches between samples that must not enter the filter.
+    used : int array, shape (used,)
+        Numbers of the samples that are used, increasing.
+    checks : sequence of Note
+        What the samples showed, what the filter is, and what it left out.
+    warnings : sequence of str
+    parameters : mapping of str to float or str or (value, std)
+        Parameters of the machine that this record has to itself.
+    """
+
+    record: Record
+    cutoff: float
+    decimate: int
+    second: float | None
+    begins: Integers
+    ends: Integers
+    used: Integers
+    checks: tuple[Note, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+
+    def with_parameters(self, **parameters: Known) -> FilteredRecord:
+        """Return the record with parameters of the machine that it has to itself.
+
+        Least squares refuses them; every kind of record answers alike.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        FilteredRecord
+        """
+        return replace(self, parameters={**self.parameters, **parameters})
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels of the record."""
+        return self.record.channels
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return self.record.names
+
+    @property
+    def source(self) -> str:
+        """Where the samples come from, for messages."""
+        return self.record.source
+
+    @property
+    def speed(self) -> float:
+        """Mean speed in rad/s."""
+        return self.record.speed
+
+    @property
+    def phase_known(self) -> bool:
+        """Whether phi is the rotor's own angle, or starts anywhere."""
+        return self.record.phase_known
+
+    @property
+    def duration(self) -> float:
+        """Time in s that the samples used stand for."""
+        return len(self.used) * self.decimate / self.record.sample_rate
+
+    @cached_property
+    def inner(self) -> LowPass:
+        """The filter of the motion inside a nonlinear term."""
+        return LowPass(self.record.sample_rate, (self.cutoff,))
+
+    @cached_property
+    def outer(self) -> LowPass:
+        """The filter of every column and force: the same, and that of the decimation."""
+        cutoffs = (self.cutoff,) if self.second is None else (self.cutoff, self.second)
+        return LowPass(self.record.sample_rate, cutoffs)
+
+    def lowered(self, share: float) -> FilteredRecord:
+        """Return the same samples, low-passed at a share of these cut-offs."""
+        second = None if self.second is None else share * self.second
+        return replace(self, cutoff=share * self.cutoff, second=second)
+
+
+def filtered(
+    record: Record,
+    cutoff: float | str,
+    *,
+    decimate: int = 1,
+    leave_out: Sequence[str] = (),
+    skip: float | str = 0.0,
+    until: float | str | None = None,
+) -> FilteredRecord:
+    r"""Return a record low-passed and differentiated: for nonlinear models, without periods.
+
+    A Butterworth filter of 4th order, run forward and backward so that it shifts nothing, takes
+    away what is above the cut-off; the ends, which it cannot know, are trimmed. For `LeastSquares`
+    and `Batch`. Noise that the cut-off lets pass is in the regressors and biases the estimate, as
+    in every least squares; a low cut-off takes the motion away that tells a parameter.
+
+    Parameters
+    ----------
+    record : Record
+        Samples that its mask leaves out do not enter the filter: it works in the stretches
+        between them.
+    cutoff : float or str
+        Hz, or a text with a unit; some five to ten times the frequencies of the motion.
+    decimate : int
+        Use every so many-th sample, after another low-pass at 0.8 of half the rate that is left.
+    leave_out : sequence of str
+        Conditions in which a sample is left out: ``"abs(q') < 1 mm/s"`` where the axis rests and
+        the sign of its velocity is noise, ``"abs(F) > 120 N"`` where a channel saturates.
+    skip, until : float or str
+        What is left out before and after, in s from the first sample.
+
+    Returns
+    -------
+    FilteredRecord
+        Its `checks` say what was done and how many samples were left out, and why.
+
+    Raises
+    ------
+    InputError
+        For a cut-off beyond half the sample rate, a condition that cannot be read, and where
+        nothing is left.
+
+    References
+    ----------
+    Janot, Gautier, Brunot (2019), Data Set and Reference Models of EMPS, section 3.
+
+    Examples
+    --------
+    >>> from rotorid.data.record import Channel
+    >>> t = np.arange(4000) / 1000.0
+    >>> wave = np.column_stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)])
+    >>> record = Record([Channel("F", "N"), Channel("q", "m")], wave, sample_rate=1000.0)
+    >>> low = filtered(record, "20 Hz", decimate=5, leave_out=["abs(q') < 1 m/s"])
+    >>> len(low.used), low.decimate
+    (587, 5)
+    """
+    hertz = _cutoff(quantity(cutoff, "Hz"), record)
+    _check_decimate(decimate, record)
+    inner = LowPass(record.sample_rate, (hertz,))
+    second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
+    outer = LowPass(record.sample_rate, (hertz,) if second is None else (hertz, second))
+    units = {c.name: c.unit for c in record.channels}
+    try:
+        conditions = [read_condition(text, units) for text in leave_out]
+    except InputError as error:
+        raise error.at(file=record.source) from None
+    good, told = _good(record, conditions, quantity(skip, "s"), _end(until))
+    edge = inner.memory() + outer.memory()
+    begins, ends = _stretches(good)
+    kept = _trimmed(len(good), begins, ends, edge)
+    told["trimmed"] = int((good & ~kept).sum())
+    for condition in conditions:
+        if condition.order:
+            out = _spilled(record, condition, inner, outer, begins, ends)
+            told[f"where {condition.text}"] = int((kept & out).sum())
+            kept &= ~out
+    used = np.flatnonzero(kept)
+    count = len(used)
+    used = used[used % decimate == 0]
+    if not len(used):
+        raise _nothing_left(record, hertz, edge, told)
+    long = (ends - begins) > 2 * edge
+    return FilteredRecord(
+        record=record,
+        cutoff=hertz,
+        decimate=decimate,
+        second=second,
+        begins=begins[long],
+        ends=ends[long],
+        used=used,
+        checks=(
+            *check_record(replace(record, valid=good)),  # without periods no line tells the speed
+            *_said(record, inner, outer, decimate, edge, count, told),
+        ),
+        warnings=record.warnings,
+    )
+
+
+def _end(until: float | str | None) -> float:
+    return np.inf if until is None else quantity(until, "s")
+
+
+def _cutoff(hertz: float, record: Record) -> float:
+    """Refuse a cut-off that is none."""
+    if not 0 < hertz < record.sample_rate / 2:
+        raise InputError(
+            f"a cut-off of {hertz:g} Hz",
+            f"a frequency between 0 and {record.sample_rate / 2:g} Hz, half the sample rate",
+            "give five to ten times the highest frequency of the motion",
+            file=record.source,
+            place="cutoff",
+        )
+    return hertz
+
+
+def _check_decimate(decimate: int, record: Record) -> None:
+    """Refuse to use every so many-th sample where that is no number, or leaves none."""
+    if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
+        raise InputError(
+            f"decimate = {decimate!r}",
+            "a whole number, 1 or more, that leaves samples",
+            "leave it out to use every sample",
+            file=record.source,
+            place="decimate",
+        )
+
+
+def _good(
+    record: Record, conditions: Sequence[Condition], skip: float, until: float
+) -> tuple[Booleans, dict[str, int]]:
+    """Return the samples that may enter the filter, and how many may not, by reason."""
+    rate = record.sample_rate
+    first = max(0, int(np.ceil(min((skip - record.start) * rate - 1e-6, 1e15))))
+    last = int(np.floor(min((until - record.start) * rate + 1e-6, 1e15)))
+    good = np.zeros(len(record.samples), dtype=bool)
+    good[first : max(last, first)] = True
+    told = {"skipped": int((~good).sum())}
+    if record.valid is not None:
+        told["masked"] = int((good & ~record.valid).sum())
+        good &= record.valid
+    for condition in conditions:
+        if not condition.order:
+            with np.errstate(invalid="ignore"):  # of samples that the mask leaves out already
+                met = condition.met(record.column(condition.channel))
+            told[f"where {condition.text}"] = int((good & met).sum())
+            good &= ~met
+    return good, told
+
+
+def _stretches(good: Booleans) -> tuple[Integers, Integers]:
+    """Return where stretches of good samples begin and end."""
+    steps = np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))
+    return np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
+
+
+def _trimmed(count: int, begins: Integers, ends: Integers, edge: int) -> Booleans:
+    """Return which samples lie in stretches, but for their ends."""
+    kept = np.zeros(count, dtype=bool)
+    for begin, end in zip(begins, ends, strict=True):
+        kept[begin + edge : max(end - edge, begin + edge)] = True
+    return kept
+
+
+def _spilled(
+    record: Record,
+    condition: Condition,
+    inner: LowPass,
+    outer: LowPass,
+    begins: Integers,
+    ends: Integers,
+) -> Booleans:
+    """Return the samples too much of whose filtered weight lies where a condition is met."""
+    out = np.zeros(len(record.samples), dtype=bool)
+    column = record.names.index(condition.channel)
+    channel = (record.channels[column],)
+    for begin, end in zip(begins, ends, strict=True):
+        if end - begin < 3:
+            continue
+        part = record.samples[begin:end, column : column + 1]
+        met = condition.met(inner.apply(part, condition.order, channel))
+        out[begin:end] = met[:, 0] | (outer.apply(met.astype(float))[:, 0] > SPILLED)
+    return out
+
+
+def _nothing_left(record: Record, cutoff: float, edge: int, told: dict[str, int]) -> InputError:
+    why = ", ".join(f"{count} {reason}" for reason, count in told.items() if count)
+    return InputError(
+        f"no sample left of {len(record.samples)}: {why}",
+        f"stretches longer than {2 * edge / record.sample_rate:.3g} s, twice what the filter at "
+        f"{cutoff:g} Hz must trim at an end",
+        "leave out less, raise the cut-off, or record longer",
+        file=record.source,
+        place="leave_out",
+    )
+
+
+def told_of(record: Record) -> str:
+    """Return the name of a record's file, to begin a sentence on it; empty where it has none."""
+    return f"{Path(record.source).name}: " if record.source else ""
+
+
+def _said(
+    record: Record,
+    inner: LowPass,
+    outer: LowPass,
+    decimate: int,
+    edge: int,
+    kept: int,
+    told: dict[str, int],
+) -> tuple[Note, ...]:
+    """Say what was done to the samples, and which were left out."""
+    text = (
+        f"zero-phase Butterworth of 4th order, forward and backward, {inner.cutoffs[0]:g} Hz; "
+        "derivatives taken on its lines"
+    )
+    if decimate > 1:
+        text += (
+            f"; every {decimate} samples one is used, after a second low-pass at "
+            f"{outer.cutoffs[1]:g} Hz"
+        )
+    left = "; ".join(f"{count} {reason}" for reason, count in told.items() if count)
+    trimmed = f"{edge / record.sample_rate:.3g} s at each end of a stretch"
+    return (
+        Note("low-pass", "says", text),
+        Note(
+            "left out",
+            "says",
+            told_of(record)
+            + f"{kept} of {len(record.samples)} samples kept; left out: {left}"
+            + (f" ({trimmed})" if told["trimmed"] else ""),
+        ),
+    )

@@ -1,0 +1,89 @@
+"""What is in a table of phasors or frequency responses, before anything is identified."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.data.lines import Lines, PhasorClock
+from rotorid.signals.inspection import Judged
+
+
+@frozen
+class LineFacts:
+    """What one channel of a table holds."""
+
+    name: str
+    unit: str
+    # least and largest amplitude in SI
+    low: float
+    high: float
+    at: float  # where it is largest: rpm, or Hz of a response
+    # power over that of its noise, of the median row; None where nothing tells the noise
+    snr_db: float | None
+
+
+@frozen
+class LineInspection(Judged):
+    """What is in a table."""
+
+    lines: Lines
+    checks: tuple[Note, ...]
+    channels: tuple[LineFacts, ...]
+
+    @property
+    def source(self) -> str:
+        """Where the table comes from."""
+        return self.lines.source
+
+    @property
+    def turning(self) -> bool:
+        """Whether each row has a speed of its own: phasors, not responses."""
+        return isinstance(self.lines.clock, PhasorClock)
+
+
+def inspect_lines(lines: Lines) -> LineInspection:
+    """Look at a table as a technician would: what each channel reads, where, and how clearly.
+
+    Parameters
+    ----------
+    lines : Lines
+        Of phasors or responses.
+
+    Returns
+    -------
+    LineInspection
+
+    Examples
+    --------
+    >>> from rotorid.data.tables import phasor_lines
+    >>> from rotorid.data.record import Channel
+    >>> run = phasor_lines([Channel("x", "m")], [100.0, 200.0], [[1e-6], [3e-6j]], 1e-7)
+    >>> (x,) = inspect_lines(run).channels
+    >>> round(1e6 * x.high, 6), round(x.at)
+    (3.0, 1910)
+    """
+    turning = isinstance(lines.clock, PhasorClock)
+    size = (2.0 if turning else 1.0) * np.abs(lines.mean)
+    noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real
+    where = lines.speed * 30 / np.pi if turning else lines.frequency
+    driven = next((c for c in lines.channels), None)
+    found = []
+    for c, channel in enumerate(lines.channels):
+        if not turning and channel is driven:  # the input of a response is one by definition
+            continue
+        told = noise[:, c] > 0
+        ratio = np.abs(lines.mean[told, c]) ** 2 / noise[told, c]
+        middle = float(np.median(ratio)) if told.any() else 0.0
+        found.append(
+            LineFacts(
+                channel.name,
+                channel.unit if turning or driven is None else f"({channel.unit})/({driven.unit})",
+                float(size[:, c].min()),
+                float(size[:, c].max()),
+                float(where[np.argmax(size[:, c])]),
+                float(10 * np.log10(middle)) if middle > 0 else None,
+            )
+        )
+    return LineInspection(lines, lines.checks, tuple(found))

@@ -1,0 +1,381 @@
+"""`Lines`: all that a likelihood needs to know of a record, whatever kind of record it was.
+
+Periods, sweeps, phasors and frequency responses all end here: mean lines of the channels, their
+covariance, and the lines that any function of time and rotor angle has on the same grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import field, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers
+from rotorid.data.lazy_time import Steady, WhenRead, changed, unread
+from rotorid.data.record import Channel, Known, PeriodicRecord
+from rotorid.signals.covariance import LineCovariance, white_covariance
+from rotorid.signals.spectrum import line_spectra, quantity
+
+Signal = Callable[[Floats, Floats, Floats], Floats]
+"""A function of t (s), phi (rad) and Omega (rad/s), arrays that broadcast; (..., signal)."""
+
+ROUNDING = 1e-11
+"""A line below this share of its signal's size is rounding: a load that misses a line misses it."""
+
+
+TURN = 64
+"""Angles of a revolution at which loads are asked: exact up to the 62nd multiple of the angle."""
+
+
+class Clock(Protocol):
+    """Time and rotor angle of a record, and how functions of them become lines."""
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals, shape (line, signal).
+
+        `timed` says that t itself is among the arguments used, so that no period stands for
+        another.
+        """
+        ...
+
+    def at_speed(self, speed: float) -> Clock:
+        """Return the clock of the same run at another speed in rad/s."""
+        ...
+
+
+@frozen
+class PeriodicClock(Arrays):
+    """The clock of a record of periods: lines of the mean period."""
+
+    speed: float
+    harmonics: Integers  # (line,)
+    # (period, sample), or callable: what makes them when they are first read
+    time: WhenRead = WhenRead()
+    angle: WhenRead = WhenRead()
+
+    @classmethod
+    def of(cls, record: PeriodicRecord) -> PeriodicClock:
+        """Return the clock of a record of periods."""
+        time, angle = (unread(record, name) for name in ("time", "angle"))
+        return cls(record.speed, record.harmonics, time, angle)
+
+    @property
+    def period(self) -> Floats:
+        """Times of the first period, shape (sample,)."""
+        return np.asarray(self._first_of("time")[0])
+
+    def grid(self, *, timed: bool) -> tuple[Floats, Floats]:
+        """Return t and phi of all periods, or of the first where the others repeat it."""
+        if timed or not self._repeats:
+            return self.time, self.angle
+        return self._first_of("time"), self._first_of("angle")
+
+    @cached_property
+    def _repeats(self) -> bool:
+        """Whether the angle of the first period stands for that of each, but for whole turns."""
+        time, angle = (unread(self, name) for name in ("time", "angle"))
+        if isinstance(angle, Steady) and isinstance(time, Steady):
+            turns = angle.in_period / (2 * np.pi)
+            return bool(abs(turns - round(turns)) * (angle.shape[0] - 1) < 1e-9)
+        turns = (self.angle - self.angle[0]) / (2 * np.pi)
+        return bool(np.abs(turns - np.round(turns)).max() < 1e-9)
+
+    def _first_of(self, name: str) -> Floats:
+        """Return a field in the first period, shape (1, sample), without making the others."""
+        given = unread(self, name)
+        return np.asarray(given.head(1) if isinstance(given, Steady) else given[:1])
+
+    def turned(self, angle: float) -> PeriodicClock:
+        """Return the clock of a run whose rotor angle is this much larger."""
+        given = unread(self, "angle")
+        even = isinstance(given, Steady)
+        more = replace(given, offset=given.offset + angle) if even else self.angle + angle
+        return changed(self, angle=more)
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of the mean period of signals, shape (line, signal)."""
+        time, angle = self.grid(timed=timed)
+        mean = signal(time, angle, np.asarray(self.speed)).mean(axis=0)
+        return without_rounding(line_spectra(mean, self.harmonics), mean)
+
+    def at_speed(self, speed: float) -> PeriodicClock:
+        """Return the clock of the same run at another speed in rad/s."""
+        given = unread(self, "time")
+        even = isinstance(given, Steady)
+        angle = replace(given, slope=speed * given.slope) if even else speed * given
+        return changed(self, speed=speed, angle=angle)
+
+
+@frozen
+class WholeClock(Arrays):
+    """The clock of a whole record: lines of all its samples."""
+
+    # (sample,)
+    time: Floats
+    angle: Floats
+    speed: Floats  # rad/s, at each sample or one for all
+    lines_kept: Integers  # (line,): numbers of the lines of the record
+
+    def turned(self, angle: float) -> WholeClock:
+        """Return the clock of a run whose rotor angle is this much larger."""
+        return replace(self, angle=self.angle + angle)
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals, shape (line, signal)."""
+        values = signal(self.time, self.angle, self.speed)
+        return without_rounding(line_spectra(values, self.lines_kept), values)
+
+    def at_speed(self, speed: float) -> WholeClock:
+        """Return the clock of the same run at another speed in rad/s."""
+        return replace(self, speed=np.asarray(speed), angle=speed * self.time)
+
+
+@frozen
+class PhasorClock(Arrays):
+    """The clock of a table of 1x phasors: each line turns at a speed of its own.
+
+    Line k lies at ``omega_k = |Omega_k|``, so that ``exp(i phi)``, phi = Omega t, has all of itself
+    on its own line where the rotor turns forward, and ``exp(-i phi)`` where it turns backward.
+    """
+
+    speed: Floats  # (line,): rad/s; negative backward, never 0
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return the lines of signals of the rotor angle, shape (line, signal)."""
+        if timed:
+            raise InputError(
+                "a load that depends on t in a table of phasors",
+                "loads of the rotor angle and the speed",
+                "give the samples of the run, or a model without that load",
+            )
+        turn = np.linspace(0, 2 * np.pi, TURN, endpoint=False)
+        values = signal(np.zeros_like(turn), turn, self.speed[:, None])
+        values = np.broadcast_to(values, (len(self.speed), TURN, values.shape[-1]))
+        back = np.exp(-1j * np.sign(self.speed)[:, None] * turn)
+        found = np.einsum("ls,lsk->lk", back, values) / TURN
+        size = np.sqrt((values**2).mean(axis=1))
+        return np.where(np.abs(found) > ROUNDING * size, found, 0.0)
+
+    def at_speed(self, speed: float) -> PhasorClock:
+        """Return the clock of a table taken at one speed in rad/s throughout."""
+        return PhasorClock(np.full(len(self.speed), speed))
+
+
+@frozen
+class Samples(Arrays):
+    """The samples behind the lines: of a mean period, or of a whole record."""
+
+    values: Floats  # (sample, channel): as recorded, hold, delay and dynamics not corrected
+    sample_rate: float  # Hz
+    lines_kept: Integers  # (line,): numbers of the lines
+    period: int | None = None  # samples of a period
+
+    def column(self, index: int, channel: Channel) -> Floats:
+        """Return the samples of what a channel recorded, without delay and dynamics, (sample,)."""
+        return quantity(self.values[:, index], channel, self.sample_rate, self.period)
+
+    def lines(self, signals: Floats) -> Complexes:
+        """Return the lines of signals over the same time, (sample, signal) -> (line, signal)."""
+        return line_spectra(signals, self.lines_kept)
+
+
+@frozen
+class Beside(Arrays):
+    """Lines on which noise shows, one beside the other, and what motion follows there."""
+
+    # (line, column): references, a one for the transient, exp(+-i phi): what is left of it is noise
+    columns: Complexes
+    ordinary: Booleans  # bool array, shape (line,): false where a line stands out of the noise
+    # (line of the record,): the line here that lies nearest to each line of the record
+    centre: Integers
+    where: Integers  # (line,): the line of the record that lies nearest to each line here
+    # (line, channel): the lines of a quiet record, as large as noise of the record; without them
+    # those of the record itself are meant
+    noise: Complexes | None = None
+
+
+@frozen
+class SilentClock(Arrays):
+    """The clock of frequency responses: what does not come from the input averages out of them."""
+
+    count: int  # number of lines
+
+    def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
+        """Return zeros, (line, signal): unbalance and weight are no part of a response."""
+        zero = np.zeros(1)
+        signals = np.shape(signal(zero, zero, zero))[-1]
+        return np.zeros((self.count, signals), dtype=np.complex128)
+
+    def at_speed(self, speed: float) -> SilentClock:
+        """Return the same: responses at any speed hold no load."""
+        return self
+
+
+def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
+    """Set lines to zero that are rounding of their signal, lines (line, signal)."""
+    size = np.sqrt((samples**2).mean(axis=0))
+    return np.where(np.abs(lines) > ROUNDING * size, lines, 0.0)
+
+
+@frozen
+class Lines(Arrays):
+    """Mean lines of a record with their covariance and the loads on the same lines.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    frequency : array, shape (line,)
+        Hz.
+    speed : array, shape (line,)
+        Speed of the rotor at each line in rad/s.
+    mean : complex array, shape (line, channel)
+        Lines as ``x = sum c Re(X exp(i omega t))`` has them, c the multiplicity.
+    covariance : LineCovariance
+        Of `mean`, cross terms kept.
+    multiplicity : array, shape (line,)
+        c: 2, or 1 for real lines (DC, Nyquist).
+    clock : Clock
+        Lines of functions of t and phi.
+    scatter : complex array, shape (period, line, channel), optional
+        The lines of each period, where there are periods.
+    transient : int, optional
+        Order of the polynomial in i omega that a window with loose ends adds to each equation;
+        ``None`` where the record repeats itself.
+    phase_known : bool
+        False where the rotor angle is known up to a constant only.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
+    source : str
+        For messages.
+    warnings : sequence of str
+    checks : sequence of Note
+        What the data showed before any model.
+    passive : bool
+        An input without a channel is zero: the machine runs in passive bearings.
+    parameters : mapping of str to float or str or (value, std)
+        Parameters of the machine that this record has to itself, known exactly or with a
+        deviation: a trial mass.
+    samples : Samples, optional
+        The samples behind the lines, where there are some.
+    beside : Beside, optional
+        What tells noise from motion, where neighbouring lines do.
+    shown : float, optional
+        Speed in rad/s at which the lines show a rotation, where that is not the one stated.
+    parts : callable, optional
+        Returns the lines of so many parts of the record, where it was taken whole.
+    """
+
+    channels: tuple[Channel, ...]
+    frequency: Floats
+    speed: Floats
+    mean: Complexes
+    covariance: LineCovariance
+    multiplicity: Floats
+    clock: Clock
+    scatter: Complexes | None = None
+    transient: int | None = None
+    phase_known: bool = True
+    phase_std: float = 0.0
+    source: str = ""
+    warnings: tuple[str, ...] = field(default=())
+    checks: tuple[Note, ...] = ()
+    passive: bool = False
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+    samples: Samples | None = None
+    beside: Beside | None = None
+    shown: float | None = None
+    parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
+
+    def with_parameters(self, **parameters: Known) -> Lines:
+        """Return the lines with parameters of the machine that this record has to itself.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        Lines
+        """
+        return replace(self, parameters={**self.parameters, **parameters})
+
+    @classmethod
+    def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
+        """Return the lines of a record of periods; without `covariance`, from their scatter."""
+        return cls(
+            channels=record.channels,
+            frequency=record.frequency,
+            speed=np.full(len(record.harmonics), record.speed),
+            mean=record.mean_spectrum,
+            covariance=white_covariance(record.spectra) if covariance is None else covariance,
+            multiplicity=record.multiplicity,
+            clock=PeriodicClock.of(record),
+            scatter=record.spectra,
+            phase_known=record.phase_known,
+            phase_std=record.phase_std,
+            source=record.source,
+            warnings=record.warnings,
+            checks=record.checks,
+            parameters=record.parameters,
+            samples=Samples(record.mean, record.sample_rate, record.harmonics, len(record.mean)),
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def omega(self) -> Floats:
+        """Frequencies of the lines in rad/s, shape (line,)."""
+        return 2 * np.pi * self.frequency
+
+    @property
+    def periods(self) -> int:
+        """Number of periods; 1 where there are none."""
+        return 1 if self.scatter is None else int(self.scatter.shape[0])
+
+    def at_speed(self, speed: float) -> Lines:
+        """Return the same run at another speed in rad/s: the plan of a further record."""
+        turning = np.full(len(self.frequency), speed)
+        own = isinstance(self.clock, PhasorClock)  # its lines are the speed itself
+        return replace(
+            self,
+            frequency=np.abs(turning) / (2 * np.pi) if own else self.frequency,
+            speed=turning,
+            clock=self.clock.at_speed(speed),
+            phase_known=True,
+            phase_std=0.0,
+            shown=None,
+        )
+
+    def turned(self, angle: float) -> Lines:
+        """Return a run whose rotor angle is larger by so many rad, which makes it known.
+
+        A table of phasors or of responses stays as it is.
+        """
+        if not isinstance(self.clock, PeriodicClock | WholeClock):
+            return self
+        return replace(self, clock=self.clock.turned(angle), phase_known=True, phase_std=0.0)
+
+    def with_channel(self, channel: Channel, variance: Floats) -> Lines:
+        """Return the lines with one more channel, zero, of this variance per line."""
+        lines, count = self.mean.shape
+        matrices = np.zeros((lines, count + 1, count + 1), dtype=np.complex128)
+        matrices[:, :count, :count] = self.covariance.matrices
+        matrices[:, count, count] = variance
+        return replace(
+            self,
+            channels=(*self.channels, channel),
+            mean=np.column_stack([self.mean, np.zeros(lines)]),
+            covariance=replace(self.covariance, matrices=matrices),
+            scatter=None,
+            beside=None,
+        )

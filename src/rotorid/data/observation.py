@@ -1,0 +1,296 @@
+"""`Observation`: a record that has met a model. What every channel is, is decided here, once.
+
+Estimators, prediction, validation, suspects, cures, bound and report read it and decide nothing of
+the kind again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.linalg import null_space, sensor_rank
+from rotorid.core.values import Floats
+from rotorid.data.filtered import FilteredRecord
+from rotorid.data.lines import Lines, SilentClock, WholeClock
+from rotorid.data.record import Channel, Known, PeriodicRecord
+from rotorid.force.at_binding import Passed, combined_columns
+from rotorid.models import Model
+from rotorid.models.equations import DERIVATIVES, SensorTerm, sensor_terms
+from rotorid.signals.covariance import LineCovariance
+
+HIDDEN = 1e-6
+"""A coordinate with more than this share in a combination that no sensor reads is hidden."""
+
+
+@frozen
+class Sensor:
+    """What a sensor is: a channel with ``y = sum coefficient * parameters * d^n q / dt^n``."""
+
+    channel: Channel
+    column: int  # where it stands among the channels of the record
+    terms: tuple[SensorTerm, ...]
+    apart: bool = False  # it reads something unknown besides
+
+    @property
+    def direct(self) -> bool:
+        """Whether it reads a combination of positions with known coefficients."""
+        still = all(term.order == 0 and not any(term.powers) for term in self.terms)
+        return still and not self.apart
+
+    @property
+    def order(self) -> int:
+        """The highest derivative that it reads."""
+        return max(term.order for term in self.terms)
+
+
+@frozen
+class Observation:
+    """One record bound to a model."""
+
+    model: Model
+    lines: Lines
+    inputs: tuple[Channel, ...]  # the channel of each input of the model, in order
+    input_columns: tuple[int, ...]  # where they stand among the channels of the record
+    sensors: tuple[Sensor, ...]  # in the order of the record
+    periodic: PeriodicRecord | None = None  # the periods, where the record has them
+    # mapping of str to float or str or (value, std): parameters that the record has to itself, as
+    # they were given
+    own: Mapping[str, Known] = field(default_factory=dict)
+    filtered: FilteredRecord | None = None  # the samples, where there are these in place of lines
+
+    @cached_property
+    def direct(self) -> tuple[Sensor, ...]:
+        """Sensors of positions with known coefficients."""
+        return tuple(s for s in self.sensors if s.direct)
+
+    @cached_property
+    def indirect(self) -> tuple[Sensor, ...]:
+        """Sensors of derivatives, or with parameters among their coefficients."""
+        return tuple(s for s in self.sensors if not s.direct)
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels in the order of the likelihood: inputs, indirect sensors, direct ones."""
+        return (*self.inputs, *(s.channel for s in (*self.indirect, *self.direct)))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Columns of the record in the order of `channels`."""
+        return (*self.input_columns, *(s.column for s in (*self.indirect, *self.direct)))
+
+    @cached_property
+    def reads(self) -> Floats:
+        """C of the direct sensors, shape (sensor, coordinate)."""
+        matrix = np.zeros((len(self.direct), len(self.model.coordinates)))
+        for row, sensor in enumerate(self.direct):
+            for term in sensor.terms:
+                matrix[row, term.coordinate] += term.coefficient
+        return matrix
+
+    @cached_property
+    def rank(self) -> int:
+        """How many combinations of coordinates the direct sensors read."""
+        return sensor_rank(self.reads)
+
+    @cached_property
+    def hidden(self) -> tuple[str, ...]:
+        """Coordinates that the direct sensors do not determine."""
+        if not self.rank:
+            return self.model.coordinates
+        open_ways = np.abs(null_space(self.reads, self.rank))
+        names = zip(self.model.coordinates, open_ways, strict=True)
+        return tuple(name for name, ways in names if (ways > HIDDEN).any())
+
+    @cached_property
+    def passed(self) -> dict[int, Passed]:
+        """What went through the laws that take a displacement, by the number of the input."""
+        named = zip(self.inputs, self.input_columns, strict=True)
+        return {
+            number: Passed.of(self.lines, column, channel.law)
+            for number, (channel, column) in enumerate(named)
+            if channel.law is not None and channel.law.position
+        }
+
+    def rebound(self, model: Model) -> Observation:
+        """Return the observation of a model with the same coordinates and inputs."""
+        return replace(self, model=model)
+
+    def with_lines(self, lines: Lines) -> Observation:
+        """Return the observation with other lines of the same channels."""
+        return replace(self, lines=lines)
+
+    def with_columns(self, matrix: Floats) -> Observation:
+        """Return the record whose columns are ``matrix @ columns``, as if logged so."""
+        return self.with_lines(combined_columns(self.lines, self.passed.values(), matrix))
+
+    def reading_apart(self, names: Collection[str]) -> Observation:
+        """Return the record with a row of the equations for each of some sensors.
+
+        What they read holds an unknown, so that they do not give a coordinate by themselves.
+        """
+        sensors = tuple(
+            replace(s, apart=True) if s.channel.name in names else s for s in self.sensors
+        )
+        return replace(self, sensors=sensors)
+
+    def with_sensor(self, channel: Channel) -> Observation:
+        """Return the plan with one more sensor, as noisy as the others on average."""
+        variance = np.diagonal(self.lines.covariance.matrices, axis1=1, axis2=2).real
+        beside = [sensor.column for sensor in self.sensors]
+        lines = self.lines.with_channel(channel, variance[:, beside].mean(axis=1))
+        added = Sensor(channel, len(lines.channels) - 1, _terms(channel, self.model, ""))
+        return replace(self, lines=lines, sensors=(*self.sensors, added), periodic=None)
+
+
+Measured = PeriodicRecord | Lines | FilteredRecord
+"""What is made of a record before it meets a model."""
+Data = Measured | Observation
+"""What a model can be bound to; what is bound already is taken as it is."""
+
+
+def bind(model: Model, data: Data) -> Observation:
+    """Say what every channel of a record is to a model.
+
+    Parameters
+    ----------
+    model : Model
+    data : PeriodicRecord, Lines, FilteredRecord, or Observation
+
+    Returns
+    -------
+    Observation
+
+    Raises
+    ------
+    InputError
+        For an input without channel, a channel that is neither input nor sensor, a sensor of
+        something that the model does not have, and a record without any sensor.
+
+    Examples
+    --------
+    >>> from rotorid import Plan
+    >>> from rotorid.models import load_model
+    >>> model = load_model("jeffcott")
+    >>> plan = Plan([[1.0, 0.0]], [1], 10.0, 1000.0, 2, noise={}, sensors=["y"])
+    >>> bind(model, plan.lines(model)).hidden
+    ('x',)
+    """
+    if isinstance(data, Observation):
+        return data.rebound(model)
+    lines = _lines(data)
+    if lines.passive:
+        lines = _unforced(model, lines)
+    where = {name: k for k, name in enumerate(lines.names)}
+    missing = [name for name in model.inputs if name not in where]
+    if missing:
+        raise InputError(
+            f"no channel of the input {', '.join(missing)}",
+            "every input measured",
+            "name its column in [channels]",
+            file=lines.source,
+        )
+    sensors = tuple(
+        Sensor(channel, where[channel.name], _terms(channel, model, lines.source))
+        for channel in lines.channels
+        if channel.name not in model.inputs or channel.reads is not None
+    )
+    if not sensors:
+        raise InputError(
+            "no sensor of any coordinate",
+            f"at least one of {', '.join(model.coordinates)}",
+            "name a channel after it, or give a channel that reads it",
+            file=lines.source,
+        )
+    columns = tuple(where[name] for name in model.inputs)
+    return Observation(
+        model,
+        lines,
+        tuple(lines.channels[k] for k in columns),
+        columns,
+        sensors,
+        data if isinstance(data, PeriodicRecord) else None,
+        lines.parameters,
+        data if isinstance(data, FilteredRecord) else None,
+    )
+
+
+def _lines(data: Measured) -> Lines:
+    """Return the lines of a record; samples that are filtered have none."""
+    if isinstance(data, Lines):
+        return data
+    if isinstance(data, PeriodicRecord):
+        return Lines.of_periods(data)
+    count, none = len(data.channels), np.zeros(0)
+    return Lines(
+        channels=data.channels,
+        frequency=none,
+        speed=none,
+        mean=np.zeros((0, count), dtype=np.complex128),
+        covariance=LineCovariance(np.zeros((0, count, count), dtype=np.complex128), 0, "stated"),
+        multiplicity=none,
+        clock=WholeClock(none, none, none, np.zeros(0, dtype=np.int64)),
+        phase_known=data.record.phase_known,
+        phase_std=data.record.phase_std,
+        source=data.source,
+        warnings=data.warnings,
+        checks=data.checks,
+        parameters=data.parameters,
+    )
+
+
+def _unforced(model: Model, lines: Lines) -> Lines:
+    """Return the lines of a machine in passive bearings: inputs without a channel are zero."""
+    missing = [name for name in model.inputs if name not in lines.names]
+    for name in missing:
+        lines = lines.with_channel(Channel(name, model.units[name]), np.zeros(len(lines.mean)))
+    if not missing or isinstance(lines.clock, SilentClock):  # responses are to one input alone
+        return lines
+    told = f"no column of {', '.join(missing)}: taken as zero, as in passive bearings"
+    return replace(lines, warnings=(*lines.warnings, told))
+
+
+def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
+    """Bind the records of one machine."""
+    if not data:
+        raise InputError("no record", "at least one", "give a PeriodicRecord")
+    return tuple(bind(model, each) for each in data)
+
+
+def _terms(channel: Channel, model: Model, source: str) -> tuple[SensorTerm, ...]:
+    return combined(channel.combination, model, "a channel that reads", channel.name, source)
+
+
+def combined(
+    combination: Mapping[str, float], model: Model, what: str, place: str, source: str = ""
+) -> tuple[SensorTerm, ...]:
+    """Return a combination of coordinates, dotted, or of products of them with parameters."""
+    names = {
+        name + dots: (k, order)
+        for k, name in enumerate(model.coordinates)
+        for order, dots in enumerate(DERIVATIVES)
+    }
+    still = (0,) * len(model.parameters)
+    found: list[SensorTerm] = []
+    for text, coefficient in combination.items():
+        if text in names:
+            found.append(SensorTerm(*names[text], still, float(coefficient)))
+            continue
+        try:
+            terms = sensor_terms(text, model.coordinates, model.parameter_names)
+        except InputError:
+            raise InputError(
+                f"{what} {text!r}",
+                f"inputs ({', '.join(model.inputs)}) or coordinates "
+                f"({', '.join(model.coordinates)})",
+                "give it a name of the model, or leave it out of the record",
+                file=source,
+                place=place,
+            ) from None
+        found += [replace(t, coefficient=t.coefficient * coefficient) for t in terms]
+    return tuple(found)

@@ -1,0 +1,337 @@
+"""A run-up or coast-down cut into a table of 1x phasors, by the measured rotor angle.
+
+The record is cut at whole revolutions. Over each segment every channel is fitted with
+
+    x = Re((X + X' tau) exp(i phi)) + 2x + 3x + a parabola in tau,
+
+tau = -1 .. 1 along the segment: X is the phasor at its middle, where the speed is that of the angle
+there. What the fit leaves of each single revolution, demodulated, is noise about the rotation's own
+line; its scatter is the covariance of X.
+
+Two things can be wrong with such a phasor. It may bend within the segment more than X' says: held
+against the same fit with a term X'' tau^2, and segments are made shorter until noise hides it. And
+the machine may not have settled at each speed: a speed that changes at the rate a leaves the motion
+behind by ``(i / 2) a d^2 X / d Omega^2`` to first order, a / sigma^2 of it at a resonance whose
+amplitude decays with sigma. No segment is short enough to mend that; it is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import quantity
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Lines
+from rotorid.data.record import Record
+from rotorid.data.tables import lines_at_speeds
+from rotorid.signals.covariance import LineCovariance
+
+LENGTHS = (64, 32, 16, 8, 4)
+"""Revolutions of a segment that are tried, the longest first."""
+LEAST_SEGMENTS = 20
+"""Segments below which shorter ones are tried: a table of fewer speeds tells little."""
+FREEDOM = 5
+"""Degrees of freedom per channel of a covariance, at least: as many as for references."""
+SAMPLES = 8
+"""Samples per revolution at least: fewer hardly tell the third multiple from the first."""
+ORDERS = 3
+"""Multiples of the rotation that are fitted beside it."""
+NEIGHBOURS = 5
+"""Segments over which bending is averaged: fewer are noise, more pass over a resonance."""
+BENT = 3.0
+"""Mean square of the bending over that of noise from which on a segment is too long: the largest of
+a hundred averages over five segments reaches 2 by chance."""
+BEHIND = 1.0
+"""Deviations by which phasors may lag behind a changing speed before it is told."""
+
+
+@frozen
+class _Cut:
+    """A record cut into segments of whole revolutions."""
+
+    speed: Floats  # (segment,): rad/s, in the middle
+    # (segment, channel): X, and by how much a term of second order would move it
+    phasors: Complexes
+    bending: Complexes
+    covariance: Complexes  # (segment, channel, channel): of X
+    # complex degrees of freedom of a covariance, and how many segments share one
+    dof: int
+    group: int
+    rate: Floats  # change of the speed in rad/s^2, on average
+
+    @property
+    def bend(self) -> float:
+        """Mean square of the bending where it is largest, over what noise makes of it."""
+        channels = self.phasors.shape[1]
+        solved = np.linalg.solve(self.covariance, self.bending[:, :, None])[:, :, 0]
+        square = (self.bending.conj() * solved).sum(axis=1).real
+        # The second order costs 9/4 of the variance, all of it in what it moves: 9/4 - 1.
+        expected = 1.25 * channels * self.dof / (self.dof - channels)
+        window = np.ones(min(NEIGHBOURS, len(square))) / min(NEIGHBOURS, len(square))
+        return float(np.convolve(square, window, mode="valid").max() / expected)
+
+
+def phasors(record: Record, revolutions: int | None = None, *, skip: float | str = 0.0) -> Lines:
+    r"""Return a record cut into a table of 1x phasors: order tracking by the rotor angle.
+
+    The record is cut at whole revolutions; each segment is a line at its own speed, its phasor that
+    of the middle, with a covariance from the scatter between revolutions, cross terms between
+    channels kept. The machine is taken to have settled at each speed: where the speed changes too
+    fast for that, `warnings` says by how much the phasors lag behind.
+
+    Parameters
+    ----------
+    record : Record
+        With an angle (`read_record`, an encoder or a keyphasor), or a constant speed.
+    revolutions : int, optional
+        Of a segment, 4 or more. Without it the longest of 64, 32, 16, 8 and 4 within which no
+        phasor bends by more than noise hides, and which leaves 20 segments.
+    skip : float or str
+        What is left out before, in s from the first sample of the file.
+
+    Returns
+    -------
+    Lines
+        Inputs without a channel are taken as zero, as in passive bearings.
+
+    Raises
+    ------
+    InputError
+        For a record without rotation, one that turns back, too few revolutions, or too few samples
+        in one.
+
+    Examples
+    --------
+    >>> import rotorid as rid
+    >>> rng = np.random.default_rng(1)
+    >>> t = np.arange(100_000) / 5000.0
+    >>> angle = 2 * np.pi * (20.0 * t + 0.5 * t**2)  # 20 to 40 revolutions per second
+    >>> x = 1e-5 * np.cos(angle - 0.5) + 1e-6 * rng.standard_normal(len(t))
+    >>> record = rid.Record([rid.Channel("x", "m")], x[:, None], 5000.0, 1.0, angle)
+    >>> table = rid.phasors(record)
+    >>> len(table.speed) > 20, round(float(np.angle(table.mean).mean()), 2)
+    (True, -0.5)
+    """
+    if revolutions is not None and revolutions < LENGTHS[-1]:
+        raise InputError(
+            f"{revolutions} revolutions", f"{LENGTHS[-1]} or more", "take longer segments"
+        )
+    record = _from(record, quantity(skip, "s", place="skip"))
+    angle = _rotation(record)
+    turns = abs(angle[-1] - angle[0]) / (2 * np.pi)
+    found: _Cut | None = None
+    for length in LENGTHS if revolutions is None else (revolutions,):
+        tried = _cut(record, angle, length)
+        if tried is None or (len(tried.speed) < LEAST_SEGMENTS and revolutions is None):
+            found = tried or found
+            continue
+        found = tried
+        if found.bend < BENT:
+            break
+    if found is None:
+        raise InputError(
+            f"{turns:.3g} revolutions without a gap",
+            f"{_least(len(record.channels))} or more",
+            "record longer, or leave channels out",
+            file=record.source,
+        )
+    return _lines(record, found)
+
+
+def _from(record: Record, skip: float) -> Record:
+    """Return a record without what comes before a time."""
+    first = max(0, int(np.ceil((skip - record.start) * record.sample_rate - 1e-6)))
+    if not first:
+        return record
+    if first >= len(record.samples):
+        raise InputError(
+            f"skip = {skip:g} s", "less than the record lasts", "skip less", file=record.source
+        )
+    return replace(
+        record,
+        samples=record.samples[first:],
+        angle=record.rotor_angle()[first:],
+        valid=None if record.valid is None else record.valid[first:],
+        start=record.start + first / record.sample_rate,
+    )
+
+
+def _rotation(record: Record) -> Floats:
+    """Return the rotor angle, checked that it goes on and is sampled often enough."""
+    if record.angle is None and not record.speed:
+        raise InputError(
+            "a record without rotation",
+            "an angle, a keyphasor or a speed",
+            "name the column of the rotor angle or of the once-per-revolution pulse",
+            file=record.source,
+        )
+    angle = record.rotor_angle()
+    sense = np.sign(angle[-1] - angle[0])
+    steps = np.diff(angle) * sense
+    if not sense or (steps <= 0).any():
+        where = record.start + float((steps <= 0).argmax()) / record.sample_rate
+        raise InputError(
+            f"a rotor angle that stands or turns back at {where:.6g} s",
+            "a rotor that turns one way",
+            "cut the record to the run-up or the coast-down",
+            file=record.source,
+        )
+    if np.median(steps) > 2 * np.pi / SAMPLES:
+        raise InputError(
+            f"{2 * np.pi / np.median(steps):.3g} samples per revolution",
+            f"{SAMPLES} or more",
+            "record faster, or cut the fast part off",
+            file=record.source,
+        )
+    return np.asarray(angle, dtype=np.float64)
+
+
+def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
+    """Cut a record into segments; None where there are too few to tell their noise."""
+    fits = [_Segment.fitted(record, angle, part, length) for part in _parts(record, angle, length)]
+    group = _group(len(record.channels), length)
+    if len(fits) < group:
+        return None
+    scatter = np.array([f.scatter for f in fits])
+    samples = np.array([f.samples for f in fits], dtype=np.float64)
+    pooled = np.empty_like(scatter)
+    ends = [*range(0, len(fits) - group + 1, group)]
+    for first, last in zip(ends, [*ends[1:], len(fits)], strict=True):
+        # White noise in the samples weighs less the more of them a revolution has.
+        weighed = scatter[first:last] * samples[first:last, None, None]
+        pooled[first:last] = weighed.sum(axis=0) / ((length - 2) * (last - first))
+    covariance = np.asarray(pooled / (samples * length)[:, None, None], dtype=np.complex128)
+    return _Cut(
+        np.array([f.speed for f in fits]),
+        np.array([f.phasor for f in fits]),
+        np.array([f.bending for f in fits]),
+        covariance,
+        group * (length - 2),
+        group,
+        np.array([f.rate for f in fits]),
+    )
+
+
+def _group(channels: int, length: int) -> int:
+    """Return how many segments together tell the covariance of so many channels."""
+    return int(np.ceil(FREEDOM * channels / (length - 2)))
+
+
+def _least(channels: int) -> int:
+    """Return the fewest revolutions that make a table of so many channels."""
+    return min(length * _group(channels, length) for length in LENGTHS)
+
+
+def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
+    """Yield the first samples of the revolutions of each segment, and that after the last."""
+    turned = np.abs(angle - angle[0]) / (2 * np.pi)
+    whole = int(turned[-1] // length) * length
+    starts = np.searchsorted(turned, np.arange(whole + 1) - 1e-9)
+    for first in range(0, whole, length):
+        edges = np.asarray(starts[first : first + length + 1], dtype=np.int64)
+        gap = record.valid is not None and not record.valid[edges[0] : edges[-1]].all()
+        if not gap and np.diff(edges).min() >= SAMPLES:
+            yield edges
+
+
+@frozen
+class _Segment:
+    """What one segment tells: middle, phasor, bending, scatter of its revolutions."""
+
+    speed: float
+    rate: float
+    phasor: Complexes
+    bending: Complexes
+    scatter: Complexes
+    samples: float
+
+    @classmethod
+    def fitted(cls, record: Record, angle: Floats, edges: Integers, length: int) -> _Segment:
+        """Fit the phasors of a segment, given where its revolutions begin."""
+        part = slice(int(edges[0]), int(edges[-1]))
+        phi, samples = angle[part], record.samples[part]
+        tau = np.linspace(-1, 1, len(phi) + 1)[:-1] + 1 / len(phi)
+        half = len(phi) / record.sample_rate / 2  # s from the middle to either end
+        turning = np.polynomial.Polynomial.fit(tau, phi, 3, domain=(-1, 1)).deriv()
+        waves = np.column_stack([np.cos(phi), np.sin(phi)])
+        others = [np.cos(n * phi) for n in range(2, ORDERS + 1)]
+        others += [np.sin(n * phi) for n in range(2, ORDERS + 1)]
+        smooth = [np.ones_like(tau), tau, tau**2]
+        design = np.column_stack([waves, waves * tau[:, None], *others, *smooth])
+        found = np.linalg.lstsq(design, samples, rcond=None)[0]
+        wider = np.column_stack([design, waves * tau[:, None] ** 2])
+        bent = np.linalg.lstsq(wider, samples, rcond=None)[0]
+        left = (samples - design @ found) * np.exp(-1j * phi)[:, None]
+        count = np.diff(edges)
+        each = 2 * np.add.reduceat(left, edges[:-1] - edges[0]) / count[:, None]
+        return cls(
+            float(turning(0.0)) / half,
+            float(turning.deriv()(0.0)) / half**2,
+            found[0] - 1j * found[1],
+            bent[0] - 1j * bent[1] - (found[0] - 1j * found[1]),
+            np.asarray(each.T @ each.conj()),
+            float(count.mean()),
+        )
+
+
+def _lines(record: Record, cut: _Cut) -> Lines:
+    order = np.argsort(cut.speed, kind="stable")
+    forward = cut.speed[0] > 0
+    lines = cut.phasors if forward else cut.phasors.conj()
+    matrices = (cut.covariance if forward else cut.covariance.conj()) / 4
+    covariance = LineCovariance(matrices[order], cut.dof, "repeated", shared=cut.group)
+    found = lines_at_speeds(
+        record.channels, cut.speed[order], lines[order] / 2, covariance, record.sample_rate
+    )
+    return replace(
+        found,
+        phase_known=record.phase_known,
+        phase_std=record.phase_std,
+        source=record.source,
+        warnings=(*record.warnings, *_told(cut)),
+    )
+
+
+def _told(cut: _Cut) -> Iterator[str]:
+    """Say where phasors bend within a segment, or lag behind the speed."""
+    if cut.bend >= BENT:
+        yield (
+            f"phasors bend within their segments, {np.sqrt(cut.bend):.2g} times as much as noise "
+            "hides: take fewer revolutions, or let the speed change more slowly"
+        )
+    behind, where = _behind(cut)
+    if behind > BEHIND:
+        yield (
+            f"the speed changes by {np.abs(cut.rate).max():.3g} rad/s^2, too fast to settle: near "
+            f"{abs(where) * 30 / np.pi:.4g} rpm phasors lag behind by {behind:.2g} of their "
+            "deviations: let it change more slowly there or, where a column holds its excitation "
+            "(references), take the record as a whole (band), whose loads follow the angle at any "
+            "rate; a rotor that only its unbalance drives has none"
+        )
+
+
+def _behind(cut: _Cut) -> tuple[float, float]:
+    """Return by how many deviations phasors lag behind the speed at most, and at which speed."""
+    speed, count = cut.speed, len(cut.speed)
+    if count < NEIGHBOURS or np.ptp(speed) < 1e-3 * np.abs(speed).max():
+        return 0.0, float(speed[0])
+    worst, where = 0.0, float(speed[0])
+    std = np.sqrt(np.diagonal(cut.covariance, axis1=1, axis2=2).real.mean(axis=1))
+    for first in range(count - NEIGHBOURS + 1):
+        part = slice(first, first + NEIGHBOURS)
+        across = speed[part] - speed[part].mean()
+        size = np.abs(across).max()
+        if not size:
+            continue
+        powers = np.vander(across / size, 3)
+        second = 2 * np.linalg.lstsq(powers, cut.phasors[part], rcond=None)[0][0] / size**2
+        noise = 2 * np.linalg.norm(np.linalg.pinv(powers)[0]) * std[first] / size**2
+        lag = abs(cut.rate[first]) / 2 * np.maximum(np.abs(second).max() - 3 * noise, 0.0)
+        if lag > worst * std[first]:
+            worst, where = float(lag / std[first]), float(speed[part].mean())
+    return worst, where

@@ -1,0 +1,471 @@
+"""What was measured: `Record` (samples) and `PeriodicRecord` (mean, scatter, line spectra).
+
+Everything here is in SI units and knows of no model: a channel is a name and the way in which it
+was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import field
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.units import quantity
+from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, read_only
+from rotorid.data.lazy_time import WhenRead, changed, first_of, mean_of
+from rotorid.force.channel_dynamics import Dynamics
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+Known = float | str | tuple[float | str, float | str]
+"""A parameter that is known: its value in SI or a text with a unit, or that and its deviation."""
+
+
+_LARGEST = 1e100  # in SI; the squares of larger numbers, and sums of them, may overflow
+
+
+@frozen
+class Drive:
+    """Says that an input's channel holds the current of a bearing: F = ki i + ks x.
+
+    Parameters
+    ----------
+    ki : float
+        N/A.
+    ks : float
+        N/m; positive destabilizes.
+    position : mapping of str to float
+        x, the displacement in the bearing, as ``{coordinate: coefficient}``.
+    """
+
+    ki: float
+    ks: float = 0.0
+    position: Mapping[str, float] = field(default_factory=dict)
+
+
+class LawConstant(NamedTuple):
+    """A constant of a force law: SI; `std` is 0 where it is exact, infinite where it is unknown.
+
+    `shared` is the name under which several channels share it, empty where it is their own.
+    """
+
+    unit: str
+    value: float
+    std: float = 0.0
+    positive: bool = False
+    shared: str = ""
+
+
+class ForceLaw(Protocol):
+    """The law with which the force of a channel was read, kept since its constants may be off."""
+
+    @property
+    def constants(self) -> Mapping[str, LawConstant]:
+        """Constants by name."""
+
+    @property
+    def position(self) -> Mapping[str, float]:
+        """Displacement in the actuator as a combination of channels."""
+
+    def flowing(self, force: Floats, position: Floats) -> Floats:
+        """Return the current that made a force."""
+
+    def force(
+        self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
+    ) -> Floats | Complexes:
+        """Return the force with some constants changed by so much."""
+
+
+@frozen
+class Channel:
+    """One measured quantity.
+
+    Parameters
+    ----------
+    name : str
+        Name of an input or a coordinate of the model, or of a sensor of several (see `reads`).
+    unit : str
+        SI unit of the samples, for tables; the samples are in SI already.
+    reads : mapping of str to float, optional
+        The sensor reads this combination of coordinates, ``{coordinate: coefficient}``; without
+        it the channel is the quantity of its name.
+    hold : bool
+        The samples are commands that a zero-order hold keeps for one sample period.
+    delay : float
+        Time in s by which the samples lag the quantity.
+    delay_std, gain_std : float
+        Standard deviations with which the delay (s) and the gain (relative) are known; 0 means
+        exactly.
+    drive : Drive, optional
+        The channel holds a current, not the input itself. Maximum likelihood only.
+    dynamics : Dynamics, optional
+        What an amplifier, a filter or the sensor itself does to each line.
+    law : ForceLaw, optional
+        The channel's force was made of a current, or of flux densities, by this law.
+    """
+
+    name: str
+    unit: str = ""
+    reads: Mapping[str, float] | None = None
+    hold: bool = False
+    delay: float = 0.0
+    delay_std: float = 0.0
+    gain_std: float = 0.0
+    drive: Drive | None = None
+    dynamics: Dynamics | None = None
+    law: ForceLaw | None = None
+
+    @property
+    def combination(self) -> Mapping[str, float]:
+        """What the channel reads, as ``{name: coefficient}``."""
+        return {self.name: 1.0} if self.reads is None else self.reads
+
+
+def _names(channels: Sequence[Channel]) -> tuple[str, ...]:
+    return tuple(channel.name for channel in channels)
+
+
+def _index(channels: Sequence[Channel], name: str) -> int:
+    try:
+        return _names(channels).index(name)
+    except ValueError:
+        raise InputError(
+            f"no channel {name!r}",
+            f"one of {', '.join(_names(channels))}",
+            "name a channel of the record",
+        ) from None
+
+
+def check_samples(
+    names: Sequence[str],
+    samples: Floats,
+    source: str = "",
+    valid: Booleans | None = None,
+    first: int = 0,
+) -> None:
+    """Refuse samples that are not finite, the first of them being number `first`."""
+    # One pass over the whole: NaN is greater than nothing. What is wrong is sought afterwards.
+    extremes = (samples.max(), samples.min()) if samples.size else (0.0,)
+    if all(abs(extreme) < _LARGEST for extreme in extremes):
+        return
+    for name, column in zip(names, samples.T, strict=True):
+        wrong = ~(np.abs(column) < _LARGEST)
+        bad = np.flatnonzero(wrong if valid is None else wrong & valid)
+        if bad.size:
+            place = f"sample {first + bad[0]} of channel {name!r}"
+            raise InputError(
+                f"{column[bad[0]]} in {place}, {bad.size} in all",
+                "finite samples without gaps",
+                "cut the record before the gap, or fill it where you know the truth",
+                file=source,
+            )
+
+
+@frozen
+class Record(Arrays):
+    """Samples as measured, in SI units.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    samples : array, shape (sample, channel)
+    sample_rate : float
+        Hz, or a text with a unit.
+    speed : float
+        Mean speed of rotation in rad/s, or a text with a unit; 0 at standstill.
+    angle : array, shape (sample,), optional
+        Rotor angle phi in rad at each sample; ``None`` means ``speed * t``.
+    phase_known : bool
+        False where the angle is known up to a constant only.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
+    source : str
+        Where the samples come from, for messages.
+    valid : bool array, shape (sample,), optional
+        False where a sample is to be left out: periods that hold one are.
+    warnings : sequence of str
+        What was done to the samples when they were read.
+    start : float
+        Time in s of the first sample; t counts from the first sample of the file.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, repeated channels, or samples that are not finite.
+
+    Examples
+    --------
+    >>> record = Record([Channel("x", "m")], np.zeros((4, 1)), sample_rate=1000.0)
+    >>> record.column("x")
+    array([0., 0., 0., 0.])
+    """
+
+    channels: tuple[Channel, ...]
+    samples: Floats
+    sample_rate: float
+    speed: float = 0.0
+    angle: Floats | None = None
+    phase_known: bool = True
+    phase_std: float = 0.0
+    source: str = ""
+    valid: Booleans | None = None
+    warnings: tuple[str, ...] = ()
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))
+        object.__setattr__(self, "samples", np.asarray(self.samples, dtype=float))
+        for name, unit in (("sample_rate", "Hz"), ("speed", "rad/s")):
+            object.__setattr__(self, name, quantity(getattr(self, name), unit, place=name))
+        super().__post_init__()
+        names = self.names
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise self._error(f"channel {repeated[0]!r} twice", "each channel once", "drop one")
+        if self.samples.ndim != 2 or self.samples.shape[1] != len(names):
+            raise self._error(
+                f"samples of shape {self.samples.shape}",
+                f"(sample, channel) with {len(names)} channels",
+                "give one column per channel",
+            )
+        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
+            raise self._error(
+                f"sample rate {self.sample_rate}",
+                "a positive number of Hz",
+                "give the samples per second",
+            )
+        if not np.isfinite(self.speed):
+            raise self._error(
+                f"speed {self.speed}",
+                "a finite number of rad/s",
+                "give the speed of the rotor, 0 at standstill",
+            )
+        if self.valid is not None and np.shape(self.valid) != (len(self.samples),):
+            raise self._error(
+                f"a mask of shape {np.shape(self.valid)}",
+                f"({len(self.samples)},)",
+                "give one truth value per sample",
+            )
+        check_samples(names, self.samples, self.source, self.valid)
+        if self.angle is not None and np.shape(self.angle) != (len(self.samples),):
+            raise self._error(
+                f"angle of shape {np.shape(self.angle)}",
+                f"({len(self.samples)},)",
+                "give one angle per sample",
+            )
+        if self.angle is not None and not np.isfinite(self.angle).all():
+            raise self._error("an angle that is not finite", "radians", "cut the record there")
+
+    def _error(self, found: str, expected: str, cure: str) -> InputError:
+        return InputError(found, expected, cure, file=self.source)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return _names(self.channels)
+
+    def column(self, name: str) -> Floats:
+        """Return the samples of one channel, shape (sample,).
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        return self.samples[:, _index(self.channels, name)]
+
+    def plot(self) -> Figure:
+        """Draw the channels over time; returns a matplotlib figure.
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.report.drawn import samples
+        from rotorid.report.figure import figure_of  # takes its time to load
+
+        return figure_of(samples(self))
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, and a picture, for notebooks."""
+        with suppress(ImportError):
+            from rotorid.report.drawn import samples
+            from rotorid.report.figure import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(samples(self), "the channels over time")
+        return super()._repr_html_()
+
+    def rotor_angle(self) -> Floats:
+        """Return phi in rad at each sample, shape (sample,)."""
+        if self.angle is not None:
+            return self.angle
+        time = self.start + np.arange(len(self.samples)) / self.sample_rate
+        return np.asarray(self.speed * time, dtype=float)
+
+
+@frozen
+class PeriodicRecord(Arrays):
+    """A record cut into whole periods, with its lines period by period.
+
+    The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise
+    of variance s^2 per sample has ``E|X_k|^2 = s^2 / samples`` on every line, and
+    ``x = sum c_k Re(X_k exp(i omega_k t))`` with c = 2, or 1 at DC and at the Nyquist line.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    sample_rate : float
+        Hz.
+    harmonics : int array, shape (line,)
+        The kept multiples of the fundamental, increasing.
+    spectra : complex array, shape (period, line, channel)
+        Lines of each period, corrected for hold and delay.
+    variance : array, shape (sample, channel)
+        Unbiased variance over periods of each sample within the period: of a sample, not of the
+        mean; the paper's (8) with 1/(n-1).
+    mean : array, shape (sample, channel)
+        Mean over periods, as measured (all lines, nothing corrected).
+    speed : float
+        Mean speed in rad/s.
+    time, angle : array, shape (period, sample), or callable
+        t in s and rotor angle phi in rad of every sample used; or what makes them when they are
+        first read.
+    checks : sequence of Note
+        What the samples showed before they were averaged.
+    phase_known : bool
+        Whether phi is the rotor's own angle, or starts anywhere.
+    phase_std : float
+        Deviation in rad of an offset common to all angles: what an encoder or pulses leave open.
+    source : str
+        The file, for messages.
+    warnings : sequence of str
+        What was done to the samples.
+    parameters : mapping of str to float or str or (value, std)
+        Parameters of the machine that this record has to itself, known exactly or with a
+        deviation: a trial mass.
+    """
+
+    channels: tuple[Channel, ...]
+    sample_rate: float
+    harmonics: Integers
+    spectra: Complexes
+    variance: Floats
+    mean: Floats
+    speed: float
+    time: WhenRead = WhenRead()
+    angle: WhenRead = WhenRead()
+    phase_known: bool = True
+    phase_std: float = 0.0
+    source: str = ""
+    warnings: tuple[str, ...] = field(default=())
+    checks: tuple[Note, ...] = field(default=())
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+
+    def with_parameters(self, **parameters: Known) -> PeriodicRecord:
+        """Return the record with parameters of the machine that it has to itself.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        PeriodicRecord
+        """
+        return changed(self, parameters={**self.parameters, **parameters})
+
+    @property
+    def begin(self) -> float:
+        """Time in s of the first sample used."""
+        return first_of(self, "time")
+
+    @property
+    def middle(self) -> float:
+        """Mean time in s of the samples used."""
+        return mean_of(self, "time")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return _names(self.channels)
+
+    @property
+    def periods(self) -> int:
+        """Number of periods."""
+        return int(self.spectra.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a period."""
+        return int(self.mean.shape[0])
+
+    @property
+    def fundamental(self) -> float:
+        """Fundamental frequency in Hz."""
+        return self.sample_rate / self.samples
+
+    @property
+    def frequency(self) -> Floats:
+        """Frequencies of the lines in Hz, shape (line,)."""
+        return np.asarray(self.harmonics * self.fundamental, dtype=float)
+
+    @property
+    def omega(self) -> Floats:
+        """Angular frequencies of the lines in rad/s, shape (line,)."""
+        return 2 * np.pi * self.frequency
+
+    @cached_property
+    def mean_spectrum(self) -> Complexes:
+        """Mean over periods of the lines, shape (line, channel)."""
+        return read_only(self.spectra.mean(axis=0))
+
+    @property
+    def multiplicity(self) -> Floats:
+        """Weight c of each line: 2, or 1 at DC and at the Nyquist line; shape (line,)."""
+        single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
+        return np.where(single, 1.0, 2.0)
+
+    def plot(self) -> Figure:
+        """Draw the spectrum of every channel, lines used and noise; returns a matplotlib figure.
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.report.drawn import spectra
+        from rotorid.report.figure import figure_of  # takes its time to load
+
+        return figure_of(spectra(self))
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, and a picture, for notebooks."""
+        with suppress(ImportError):
+            from rotorid.report.drawn import spectra
+            from rotorid.report.figure import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(
+                spectra(self), "the spectrum of the mean period"
+            )
+        return super()._repr_html_()
+
+    def index(self, name: str) -> int:
+        """Return the position of a channel.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        return _index(self.channels, name)

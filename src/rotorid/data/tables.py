@@ -1,0 +1,587 @@
+"""Tables of 1x phasors and of frequency responses to lines.
+
+The signal is ``Re(X exp(i phi))``, phi the rotor angle. A row is a line at ``omega = |Omega|``,
+its model evaluated at its own speed; where the rotor turns backward, phi runs backward too, and
+the line is the conjugate of the phasor.
+
+The deviation of an estimate ``H`` from `averages` averages with the coherence gamma^2 is, of its
+real and of its imaginary part, ``|H| sqrt((1 - gamma^2) / (2 gamma^2 averages))`` (Bendat and
+Piersol, Random Data); of the complex number it is the root of two times as much. With
+`averages - 1` in place of `averages` the square has no bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.core.distributions import gamma_tail
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import MAGNITUDE
+from rotorid.core.notes import Note
+from rotorid.core.units import quantity
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Lines, PhasorClock, SilentClock
+from rotorid.data.record import Channel
+from rotorid.signals.covariance import KNOWN, Kind, LineCovariance
+from rotorid.signals.spectrum import transfer_of_recording
+
+SAME_SPEED = 1e-9
+"""Relative difference of speeds that are the same reading of an instrument: rounding of units."""
+REPEATED = 5
+"""Repeated readings per channel at least: with two, one record in hundreds is rejected falsely."""
+CONTRADICTED = 1e-4
+"""Chance of the scatter of repeated readings below which the stated deviations are doubted."""
+
+CONSTANT = 1e-3
+"""Chance of scatter that grows so with the amplitude below which it is no constant's."""
+GROWING = (1e-2, 1e6, 65)
+"""Shares of the square of the largest amplitude that are tried, over the constant, and how many:
+steps of a third, which move deviations by less than they are known to."""
+
+
+@frozen
+class _Rows:
+    """Rows of a table, sorted by speed: phasors as lines, and what is stated of their noise."""
+
+    speed: Floats
+    lines: Complexes
+    std: Floats | None
+
+    def part(self, rows: Integers) -> _Rows:
+        """Return some of the rows."""
+        return _Rows(
+            self.speed[rows], self.lines[rows], None if self.std is None else self.std[rows]
+        )
+
+    @property
+    def groups(self) -> Integers:
+        """The number of the speed of each row, equal where speeds are."""
+        apart = np.diff(self.speed) > SAME_SPEED * np.abs(self.speed[1:])
+        return np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
+
+
+def phasor_lines(
+    channels: Sequence[Channel],
+    speed: ArrayLike,
+    phasors: ArrayLike,
+    std: ArrayLike | None = None,
+    *,
+    source: str = "",
+    checks: Sequence[Note] = (),
+) -> Lines:
+    """Return the lines of a table of 1x phasors, a row per speed.
+
+    The signal of a channel is ``Re(X exp(i phi))``. Noise is told by `std`, or by repeated readings
+    at the same speed: these are averaged, and their scatter, pooled over all speeds with the cross
+    terms between channels kept, is the covariance of each reading. Where it grows with the
+    amplitude, as a gain's does, its variance is a constant and a share of the amplitude's square.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        Inputs that are missing are taken as zero: the machine runs in passive bearings.
+    speed : array, shape (row,)
+        rad/s; negative backward.
+    phasors : complex array, shape (row, channel)
+        X, amplitudes not peak to peak, in SI.
+    std : array, optional
+        Deviation of the amplitude, which is that of the real and of the imaginary part; shape
+        (row, channel), or what broadcasts to it.
+    source : str
+        For messages.
+    checks : sequence of Note
+        What the table showed already.
+
+    Returns
+    -------
+    Lines
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, numbers that are not finite, a speed of 0, deviations that are
+        not positive, and a table that nothing tells the noise of.
+
+    Examples
+    --------
+    >>> table = phasor_lines([Channel("x", "m")], [100.0, 200.0], [[1e-6], [2e-6j]], 1e-8)
+    >>> table.omega.round(), table.covariance.kind
+    (array([100., 200.]), 'stated')
+    """
+    turning = np.asarray(speed, dtype=np.float64)
+    given = np.asarray(phasors, dtype=np.complex128)
+    _check_phasors(channels, turning, given, source)
+    known = None if std is None else _deviations(std, given, source)
+    order = np.argsort(turning, kind="stable")
+    as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
+    rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
+    if known is None:
+        rows, covariance, said = _repeated(rows, channels, source)
+        told += said
+    else:
+        covariance = _stated(rows)
+        told += _doubted(rows)
+    found = lines_at_speeds(channels, rows.speed, rows.lines, covariance, 1.0)
+    return replace(found, source=source, warnings=told, checks=tuple(checks))
+
+
+def lines_at_speeds(
+    channels: Sequence[Channel],
+    speed: Floats,
+    lines: Complexes,
+    covariance: LineCovariance,
+    sample_rate: float,
+) -> Lines:
+    """Return 1x lines as recorded, a speed each, corrected for hold, delay and dynamics."""
+    frequency = np.abs(speed) / (2 * np.pi)
+    transfer = transfer_of_recording(channels, frequency, sample_rate)
+    matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
+    return Lines(
+        channels=tuple(channels),
+        frequency=frequency,
+        speed=speed,
+        mean=lines * transfer,
+        covariance=replace(covariance, matrices=matrices),
+        multiplicity=np.full(len(frequency), 2.0),
+        clock=PhasorClock(speed),
+        passive=True,
+    )
+
+
+def _check_phasors(
+    channels: Sequence[Channel], speed: Floats, phasors: Complexes, source: str
+) -> None:
+    """Refuse rows that are no table of phasors."""
+    shape = (len(speed), len(channels)) if speed.ndim == 1 else ()
+    if not len(speed) or phasors.shape != shape:
+        raise InputError(
+            f"phasors of shape {phasors.shape} for speeds of shape {speed.shape}",
+            f"a row per speed, {len(channels)} channels",
+            "give one phasor per speed and channel",
+            file=source,
+        )
+    within = (np.abs(phasors) < MAGNITUDE).all(axis=1) & (np.abs(speed) < MAGNITUDE)
+    wrong = ~within | (speed == 0)
+    if wrong.any():
+        row = int(wrong.argmax())
+        still = speed[row] == 0
+        raise InputError(
+            f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
+            f"finite numbers below {MAGNITUDE:g}, a speed other than 0",
+            "give the row a speed and a reading, or leave it out",
+            file=source,
+        )
+
+
+def _deviations(std: ArrayLike, phasors: Complexes, source: str) -> Floats:
+    """Return the stated deviations, shape (row, channel)."""
+    found = np.broadcast_to(np.asarray(std, dtype=np.float64), phasors.shape)
+    possible = (found > 1 / MAGNITUDE) & (found < MAGNITUDE)
+    if not possible.all():
+        row, column = np.argwhere(~possible)[0]
+        raise InputError(
+            f"a deviation of {found[row, column]:g} in row {row + 1}",
+            f"more than 0, and less than {MAGNITUDE:g}",
+            "state how far the readings scatter: the last digit of the instrument at least",
+            file=source,
+            place="std",
+        )
+    return found
+
+
+def _without_doubles(rows: _Rows) -> tuple[_Rows, tuple[str, ...]]:
+    """Leave out rows that repeat one of the same speed to the last digit: typed twice."""
+    groups, lines = rows.groups, rows.lines
+    kept: list[int] = []
+    for row, group in enumerate(groups):
+        before = [k for k in kept if groups[k] == group]
+        if not any((lines[k] == lines[row]).all() and lines[row].any() for k in before):
+            kept.append(row)
+    left = len(groups) - len(kept)
+    if not left:
+        return rows, ()
+    out = sorted({float(s) for s in np.delete(rows.speed, kept)})
+    where = ", ".join(f"{s * 30 / np.pi:.6g}" for s in out[:3]) + (" .." if len(out) > 3 else "")
+    told = (
+        f"{left} row{'s' * (left > 1)} at {where} rpm, the same as another to the last digit: left "
+        "out, since a reading that is written twice is one reading"
+    )
+    return rows.part(np.array(kept, dtype=np.int64)), (told,)
+
+
+def _stated(rows: _Rows) -> LineCovariance:
+    """Return the covariance of stated deviations, of each part of a phasor X = 2 lines."""
+    assert rows.std is not None
+    variance = rows.std**2 / 2
+    matrices = variance[:, :, None] * np.eye(variance.shape[1])
+    return LineCovariance(matrices.astype(np.complex128), KNOWN, "stated")
+
+
+def _scatter(rows: _Rows) -> tuple[Complexes, Integers]:
+    """Return the readings less the mean of their speed, and the numbers of the speeds."""
+    groups = rows.groups
+    count = np.bincount(groups)
+    mean = np.zeros((len(count), rows.lines.shape[1]), dtype=np.complex128)
+    np.add.at(mean, groups, rows.lines)
+    return rows.lines - (mean / count[:, None])[groups], groups
+
+
+def _repeated(
+    rows: _Rows, channels: Sequence[Channel], source: str
+) -> tuple[_Rows, LineCovariance, tuple[str, ...]]:
+    """Return a row per speed, with the covariance that repeated readings show, and what is said."""
+    scatter, groups = _scatter(rows)
+    count = np.bincount(groups)
+    dof = len(groups) - len(count)
+    least = REPEATED * rows.lines.shape[1]
+    if dof < least:
+        raise InputError(
+            "no std and no speed twice" if not dof else f"{dof} repeated readings and no std",
+            f"a stated deviation, or {least} repeated readings for {rows.lines.shape[1]} channels",
+            "write std beside the unit of each channel (how far its amplitude scatters, in its "
+            "unit), or read more speeds twice or more",
+            file=source,
+            place="std",
+        )
+    first = np.flatnonzero(np.diff(groups, prepend=-1))
+    mean = (rows.lines - scatter)[first]
+    shares = [_share(scatter[:, c], mean[:, c], groups) for c in range(mean.shape[1])]
+    growth = np.sqrt(1 + np.array(shares) * np.abs(mean) ** 2)
+    scatter = scatter / growth[groups]
+    reading = np.einsum("ri,rj->ij", scatter, scatter.conj()) / dof
+    matrices = reading * growth[:, :, None] * growth[:, None, :] / count[:, None, None]
+    told = tuple(
+        f"repeated readings of {channel.name} scatter by {low:.3g} {channel.unit} at the smallest "
+        f"amplitude and by {high:.3g} {channel.unit} at the largest: their deviation was taken "
+        "to grow with the amplitude"
+        for c, channel in enumerate(channels)
+        if shares[c] > 0
+        for low, high in [2 * np.sqrt(reading[c, c].real / 2) * _ends(growth[:, c])]
+    )
+    covariance = LineCovariance(matrices, dof, "repeated", shared=len(count))
+    return _Rows(rows.speed[first], mean, None), covariance, told
+
+
+def _ends(values: Floats) -> Floats:
+    return np.array([values.min(), values.max()])
+
+
+def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
+    """Return b / a of a variance ``a + b |X|^2`` of readings; 0 where a alone will do.
+
+    By likelihood: the scatter of n readings of one speed is a sum of 2 (n - 1) squares.
+    """
+    count, power = np.bincount(groups), np.bincount(groups, np.abs(scatter) ** 2)
+    weight, size = count - 1.0, np.abs(mean) ** 2
+    used = weight > 0
+    weight, power, size = weight[used], power[used], size[used]
+    if not power.any() or not size.any():
+        return 0.0
+
+    def cost(share: float) -> float:
+        growth = 1 + share * size
+        level = (power / growth).sum() / weight.sum()
+        return float((weight * np.log(level * growth)).sum())
+
+    grid = np.geomspace(GROWING[0], GROWING[1], GROWING[2]) / size.max()
+    costs = [cost(share) for share in grid]
+    best = int(np.argmin(costs))
+    gain = 2 * (cost(0.0) - costs[best])
+    return float(grid[best]) if gamma_tail(gain / 2, 0.5) < CONSTANT else 0.0
+
+
+def _doubted(rows: _Rows) -> tuple[str, ...]:
+    """Say where repeated readings scatter otherwise than their deviations state."""
+    assert rows.std is not None
+    scatter, groups = _scatter(rows)
+    dof = 2 * (len(groups) - groups[-1] - 1) * rows.lines.shape[1]
+    squares = float((np.abs(2 * scatter) ** 2 / rows.std**2).sum())
+    if not dof or gamma_tail(squares / 2, dof / 2) > CONTRADICTED:
+        return ()
+    return (
+        f"readings at the same speed scatter {np.sqrt(squares / dof):.3g} times as much as their "
+        "std says: state a larger std, or leave it out where enough speeds were read twice",
+    )
+
+
+POOLED = 20
+"""Degrees of freedom to which deviations from coherence are pooled over neighbouring lines: with
+fewer, single lines get weights of three times what they deserve by chance."""
+FAINT = 0.01
+"""A coherence below this says that the line holds noise: its own deviation would be noise too."""
+
+SAME = 0.05
+"""Share of the stated noise within which two responses are one: noise of their own agrees so well
+on eight lines by a chance of 1e-20."""
+LEAST_SAME = 8
+"""Lines, fewer of which may agree by chance."""
+
+
+def response_lines(
+    driven: Channel,
+    sensors: Sequence[Channel],
+    frequency: ArrayLike,
+    responses: ArrayLike,
+    *,
+    std: ArrayLike | None = None,
+    coherence: ArrayLike | None = None,
+    averages: int | None = None,
+    speed: float | str = 0.0,
+    source: str = "",
+) -> Lines:
+    """Return the lines of frequency responses to one input.
+
+    The input is 1 on every line, exactly, and all others are 0; sensors read column j of H, with
+    noise that is independent from sensor to sensor and from line to line. Neighbouring lines are
+    not independent where a window was used: take every second line then.
+
+    Parameters
+    ----------
+    driven : Channel
+        The input; others are zero.
+    sensors : sequence of Channel
+    frequency : array, shape (line,)
+        Hz. A line at 0 Hz is left out.
+    responses : complex array, shape (line, sensor)
+        Reading per input, in SI, with ``exp(+i omega t)``.
+    std : array, optional
+        Deviation of real and of imaginary part; shape (line, sensor), or what broadcasts to it.
+    coherence : array, shape (line, sensor), optional
+        In place of `std`, with `averages`.
+    averages : int, optional
+        Averages of the responses, independent ones.
+    speed : float or str
+        Of the rotor, in rad/s.
+    source : str
+        For messages.
+
+    Returns
+    -------
+    Lines
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, numbers that are not finite, deviations that are not positive,
+        coherence outside 0 to 1, responses that nothing tells the noise of, and two sensors that
+        hold one response: its derivatives and multiples are no measurements of their own.
+
+    Examples
+    --------
+    >>> force, motion = Channel("F_x", "N"), Channel("x", "m")
+    >>> lines = response_lines(force, [motion], [10.0, 20.0], [[1e-6], [3e-6j]], std=1e-9)
+    >>> lines.names, lines.mean[1]
+    (('F_x', 'x'), array([1.+0.e+00j, 0.+3.e-06j]))
+    """
+    hertz = np.asarray(frequency, dtype=np.float64)
+    found = np.asarray(responses, dtype=np.complex128)
+    _check_responses(hertz, found, len(sensors), source)
+    order = np.argsort(hertz, kind="stable")
+    order = order[hertz[order] > 0]
+    told: tuple[str, ...] = ()
+    kind: Kind
+    if std is not None:
+        variance = 2 * _checked_std(std, found, source)[order] ** 2
+        dof, kind = KNOWN, "stated"
+    else:
+        gamma = _checked_coherence(coherence, found, source)
+        kept = order[(gamma[order] >= FAINT).all(axis=1)]
+        told, order = _faint(len(order) - len(kept), source, len(kept)), kept
+        variance, dof = _from_coherence(found[order], gamma[order], _count(averages, source))
+        kind = "coherence"
+    _refuse_repeated(sensors, hertz[order], found[order], variance, source)
+    channels = (driven, *sensors)
+    transfer = transfer_of_recording(channels, hertz[order], 1.0)
+    mean = np.column_stack([np.ones(len(order)), found[order]]) * transfer
+    noise = np.column_stack([np.zeros(len(order)), variance]) * np.abs(transfer) ** 2
+    matrices = (noise[:, :, None] * np.eye(len(channels))).astype(np.complex128)
+    return Lines(
+        channels=channels,
+        frequency=hertz[order],
+        speed=np.full(len(order), quantity(speed, "rad/s", place="speed")),
+        mean=np.asarray(mean, dtype=np.complex128),
+        covariance=LineCovariance(matrices, dof, kind),
+        multiplicity=np.full(len(order), 2.0),
+        clock=SilentClock(len(order)),
+        source=source,
+        warnings=told,
+        passive=True,
+    )
+
+
+def _check_responses(hertz: Floats, responses: Complexes, sensors: int, source: str) -> None:
+    """Refuse numbers that are no responses."""
+    if hertz.ndim != 1 or responses.shape != (len(hertz), sensors) or not sensors:
+        raise InputError(
+            f"responses of shape {responses.shape} for frequencies of shape {hertz.shape}",
+            f"a row per frequency, {sensors or 'some'} sensors",
+            "give one response per frequency and sensor",
+            file=source,
+        )
+    within = (np.abs(responses) < MAGNITUDE).all(axis=1) & (hertz < MAGNITUDE)
+    wrong = ~within | (hertz < 0)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise InputError(
+            f"line {row + 1}: {hertz[row]:g} Hz, response {responses[row]}",
+            f"finite numbers below {MAGNITUDE:g}, no negative frequency",
+            "leave that line out, or export the responses again",
+            file=source,
+        )
+    apart = np.diff(np.sort(hertz[hertz > 0]))
+    if not len(apart) or not (apart > 0).all():
+        raise InputError(
+            "one frequency" if not len(apart) else "a frequency that stands there twice",
+            "two lines or more, each once",
+            "give every response its column, and every input a record or an input of its own",
+            file=source,
+            place="frequency",
+        )
+
+
+def _refuse_repeated(
+    sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats, source: str
+) -> None:
+    """Refuse a response that is another one, differentiated or times a number, noise and all."""
+    for i, j in combinations(range(len(sensors)), 2):
+        known = multiple_of(hertz, responses[:, [i, j]].T, variance[:, [i, j]].T)
+        if known is not None:
+            order, ratio = known
+            raise InputError(
+                f"one response in {sensors[i].name} and {sensors[j].name}, noise and all: "
+                f"{ratio.real:.4g} times (i omega)^{order} of the first is the second",
+                "responses that were measured apart",
+                "keep the one that was measured, leave out what was computed from it; as "
+                "measurements of their own they make deviations too small",
+                file=source,
+            )
+
+
+def multiple_of(
+    hertz: Floats, responses: Complexes, variance: Floats
+) -> tuple[int, complex] | None:
+    """Return n and c where one response is ``c (i omega)^n`` times another, noise and all.
+
+    `responses` and `variance` have the shape (2, line).
+    """
+    kept = (np.abs(responses) > 0).all(axis=0)
+    if kept.sum() < LEAST_SAME:
+        return None
+    omega, (one, other) = 2j * np.pi * hertz[kept], responses[:, kept]
+    own = np.sqrt((variance[:, kept] / np.abs(responses[:, kept]) ** 2).sum(axis=0).mean())
+    for order in range(-2, 3):
+        ratio = other / (one * omega**order)
+        if np.std(ratio) < SAME * own * abs(ratio.mean()):
+            return order, complex(ratio.mean())
+    return None
+
+
+def _checked_std(std: ArrayLike, responses: Complexes, source: str) -> Floats:
+    """Return deviations, shape (line, sensor)."""
+    found = np.broadcast_to(np.asarray(std, dtype=np.float64), responses.shape)
+    wrong = ~((found > 1 / MAGNITUDE) & (found < MAGNITUDE))
+    if wrong.any():
+        raise InputError(
+            f"a deviation of {found[wrong][0]:g}",
+            f"more than 0, and less than {MAGNITUDE:g}",
+            "state how far real and imaginary part scatter from one average to the next",
+            file=source,
+            place="std",
+        )
+    return np.asarray(found)
+
+
+def _checked_coherence(coherence: ArrayLike | None, responses: Complexes, source: str) -> Floats:
+    """Return the coherence, shape (line, sensor), no nearer to 1 than its digits say."""
+    if coherence is None:
+        raise InputError(
+            "neither std nor coherence",
+            "what tells the noise of the responses",
+            "write coherence beside each response, with averages; or std",
+            file=source,
+            place="coherence",
+        )
+    found = np.asarray(coherence, dtype=np.float64)
+    if found.shape != responses.shape or not np.isfinite(found).all():
+        raise InputError(
+            f"coherence of shape {found.shape}"
+            if found.shape != responses.shape
+            else "a coherence that is no number",
+            "one for each line and response",
+            "give a coherence of the same lines",
+            file=source,
+            place="coherence",
+        )
+    if (found < 0).any() or (found > 1).any():
+        raise InputError(
+            f"a coherence of {found.max() if (found > 1).any() else found.min():g}",
+            "numbers from 0 to 1",
+            "divide percent by 100, or square it where the analyser gives its root",
+            file=source,
+            place="coherence",
+        )
+    if (found == 1).all():
+        raise InputError(
+            "a coherence of 1 on every line",
+            "the coherence of several averages",
+            "take it from more than one average, or state std",
+            file=source,
+            place="coherence",
+        )
+    return np.asarray(np.minimum(found, 1 - _half_digit(found)))
+
+
+def _half_digit(numbers: Floats) -> float:
+    """Return half of the last digit that numbers are written with: one printed as 1.000 is not."""
+    for digits in range(1, 13):
+        if (np.abs(np.round(numbers, digits) - numbers) < 1e-14).all():
+            return float(0.5 * 10.0**-digits)
+    return 1e-13
+
+
+def _count(averages: int | None, source: str) -> int:
+    """Return the number of averages, two at the least."""
+    if averages is None or averages < 2:
+        raise InputError(
+            "no averages" if averages is None else f"averages = {averages}",
+            "2 averages or more, of which the coherence is",
+            "state them (of one average every coherence is 1), or give std",
+            file=source,
+            place="averages",
+        )
+    return int(averages)
+
+
+def _faint(lost: int, source: str, left: int) -> tuple[str, ...]:
+    """Say how many lines hold nothing but noise."""
+    if left < 2:
+        raise InputError(
+            f"a coherence below {FAINT:g} on {'every line' if not left else 'all lines but one'}",
+            "lines on which the response stands out of the noise",
+            "excite more, or take another column: this one says that there is no response",
+            file=source,
+            place="coherence",
+        )
+    if not lost:
+        return ()
+    lines = f"{lost} line" + ("s" if lost > 1 else "")
+    return (f"{lines} with a coherence below {FAINT:g} left out: noise alone",)
+
+
+def _from_coherence(responses: Complexes, coherence: Floats, averages: int) -> tuple[Floats, int]:
+    """Return variances, shape (line, sensor), and the degrees of freedom of each."""
+    dof = averages - 1
+    single = np.abs(responses) ** 2 * (1 - coherence) / (coherence * dof)
+    beside = min(int(np.ceil((POOLED / dof - 1) / 2)), (len(single) - 1) // 2)
+    if beside < 1:
+        return single, dof
+    window = np.ones(2 * beside + 1)
+    count = np.convolve(np.ones(len(single)), window, "same")
+    pooled = [np.convolve(column, window, "same") / count for column in single.T]
+    return np.column_stack(pooled), dof * (2 * beside + 1)

@@ -1,0 +1,299 @@
+"""The page of the demonstration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorid.answer.evidence import RecordEvidence
+from rotorid.core.tables import Page, Table, table
+from rotorid.demo import DemoResult, findings
+from rotorid.demo.machine import MASS, STATED, MachineResult
+from rotorid.demo.paper import COLUMNS, TABLE, PaperRow, printed_error
+from rotorid.demo.run import FORCE_NOISE, PERIODS, POSITION_NOISE, SAMPLE_RATE
+from rotorid.report import drawn
+from rotorid.report.drawn import line_filter, waves
+from rotorid.report.estimate import verdict_of
+from rotorid.report.html import Picture, render
+from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Floats, Panel
+from rotorid.results.evidence import record_evidence
+
+FIRST = ("ml",)
+"""Estimators whose columns come first, beside the bound."""
+
+
+def demo_page(result: DemoResult) -> Page:
+    """Return the errors of all records here, then the paper's table beside them."""
+    records = f"{result.runs} records" if result.runs > 1 else "one record"
+    return [
+        paper_verdict(result),
+        "",
+        f"Error in %, root mean square of {records}; first the least that the data allow,",
+        "the Cramer-Rao bound",
+        sizes(result),
+        "Table 1, |error| in %: of one run, as the paper prints it;",
+        f"and beside it the median of {records} here",
+        beside_the_paper(result),
+        f"The paper lists the unbalance times Omega^2: {as_printed()}",
+        "",
+        f"Mean error of {records} in %, the bias",
+        means(result),
+        *findings(result),
+    ]
+
+
+def paper_verdict(result: DemoResult) -> str:
+    """Say how near to the least possible error each kind of method comes."""
+    over = {name: result.rms(name) / result.bound_percent for name in result.estimators}
+    others = np.concatenate([ratio for name, ratio in over.items() if name not in FIRST])
+    best = np.concatenate([ratio for name, ratio in over.items() if name in FIRST])
+    return (
+        f"Maximum likelihood finds the {len(result.names)} base parameters with {best.min():.2f} "
+        f"to {best.max():.2f} times the least error that the data allow, the paper's methods with "
+        f"{others.min():.2g} to {others.max():.2g} times."
+    )
+
+
+def ordered(result: DemoResult) -> list[str]:
+    """Return the estimators, those first that matter most."""
+    return sorted(result.estimators, key=lambda name: name not in FIRST)
+
+
+def sizes(result: DemoResult) -> Table:
+    """Return the rms error of every estimator, the bound and maximum likelihood first."""
+    names = ordered(result)
+    rows = [
+        (row.base, f"{result.bound_percent[i]:.3f}", *(f"{result.rms(n)[i]:.3f}" for n in names))
+        for row, i in _numbered(result)
+    ]
+    return table(("parameter", "bound", *names), rows)
+
+
+def beside_the_paper(result: DemoResult) -> Table:
+    """Return the errors that the paper prints, each with the median here; and the truth."""
+    names = [name for name in result.estimators if name in COLUMNS]
+    rows = []
+    for row, i in _numbered(result):
+        printed = [printed_error(row, name) for name in names]
+        pairs = [
+            (f"{error:.3f}", f"{result.median(name)[i]:.3f}")
+            for name, error in zip(names, printed, strict=True)
+            if error is not None
+        ]
+        flat = [text for pair in pairs for text in pair]
+        rows.append((row.base, f"{result.truth[i]:.5g}", result.units[i], *flat))
+    headings = [text for name in names for text in (name, "here")]
+    return table(("parameter", "true", "unit", *headings), rows)
+
+
+def means(result: DemoResult) -> Table:
+    """Return the mean error of every estimator."""
+    names = ordered(result)
+    rows = [
+        (row.base, *(f"{result.bias(name)[i]:+.3f}" for name in names))
+        for row, i in _numbered(result)
+    ]
+    return table(("parameter", *names), rows)
+
+
+def as_printed() -> str:
+    """Return what the paper prints of the unbalance, with its units."""
+    rows = [row for row in TABLE if row.speed_power]
+    return ", ".join(f"{row.quantity} = {row.true:.5g} {row.unit}" for row in rows)
+
+
+def _numbered(result: DemoResult) -> Sequence[tuple[PaperRow, int]]:
+    return [(row, result.names.index(row.base)) for row in TABLE]
+
+
+COLOURS = {"batch-100": BLUE, "batch-10": SKY, "sequential": GREEN, "ls": RED}
+SHOWN_CHANNEL, SHOWN_LINE = "x1", 180.0
+SHOWN_WIDTH = 1.6
+"""Hz on either side of the line that is shown by itself."""
+
+
+def filter_panels(result: DemoResult) -> list[Panel]:
+    """Return the spectrum before and after the line filter, the paper's Fig. 2."""
+    example, near = result.example, (SHOWN_LINE - SHOWN_WIDTH, SHOWN_LINE + SHOWN_WIDTH)
+    return [
+        line_filter(example.record, example.periods, SHOWN_CHANNEL),
+        line_filter(example.record, example.periods, SHOWN_CHANNEL, near),
+    ]
+
+
+def example_evidence(result: DemoResult, estimator: str) -> RecordEvidence:
+    """Return the first record as an estimator predicts it."""
+    example = result.example
+    (found,) = record_evidence(example.estimates[estimator], example.model, [example.periods])
+    return found
+
+
+def error_panels(result: DemoResult) -> list[Panel]:
+    """Return the distribution of the errors, one panel per parameter."""
+    return [_errors(result, row) for row in TABLE]
+
+
+def _errors(result: DemoResult, row: PaperRow) -> Panel:
+    index = result.names.index(row.base)
+    place = np.arange(len(result.estimators), dtype=float)
+    errors = np.array([result.errors(name)[:, index] for name in result.estimators])
+    low, first, middle, third, high = np.percentile(errors, (5, 25, 50, 75, 95), axis=1)
+    printed = [printed_error(row, name) for name in result.estimators]
+    both = [(sign * p, k) for k, p in zip(place, printed, strict=True) if p for sign in (-1, 1)]
+    marks = np.array(both or np.zeros((0, 2)))
+    return Panel(
+        row.base,
+        Axis("error in %"),
+        Axis(names=result.estimators),
+        (
+            _bars(low, high, place, f"5 to 95 % of {result.runs} records", "line"),
+            _bars(first, third, place, "the middle half", "thick"),
+            Curve(middle, place, "median", RED, "dots"),
+            Curve(marks[:, 0], marks[:, 1], "printed in the paper, sign unknown", GREY, "diamonds"),
+        ),
+        upright=0.0,
+        height=1.9,
+    )
+
+
+def _bars(low: Floats, high: Floats, place: Floats, label: str, look: str) -> Curve:
+    gap = np.full_like(low, np.nan)
+    x = np.column_stack([low, high, gap]).ravel()
+    return Curve(x, np.repeat(place, 3), label, BLUE, "thick" if look == "thick" else "line")
+
+
+def rms_panel(result: DemoResult) -> Panel:
+    """Return the rms error of every estimator and parameter, and the bound."""
+    order = [result.names.index(row.base) for row in TABLE]
+    place = np.arange(len(order), dtype=float)
+    curves = [
+        Curve(result.rms(name)[order], place, name, COLOURS.get(name, PINK), "dots")
+        for name in result.estimators
+    ]
+    bound = Curve(result.bound_percent[order], place, "the least possible", GREY, "diamonds")
+    axis = Axis(f"rms error in %, {result.runs} records", log=True)
+    return Panel("", axis, Axis(names=tuple(row.base for row in TABLE)), (*curves, bound), height=4)
+
+
+def draw_overview(result: DemoResult) -> Figure:
+    """Draw the whole story in one picture: line filter, predicted force, errors."""
+    from rotorid.report.figure import figure_of
+
+    example = result.example
+    kept = f"1. Keep the excited lines of {example.periods.periods} periods"
+    force = waves(example_evidence(result, "ml"))[0]
+    errors = rms_panel(result)
+    room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
+    return figure_of(
+        [
+            replace(filter_panels(result)[0], title=kept, height=3.9),
+            replace(force, title="2. Fit the equations of motion to the forces"),
+            replace(errors, x=room, title="3. Read the rotor's parameters"),
+        ],
+        columns=3,
+        apart=True,
+    )
+
+
+def machine_page(result: MachineResult) -> Page:
+    """Return what was done, in sentences, and every quantity beside its truth."""
+    periods, seconds = result.periods, result.periods.periods / result.periods.fundamental
+    fixed = [f"{v.name} = {v.value:g} {v.unit}" for v in result.estimate.parameters if v.fixed]
+    return [
+        "A levitated rotor from its bearings: four position sensors, four coil currents",
+        f"simulated: {seconds:g} s at {periods.sample_rate:g} Hz, "
+        f"{periods.speed * 30 / math.pi:.0f} rpm, under a controller",
+        f"inspected: {result.inspection.verdict}. {result.inspection.sentence}",
+        f"known beforehand: {', '.join(fixed)}, {MASS} by a scale; the constants of the bearings "
+        f"were stated {100 * (1 - STATED):.0f} % too small, and are unknown",
+        f"identified: {verdict_of(result.estimate).sentence}",
+        beside_the_truth(result),
+    ]
+
+
+def beside_the_truth(result: MachineResult) -> Table:
+    """Return each free quantity, true and found, and its error in deviations."""
+    rows = []
+    for value in result.estimate.free:
+        if value.name not in result.truth or not value.std:
+            continue
+        truth = result.truth[value.name]
+        off = (value.value - truth) / value.std
+        size = f"{100 * value.std / abs(truth):.2g}"
+        unit = "" if value.unit == "1" else value.unit
+        rows.append((value.name, f"{truth:.6g}", f"{value.value:.6g}", size, f"{off:+.1f}", unit))
+    return table(("parameter", "true", "found", "std %", "off by std", "unit"), rows)
+
+
+SHOWN = "ml"
+"""The estimator whose prediction is drawn."""
+
+
+def demo_report(result: DemoResult) -> str:
+    """Return the report of the demonstration as HTML."""
+    return render(
+        "demo.html",
+        result=result,
+        verdict=paper_verdict(result),
+        findings=findings(result),
+        sizes=sizes(result),
+        beside=beside_the_paper(result),
+        means=means(result),
+        columns=COLUMNS,
+        deviations=_deviations(result),
+        pictures=_pictures(result),
+        conditions={
+            "force": FORCE_NOISE,
+            "position": POSITION_NOISE,
+            "rate": SAMPLE_RATE,
+            "periods": PERIODS,
+        },
+    )
+
+
+def _deviations(result: DemoResult) -> Table | None:
+    """Return scatter over stated deviation, a row per parameter; none from a single record."""
+    if result.runs < 2:
+        return None
+    names = result.estimators
+    ratios = [result.scatter_over_stated(name) for name in names]
+    order = [result.names.index(row.base) for row in TABLE]
+    rows = [(result.names[i], *(f"{ratio[i]:.2f}" for ratio in ratios)) for i in order]
+    return table(("parameter", *names), rows)
+
+
+def _pictures(result: DemoResult) -> list[Picture]:
+    example = result.example
+    name = SHOWN if SHOWN in result.estimators else result.estimators[0]
+    evidence = example_evidence(result, name)
+    return [
+        Picture(
+            "Errors of every estimator",
+            f"Root mean square over {result.runs} records, parameter by parameter, and the least "
+            "that an unbiased estimate can have.",
+            (rms_panel(result),),
+        ),
+        Picture(
+            "Spectrum before and after the line filter",
+            f"The paper's Fig. 2, from the first record: {SHOWN_CHANNEL}. Before: all "
+            f"lines that the record of {example.periods.periods} periods resolves. After: the "
+            "excited ones, all others set to zero.",
+            tuple(filter_panels(result)),
+        ),
+        Picture(
+            "Forces measured and predicted",
+            f"One period of the first record; the prediction is the paper's (12) with {name}. The "
+            "band holds 95 % of what noise makes of the difference.",
+            tuple(drawn.waves(evidence)),
+        ),
+        Picture(
+            "Distribution of the errors",
+            f"Errors of {result.runs} records, parameter by parameter. The paper prints the size "
+            "of one run's error, so its marks stand on both sides.",
+            tuple(error_panels(result)),
+        ),
+    ]

@@ -1,1 +1,0 @@
-"""Maximum likelihood: cost, solver, inference, nuisances, identifiability, suspects, bound."""

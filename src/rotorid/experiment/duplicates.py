@@ -1,0 +1,716 @@
+"""Data given twice, and one zero of the rotor angle for several records.
+
+Of a few samples, chosen by their own digits and not by their place, the digits of all channels of
+the next few are summed up to one number: two records hold that number at two places where both
+hold those samples, and by chance nowhere.
+
+A record listed n times makes the stated deviations sqrt(n) too small, and nothing else shows it.
+
+The angle of such a record starts at its `phase`, 0 where nothing is said. Two records that were not
+started by the rotor itself then have two zeros, and one unbalance has two directions. At one speed
+the rotation's line of all sensors is the same but for that: turned as a whole. A line that is the
+same but a hundred times as large is one in another unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from hashlib import blake2b
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rotorid.core.errors import InputError
+from rotorid.core.files import is_hollow
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import HASHED_BYTES
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.filtered import FilteredRecord
+from rotorid.data.lines import Lines, PhasorClock, SilentClock
+from rotorid.data.observation import Measured
+from rotorid.data.record import Channel, PeriodicRecord, Record
+from rotorid.data.tables import SAME, multiple_of
+from rotorid.experiment.read import Recording, is_reference
+from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
+from rotorid.models import Model
+
+Words = npt.NDArray[np.uint64]
+
+WINDOW = 16
+"""Samples that a print is of: of some channels with noise, alike in no two measurements."""
+CHOSEN = 4
+"""Bits that are zero in the sum of a sample that a print begins at: one in 16, 60 of 1000."""
+MOST = 1 << 16
+"""Prints that are kept of a record: half of them are dropped where there are more."""
+FEWEST = 8
+"""Prints that records share where they share samples: so many at one distance are no chance."""
+NEARLY_ALL = 0.95
+"""Share of the prints that are the same where samples are; coarse digits repeat by chance less."""
+
+
+def _factors(count: int) -> Words:
+    """Return odd numbers whose digits look like chance: splitmix64 of 1, 2, .. (Vigna)."""
+    found = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        found = (found ^ (found >> np.uint64(shift))) * np.uint64(factor)
+    return np.asarray((found ^ (found >> np.uint64(31))) | np.uint64(1))
+
+
+_FACTORS = _factors(4096)
+
+
+@frozen
+class Prints:
+    """The prints of a record that it holds once, in rising order, and the samples they begin at."""
+
+    values: Words  # uint64 array, shape (print,)
+    places: Integers  # (print,)
+    chosen: Words  # uint64 array, shape (print,): the sum of the sample that each begins at
+    level: int  # bits that are zero in all of these
+    count: int  # samples of the record
+
+    def at(self, level: int) -> tuple[Words, Integers]:
+        """Return the prints of which more bits are zero, and their places."""
+        kept = _selected(self.chosen, level)
+        return self.values[kept], self.places[kept]
+
+
+@frozen
+class Shared:
+    """Samples that two records share: their number, and where they begin in each."""
+
+    count: int
+    first: int
+    second: int
+
+
+class Printer:
+    """Takes the prints of a record, block by block."""
+
+    def __init__(self) -> None:
+        self.level, self.count = CHOSEN, 0
+        self.tail = np.empty(0, dtype=np.uint64)
+        self.parts = [(self.tail, np.empty(0, dtype=np.int64), self.tail)]
+        self.held = 0
+
+    def add(self, samples: Floats) -> None:
+        """Go on with samples, shape (sample, channel)."""
+        sums = np.concatenate([self.tail, _sums(samples)])
+        begin = self.count - len(self.tail)
+        self.count += len(samples)
+        inside = max(len(sums) - WINDOW, 0)
+        places = 1 + np.flatnonzero(_selected(sums[1 : inside + 1], self.level))
+        places = places[sums[places] != sums[places - 1]]  # what stands still tells nothing
+        windows = sums[places[:, None] + np.arange(WINDOW)]
+        prints = (windows * _FACTORS[:WINDOW]).sum(axis=1, dtype=np.uint64)
+        self.parts.append((prints, places + begin, sums[places]))
+        self.held += len(places)
+        self.tail = sums[inside:]
+        if self.held > MOST:
+            self._thin()
+
+    def _thin(self) -> None:
+        """Keep half of the prints, those of which another bit is zero."""
+        while self.held > MOST and self.level < 48:
+            self.level += 1
+            joined = [np.concatenate(part) for part in zip(*self.parts, strict=True)]
+            kept = _selected(joined[2], self.level)
+            self.parts = [(joined[0][kept], joined[1][kept], joined[2][kept])]
+            self.held = int(kept.sum())
+
+    def prints(self) -> Prints:
+        """Return the prints that the record holds once."""
+        values, places, chosen = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        _, first, times = np.unique(values, return_index=True, return_counts=True)
+        once = first[times == 1]
+        return Prints(values[once], places[once], chosen[once], self.level, self.count)
+
+
+def _sums(samples: Floats) -> Words:
+    """Return a number of the digits of each sample, (sample,): of all channels."""
+    found = np.zeros(len(samples), dtype=np.uint64)
+    for channel in range(samples.shape[1]):
+        digits = np.ascontiguousarray(samples[:, channel] + 0.0).view(np.uint64)  # one zero
+        found += digits * _FACTORS[WINDOW + channel % (len(_FACTORS) - WINDOW)]
+    found ^= found >> np.uint64(29)
+    return np.asarray(found * _FACTORS[0])
+
+
+def _selected(sums: Words, level: int) -> npt.NDArray[np.bool_]:
+    return np.asarray(sums >> np.uint64(64 - level) == 0)
+
+
+def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
+    """Return pairs of records that hold the same prints, in rising order."""
+    values = np.concatenate([record.values for record in records])
+    owners = np.repeat(np.arange(len(records)), [len(record.values) for record in records])
+    order = np.argsort(values, kind="stable")
+    again = np.flatnonzero(values[order[1:]] == values[order[:-1]])
+    pairs, times = np.unique(
+        np.stack([owners[order[again]], owners[order[again + 1]]], axis=1),
+        axis=0,
+        return_counts=True,
+    )
+    return [(int(a), int(b)) for (a, b), n in zip(pairs, times, strict=True) if n >= FEWEST]
+
+
+def shared(one: Prints, other: Prints) -> Shared | None:
+    """Return the samples that two records share, in every digit; None where they share none."""
+    level = max(one.level, other.level)
+    (values, places), (others, theirs) = one.at(level), other.at(level)
+    _, mine, its = np.intersect1d(values, others, assume_unique=True, return_indices=True)
+    if len(mine) < FEWEST:
+        return None
+    lags, times = np.unique(places[mine] - theirs[its], return_counts=True)
+    lag = int(lags[times.argmax()])
+    begin, end = max(lag, 0), min(one.count, other.count + lag)
+    inside = ((places >= begin) & (places < end - WINDOW)).sum()
+    there = ((theirs + lag >= begin) & (theirs + lag < end - WINDOW)).sum()
+    if times.max() < max(FEWEST, NEARLY_ALL * max(inside, there)):
+        return None
+    return Shared(end - begin, begin, begin - lag)
+
+
+_PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
+_STEP = 1 << 20  # bytes that are compared at a time where these are the same
+_ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a chance of 1e-10
+_LATER = 0.999  # where one begins periods later: some lag or other brings any two hums so near
+_FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
+_ROUNDING = 1e-7  # of single precision: scatter below it is none
+_SHARE = 0.05  # of the shorter record: less of it twice makes no deviation 3 % too small
+_ROWS = 3  # of phasors, within a twentieth of their noise: three are by a chance of 1e-9 or less
+_DIGITS = 1e-6  # by which a frequency or a speed may differ and be the same
+_COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
+Entries = Mapping[str, ChannelEntry]
+
+
+def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
+    """Return what a channel is read from: a column, the two of a phasor, or each of its law's."""
+    if entry.law is not None:
+        return tuple((column.column.strip("/"),) for column in entry.columns)
+    if entry.column is not None:
+        return ((entry.column.strip("/"),),)
+    parts = (entry.amplitude, entry.phase) if entry.polar else (entry.real, entry.imag)
+    return (tuple(str(part) for part in parts),)
+
+
+def check_columns(entries: Entries) -> None:
+    """Refuse one column for two channels; the currents of force laws may be one: coils in series.
+
+    Raises
+    ------
+    InputError
+        With the channel that comes second.
+    """
+    taken: dict[tuple[str, ...], str] = {}
+    for name, entry in entries.items():
+        for column in columns_of(entry):
+            other = taken.setdefault(column, name)
+            series = entry.law is not None and entries[other].law is not None and other != name
+            if (other != name or columns_of(entry).count(column) > 1) and not series:
+                raise InputError(
+                    f"{' and '.join(map(repr, column))} for {other} and for {name}",
+                    "a column of its own for each channel",
+                    "write the name of the right column; a sensor that sees several coordinates is "
+                    "one channel with reads, a force that acts on several one input of the model",
+                    place=f"channels.{name}",
+                )
+
+
+def shared_currents(plan: Recording) -> tuple[str, ...]:
+    """Say which currents feed several force laws."""
+    users: dict[str, list[str]] = {}
+    for name, law in plan.laws.items():
+        for source in law.sources:
+            users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
+    return tuple(
+        f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
+        for column, names in users.items()
+        if len(names) > 1
+    )
+
+
+def check_records(
+    records: Sequence[RecordEntry],
+    channels: Sequence[Entries],
+    inputs: Collection[str],
+    folder: Path,
+) -> None:
+    """Refuse records that take the same samples of the same file.
+
+    Two may share a file where they take other times, lines, or sensors of it.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    places = [{_resolved(folder / name) for name in record.paths} for record in records]
+    for number, record in enumerate(records):
+        if record.quiet is not None and _resolved(folder / record.quiet) in places[number]:
+            raise InputError(
+                "the record itself",
+                "one without excitation, which tells the noise",
+                "name another file, or leave quiet out",
+                place=f"records.{number}.quiet",
+            )
+    sensors = [_sensors(entries, inputs) for entries in channels]
+    by_file: dict[Path, list[int]] = {}
+    for number, files in enumerate(places):
+        for path in files:
+            by_file.setdefault(path, []).append(number)
+    for path, numbers in by_file.items():
+        for first, second in combinations(numbers, 2):
+            if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
+                raise _again(first, second, path.name)
+
+
+def check_modes(modes: Sequence[ModeEntry]) -> None:
+    """Refuse a measured natural frequency twice; two modes may have one, where axes are alike.
+
+    Raises
+    ------
+    InputError
+        With the entry that comes second, or third.
+    """
+    for number, one in enumerate(modes):
+        before = modes[:number].count(one)
+        if before > (0 if one.mode is not None else 1):
+            raise InputError(
+                f"the natural frequency of modes.{modes.index(one)} again",
+                "each measurement once",
+                "remove one; of two modes of one frequency, give each its own mode = 1, 2",
+                place=f"modes.{number}",
+            )
+
+
+def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
+    """Refuse copies: files of other names and the same bytes.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    sized: dict[tuple[int, bytes], list[tuple[int, Path]]] = {}
+    for number, record in enumerate(records):
+        for name in record.paths:
+            path = _resolved(folder / name)
+            with suppress(OSError, ValueError):  # told where it is opened
+                if path.is_file() and not is_hollow(path.stat()):
+                    sized.setdefault(_look(path), []).append((number, path))
+    for alike in sized.values():
+        for (first, one), (second, other) in combinations(alike, 2):
+            if one != other and _overlap(records[first], records[second]) and _same(one, other):
+                raise _again(first, second, f"{one.name}, copied to {other.name}")
+
+
+def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
+    """Refuse records whose sensors read the same in every digit: one, exported twice.
+
+    Raises
+    ------
+    InputError
+        With the file that comes second.
+    """
+    seen: dict[tuple[object, ...], str] = {}
+    for one in found:
+        values, channels = _values(one)
+        kept = [i for i, channel in enumerate(channels) if channel.name not in inputs]
+        sensors = np.ascontiguousarray(values[..., kept])
+        if not sensors.any():
+            continue  # sensors at rest are alike
+        names = tuple(channels[i].name for i in kept)
+        key = (type(one), names, sensors.shape, blake2b(sensors.data).digest())
+        source = one.record.source if isinstance(one, FilteredRecord) else one.source
+        if key in seen:
+            raise InputError(
+                f"what {seen[key]} holds, in every digit of its sensors",
+                "another measurement",
+                "remove one of the two records: twice it counts as two measurements",
+                file=source,
+            )
+        seen[key] = source
+
+
+class Overlaps:
+    """Finds samples that two records share, wherever they begin in each: excerpts of one run.
+
+    Parameters
+    ----------
+    records : sequence of RecordEntry
+    inputs : collection of str
+        Names that are no sensors.
+    """
+
+    def __init__(self, records: Sequence[RecordEntry], inputs: Collection[str]) -> None:
+        self.records, self.inputs = records, inputs
+        self.taken: dict[int, tuple[tuple[str, ...], Printer]] = {}
+        self.read: dict[int, tuple[str, float]] = {}
+
+    def watch(self, number: int) -> Callable[[Sequence[str]], Callable[[Floats], None]] | None:
+        """Return what takes the prints of a record while it is read; None where there is one."""
+        if len(self.records) < 2:
+            return None
+
+        def begin(names: Sequence[str]) -> Callable[[Floats], None]:
+            sensors = tuple(n for n in names if n not in self.inputs and not is_reference(n))
+            columns, printer = [list(names).index(n) for n in sensors], Printer()
+            self.taken[number] = sensors, printer
+            return lambda samples: printer.add(samples[:, columns])
+
+        return begin
+
+    def look(self, number: int, record: Record) -> None:
+        """Take the prints of a record that was read whole."""
+        begin = self.watch(number)
+        if begin is not None:
+            begin(record.names)(record.samples)
+        self.told(number, record)
+
+    def told(self, number: int, record: Record | PeriodicRecord) -> None:
+        """Keep where a record comes from, and its sample rate."""
+        self.read[number] = record.source, record.sample_rate
+
+    def check(self) -> None:
+        """Refuse records that share samples.
+
+        Raises
+        ------
+        InputError
+            With the file that comes second.
+        """
+        prints = {number: printer.prints() for number, (_, printer) in self.taken.items()}
+        by_sensors: dict[tuple[str, ...], list[int]] = {}
+        for number, (sensors, _) in self.taken.items():
+            by_sensors.setdefault(sensors, []).append(number)
+        for numbers in by_sensors.values():
+            for a, b in candidates([prints[number] for number in numbers]):
+                first, second = sorted((numbers[a], numbers[b]))
+                both = shared(prints[first], prints[second])
+                if both is not None and _lines_overlap(self.records[first], self.records[second]):
+                    self._refuse(first, second, both)
+
+    def _refuse(self, first: int, second: int, both: Shared) -> None:
+        """Refuse two records of which a part that both use is the same."""
+        (one, rate), (other, _) = self.read[first], self.read[second]
+        used = self._used(first, second, both, rate)
+        if used > _SHARE * min(self.taken[k][1].count for k in (first, second)):
+            raise InputError(
+                f"{used} samples that {Path(one).name[:120]} holds too, in every digit of its "
+                f"sensors: what is at {both.second / rate:.4g} s here is at "
+                f"{both.first / rate:.4g} s there",
+                "each sample once: twice it counts as two measurements",
+                "remove one of the two, or give each its own times by skip and until",
+                file=other,
+            )
+
+    def _used(self, first: int, second: int, both: Shared, rate: float) -> int:
+        """Return how many shared samples neither record leaves out by skip."""
+        skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
+        begin = max(skips[0] - both.first, skips[1] - both.second, 0)
+        return both.count - begin
+
+
+def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
+    """Refuse tables of which another holds the same responses, or the same rows of phasors.
+
+    Raises
+    ------
+    InputError
+        With the file that comes second.
+    """
+    tables = [one for one in found if isinstance(one, Lines)][:_COMPARED]
+    for one, other in combinations(tables, 2):
+        told = None
+        if isinstance(one.clock, SilentClock) and isinstance(other.clock, SilentClock):
+            told = _response_again(one, other)
+        elif isinstance(one.clock, PhasorClock) and isinstance(other.clock, PhasorClock):
+            told = _rows_again(one, other, inputs)
+        if told is not None:
+            raise InputError(
+                f"{told} that {Path(one.source).name[:120]} holds too",
+                "each measurement once: twice it counts as two",
+                "leave them out of one of the two records",
+                file=other.source,
+            )
+
+
+def _response_again(one: Lines, other: Lines) -> str | None:
+    """Say which response of a table another table holds, differentiated perhaps."""
+    if one.channels[0].name != other.channels[0].name:
+        return None
+    here, there = _common(other.frequency, one.frequency)
+    for a, sensor in enumerate(other.channels[1:], start=1):
+        for b in range(1, len(one.channels)):
+            responses = np.stack([one.mean[there, b], other.mean[here, a]])
+            matrices = one.covariance.matrices[there, b, b], other.covariance.matrices[here, a, a]
+            if multiple_of(other.frequency[here], responses, np.stack(matrices).real) is not None:
+                return f"the response of {sensor.name}, noise and all,"
+    return None
+
+
+def _rows_again(one: Lines, other: Lines, inputs: Collection[str]) -> str | None:
+    """Say how many rows of phasors another table holds."""
+    names = [n for n in other.names if n in one.names and n not in inputs]
+    here, there = _common(other.speed, one.speed)
+    a, b = ([lines.names.index(n) for n in names] for lines in (other, one))
+    first, second = one.mean[there][:, b], other.mean[here][:, a]
+    spread = sum(
+        np.einsum("kii->ki", lines.covariance.matrices[rows]).real[:, columns]
+        for lines, rows, columns in ((one, there, b), (other, here, a))
+    )
+    near = np.abs(first - second) <= SAME * np.sqrt(spread)
+    same = int((near.all(axis=1) & first.any(axis=1)).sum()) if names else 0
+    if same < max(_ROWS, _SHARE * min(len(one.speed), len(other.speed))):
+        return None
+    return f"{same} rows"
+
+
+def _common(here: Floats, there: Floats) -> tuple[Integers, Integers]:
+    """Return where numbers stand that both hold, to the digits of a table."""
+    nearest = np.abs(here[:, None] - there).argmin(axis=1)
+    both = np.abs(here - there[nearest]) <= _DIGITS * np.abs(here)
+    return np.flatnonzero(both), nearest[both]
+
+
+def alike(found: Sequence[Measured], inputs: Collection[str]) -> dict[int, str]:
+    """Say which records scatter from period to period as another does: noise does not repeat.
+
+    One measurement that was exported twice, in other units or with fewer digits, or begun some
+    periods later, shows by it. It is told, not refused: what decays from one start, or hum that
+    began alike, may repeat.
+    """
+    told = {}
+    periodic = [(i, one) for i, one in enumerate(found) if isinstance(one, PeriodicRecord)]
+    for (_, one), (second, other) in combinations(periodic[:_COMPARED], 2):
+        names = [name for name in one.names if name not in inputs and name in other.names]
+        shares = [_by_lag(one, other, name) for name in names]
+        known = [share for share in shares if share is not None]
+        if not known:
+            continue
+        least = np.min(known, axis=0)
+        lags = np.arange(len(least)) - (len(other.spectra) - 2)
+        count = np.minimum(len(one.spectra), len(other.spectra) + lags) - np.maximum(lags, 0)
+        told_from = np.where(lags == 0, _ALIKE, _LATER)
+        told_from[(count - 1) * len(one.harmonics) < _FREEDOM] = np.inf
+        at = int((least - told_from).argmax())
+        if least[at] > told_from[at]:
+            lag = int(lags[at])
+            later = f", {abs(lag)} periods {'later' if lag > 0 else 'earlier'}" if lag else ""
+            told[second] = (
+                f"{other.source} scatters as {one.source} does, period by period{later} "
+                f"(correlation {least[at]:.4f}): if they are one measurement, exported twice, "
+                "remove one, or the deviations are too small"
+            )
+    return told
+
+
+def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | None:
+    """Return how a sensor's scatter in two records correlates, the second begun ever later.
+
+    Scatter is what changes from one period to the next, so that slow drifts are no likeness. From
+    the lag at which the second's last change meets the first's first one; None without scatter.
+    """
+    if not np.array_equal(one.harmonics, other.harmonics):
+        return None
+    parts = []
+    for record in (one, other):
+        lines = record.spectra[:, :, record.names.index(name)]
+        rest = np.diff(lines, axis=0)
+        if np.linalg.norm(rest) <= _ROUNDING * np.linalg.norm(lines):
+            return None
+        parts.append(rest)
+    first, second = parts
+    size = len(first) + len(second) - 1
+    turned = np.fft.fft(first, size, axis=0) * np.fft.fft(second[::-1].conj(), size, axis=0)
+    product = np.fft.ifft(turned, axis=0).sum(axis=1).real
+    powers = [(np.abs(part) ** 2).sum(axis=1) for part in parts]
+    ones = [np.ones(len(part)) for part in parts]
+    shared = np.convolve(powers[0], ones[1]) * np.convolve(ones[0], powers[1])
+    return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
+
+
+def _again(first: int, second: int, name: str) -> InputError:
+    return InputError(
+        f"the samples of records.{first} again ({name[:120]})",
+        "each sample once: twice it counts as two measurements",
+        "remove one of the two, or give each its own times by skip and until",
+        place=f"records.{second}",
+    )
+
+
+def _sensors(entries: Entries, inputs: Collection[str]) -> set[tuple[str, ...]]:
+    """Return the columns that sensors are read from; of responses, all."""
+    return {
+        column
+        for name, entry in entries.items()
+        if entry.law is None and (name not in inputs or entry.kind == "responses")
+        for column in columns_of(entry)
+    }
+
+
+def _overlap(first: RecordEntry, second: RecordEntry) -> bool:
+    """Tell whether two records of one file take a sample, or a line, that is the same."""
+    begin = max(first.skip or 0.0, second.skip or 0.0)
+    end = min(np.inf if one.until is None else one.until for one in (first, second))
+    if begin >= end:
+        return False
+    return _lines_overlap(first, second)
+
+
+def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
+    """Tell whether two records of the same samples may use the same of them, and a same line."""
+    if first.mask != second.mask and None not in (first.mask, second.mask):
+        return False
+    if first.harmonics and second.harmonics and _period(first) == _period(second):
+        return not set(first.harmonics).isdisjoint(second.harmonics)
+    if first.band is not None and second.band is not None:
+        return max(first.band[0], second.band[0]) <= min(first.band[1], second.band[1])
+    return True
+
+
+def _period(entry: RecordEntry) -> tuple[float | None, int | None]:
+    return entry.fundamental, entry.period_samples
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: told when opened
+        return path
+
+
+def _look(path: Path) -> tuple[int, bytes]:
+    """Return the size of a file and some of its bytes."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        parts = []
+        for begin in (0, size // 2, max(size - _PART, 0)):
+            stream.seek(begin)
+            parts.append(stream.read(_PART))
+    return size, b"".join(parts)
+
+
+def _same(one: Path, other: Path) -> bool:
+    with one.open("rb") as first, other.open("rb") as second:
+        while (data := first.read(_STEP)) == second.read(_STEP):
+            if not data or first.tell() > HASHED_BYTES:
+                return True
+    return False
+
+
+def _values(
+    one: Measured,
+) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.generic]], tuple[Channel, ...]]:
+    """Return the numbers of a record, the last axis the channels."""
+    if isinstance(one, FilteredRecord):
+        return one.record.samples, one.record.channels
+    return (one.spectra if isinstance(one, PeriodicRecord) else one.mean), one.channels
+
+
+SAME_SPEED = 1e-3
+"""Share by which speeds may differ: the unbalance hardly answers otherwise then."""
+ALIKE = 0.1
+"""Share of the rotation's line that a turn as a whole may leave: noise, and a sweep that passes."""
+TURNED = np.deg2rad(10.0)
+"""Angle from which on a line is turned: no settling and no noise of a line so clear does that."""
+LARGE = 100.0
+"""Factor from which on a line as a whole is in another unit, mm for um: no balancing does that."""
+
+
+@frozen
+class Wave:
+    """The rotation's line of the sensors of a record; `told`: where its angle begins is said."""
+
+    number: int
+    speed: float
+    sensors: tuple[str, ...]
+    phasors: Complexes
+    told: bool = False
+
+    def over(self, other: Wave) -> complex | None:
+        """Return by which factor a line is that of another one as a whole; None where it is not."""
+        near = abs(self.speed - other.speed) <= SAME_SPEED * abs(other.speed)
+        size = np.abs(other.phasors)
+        if not near or self.sensors != other.sensors or not size.all():
+            return None
+        ratios = self.phasors / other.phasors
+        factor = complex(ratios.mean())
+        return factor if np.abs(ratios - factor).max() <= ALIKE * abs(factor) else None
+
+
+def check_told(records: Sequence[RecordEntry]) -> None:
+    """Refuse runout beside several records of which nothing says where their angle begins.
+
+    A wrong zero of one of them turns its unbalance; the unknown runout takes that up, and nothing
+    shows it: another unbalance fits as well.
+
+    Raises
+    ------
+    InputError
+        With the record that comes second.
+    """
+    untold = [k for k, record in enumerate(records) if turns_untold(record)]
+    if len(untold) > 1:
+        raise InputError(
+            f"nothing, nor in records.{untold[0]}, which turns too",
+            "the rotor angle at the first sample of each record, where runout is to be told from "
+            "unbalance",
+            'write phase = "0 deg" in all of them if the mark of the rotor started them, or name '
+            "the column of the mark: keyphasor, angle",
+            place=f"records.{untold[1]}.phase",
+        )
+
+
+def turns_untold(record: RecordEntry) -> bool:
+    """Tell whether a record turns and says nothing of where its angle begins."""
+    if record.kind != "samples" or record.angle is not None or record.keyphasor is not None:
+        return False
+    return bool(record.speed.value) and "phase" not in record.model_fields_set
+
+
+def wave_of(number: int, entry: RecordEntry, record: Record, model: Model) -> Wave | None:
+    """Return the rotation's line of a record; None at standstill, or where it has its own."""
+    sensors = [c for c in record.names if c in model.coordinates]
+    if record.speed == 0 or entry.parameters or not sensors:
+        return None
+    samples = np.column_stack([record.column(name) for name in sensors])
+    window = np.hanning(len(samples))[:, None]
+    window /= window.sum()
+    centred = samples - (window * samples).sum(axis=0)
+    wave = np.exp(-1j * record.rotor_angle())[:, None]
+    phasors = (window * wave * centred).sum(axis=0)
+    return Wave(number, record.speed, tuple(sensors), phasors, not turns_untold(entry))
+
+
+def check_rotation(waves: list[Wave], file: str) -> None:
+    """Refuse the last record where another unit, or another zero of the angle, tells it apart."""
+    last = waves[-1]
+    for other in waves[:-1]:
+        factor = last.over(other)
+        if factor is None or factor == 0:
+            continue
+        size, turn = abs(factor), float(np.angle(factor))
+        if max(size, 1 / size) > LARGE:
+            raise InputError(
+                f"a rotation {size:.3g} times as large as in records.{other.number} in all of "
+                f"{', '.join(last.sensors)}",
+                "one size of it, since both turn at the same speed",
+                "correct unit or scale of the sensors in this record: [records.channels]",
+                file=file,
+                place=f"records.{last.number}.channels",
+            )
+        if not (last.told or other.told) and abs(size - 1) <= ALIKE and abs(turn) > TURNED:
+            raise InputError(
+                f"the rotation at {np.rad2deg(turn):.3g} deg from where it is in "
+                f"records.{other.number}, which turns at the same speed",
+                "one zero of the rotor angle in all records, where nothing is said of it",
+                'name the column of the mark (keyphasor, angle), or write phase = "unknown" in all '
+                f"records but records.{other.number}",
+                file=file,
+                place=f"records.{last.number}.phase",
+            )

@@ -1,0 +1,540 @@
+"""Experiment files to models, records and an estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.identify import Estimator
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.toml import parse_table, read_bytes, read_toml
+from rotorid.core.units import to_si
+from rotorid.data.line_inspection import LineInspection, inspect_lines
+from rotorid.data.observation import Measured
+from rotorid.data.order_tracking import phasors
+from rotorid.data.record import Record
+from rotorid.experiment.duplicates import (
+    Overlaps,
+    Wave,
+    alike,
+    check_contents,
+    check_measured,
+    check_modes,
+    check_records,
+    check_rotation,
+    check_tables,
+    check_told,
+    shared_currents,
+    wave_of,
+)
+from rotorid.experiment.kinds import check_own, check_shared, own_entries, plan_record, read_table
+from rotorid.experiment.methods import build_estimator, default_method
+from rotorid.experiment.names import check_once, constraints, fixed_values, own_values
+from rotorid.experiment.read import (
+    Recording,
+    averaged,
+    filtered_of,
+    lines_of,
+    measured,
+    quiet_record,
+)
+from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry, response_tables
+from rotorid.io import READERS, Source, read_record
+from rotorid.models import Model, load_model
+from rotorid.models.priors import Constraint
+from rotorid.signals.angle import keyphasor_angle, pulse_edges
+from rotorid.signals.inspection import Inspection, inspect_record
+from rotorid.signals.periods import KEYS
+
+
+@frozen
+class Experiment:
+    """What an experiment file says; its records are read when they are asked for.
+
+    Parameters
+    ----------
+    file : str
+        The experiment file, for messages.
+    folder : Path
+        Where the files of the records lie.
+    entry : ExperimentFile
+    model : Model
+    channels : sequence of Recording
+        Where the channels of each record come from.
+    fixed : mapping of str to float
+        Fixed parameters in SI.
+    constraints : sequence of Constraint
+    """
+
+    file: str
+    folder: Path
+    entry: ExperimentFile
+    model: Model
+    channels: tuple[Recording, ...]
+    fixed: dict[str, float]
+    constraints: tuple[Constraint, ...]
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that are read: the experiment, its model, its records, what goes with them."""
+        return [
+            Path(self.file),
+            Path(self.file).parent / self.entry.model,
+            *self.record_files,
+            *(self.folder / r.quiet for r in self.entry.records if r.quiet is not None),
+            *(self.folder / name for name in response_tables(self.entry)),
+        ]
+
+    @property
+    def record_files(self) -> list[Path]:
+        """The files of the records themselves."""
+        return [self.folder / name for entry in self.entry.records for name in entry.paths]
+
+    def measured(self, method: Method | None = None) -> list[Record]:
+        """Read the samples of every record.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's. Maximum likelihood takes the currents of linear force laws as
+            they are; the others take forces.
+
+        Raises
+        ------
+        InputError
+            For files, columns, units and samples that cannot be used.
+        """
+        return self._measured(currents=self.method(method) == "ml")
+
+    def require_records(self) -> None:
+        """Refuse an experiment of measured natural frequencies alone.
+
+        Raises
+        ------
+        InputError
+            Where there is no record.
+        """
+        if not self.entry.records:
+            raise InputError(
+                "natural frequencies alone",
+                "a record: [[records]]",
+                "add one; rotorid identify needs none",
+                file=self.file,
+                place="records",
+            )
+
+    def _measured(self, *, currents: bool) -> list[Record]:
+        for number, entry in enumerate(self.entry.records):
+            if entry.channel_kind != "samples":
+                raise InputError(
+                    f"a table of {entry.kind}",
+                    "samples over time",
+                    "take its lines, records(), or leave it out",
+                    file=self.file,
+                    place=f"records.{number}.kind",
+                )
+        return [
+            measured(self.folder, entry, plan, currents=currents)
+            for entry, plan in zip(self.entry.records, self.channels, strict=True)
+        ]
+
+    def method(self, method: Method | None = None) -> Method:
+        """Return the method to use: the one given, the file's, or what the model allows."""
+        return method or self.entry.estimator.method or default_method(self.model, self.entry)
+
+    @cached_property
+    def _likelihood_records(self) -> list[Measured]:
+        return self._observed(currents=True)
+
+    @cached_property
+    def _force_records(self) -> list[Measured]:
+        """The records with forces; those read already, where they hold no current."""
+        if "_likelihood_records" in self.__dict__ and not any(p.laws for p in self.channels):
+            return self._likelihood_records
+        return self._observed(currents=False)
+
+    def _observed(self, *, currents: bool) -> list[Measured]:
+        """Read every record: cut into periods, as the lines of the whole, or filtered."""
+        found: list[Measured] = []
+        so_far = _SoFar([], Overlaps(self.entry.records, self.model.inputs))
+        self._check_contents()
+        for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
+            try:
+                several = self._one(number, entry, plan, so_far, currents=currents)
+                own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
+                told = shared_currents(plan)
+                for one in several:
+                    said = replace(one, warnings=(*one.warnings, *told)) if told else one
+                    found.append(said.with_parameters(**own) if own else said)
+            except InputError as error:
+                if error.place not in KEYS:
+                    raise
+                place = f"records.{number}.{error.place}"
+                raise InputError(
+                    error.found, error.expected, error.cure, file=self.file, place=place
+                ) from None
+        check_measured(found, self.model.inputs)
+        so_far.overlaps.check()
+        check_tables(found, self.model.inputs)
+        for number, text in alike(found, self.model.inputs).items():
+            found[number] = replace(found[number], warnings=(*found[number].warnings, text))
+        return found
+
+    def _check_contents(self) -> None:
+        try:
+            check_contents(self.entry.records, self.folder)
+        except InputError as error:
+            raise error.at(file=self.file) from None
+
+    def _one(
+        self,
+        number: int,
+        entry: RecordEntry,
+        plan: Recording,
+        so_far: _SoFar,
+        *,
+        currents: bool,
+    ) -> Sequence[Measured]:
+        """Read one record by its kind; responses to several inputs are several."""
+        if entry.channel_kind != "samples":
+            return read_table(self.folder, entry, plan, self.model)
+        if entry.is_cut:
+            run = measured(self.folder, entry, plan, currents=currents)
+            so_far.overlaps.look(number, run)
+            return [phasors(run, entry.revolutions, skip=entry.skip or 0.0)]
+        if entry.periodic:
+            watch = so_far.overlaps.watch(number)
+            periods = averaged(self.folder, entry, plan, currents=currents, watch=watch)
+            so_far.overlaps.told(number, periods)
+            return [periods]
+        record = measured(self.folder, entry, plan, currents=currents)
+        so_far.overlaps.look(number, record)
+        if entry.cutoff is not None:
+            return [filtered_of(record, entry)]
+        if (wave := wave_of(number, entry, record, self.model)) is not None:
+            so_far.waves.append(wave)
+            check_rotation(so_far.waves, self.file)
+        quiet = quiet_record(self.folder, entry, plan, currents=currents)
+        return [lines_of(record, quiet, entry, self.model)]
+
+    def records(self, method: Method | None = None) -> list[Measured]:
+        """Read every record and cut it into periods, take the lines of the whole, or filter it.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            As for `measured`.
+
+        Raises
+        ------
+        InputError
+            As `measured`, and for periods or lines that the record does not have.
+        """
+        ml = self.method(method) == "ml"
+        return list(self._likelihood_records if ml else self._force_records)
+
+    def estimator(self, method: Method | None = None) -> Estimator:
+        """Return the estimator that the file asks for, or that of another method.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's.
+
+        Raises
+        ------
+        InputError
+            For a method that cannot honour what the file says.
+        """
+        try:
+            return build_estimator(
+                self.entry, self.method(method), self.fixed, self.constraints, self.model
+            )
+        except InputError as error:
+            raise error.at(file=self.file) from None
+
+    def identify(self, method: Method | None = None) -> Estimate:
+        """Read the records and estimate, as ``rotorid identify`` does.
+
+        Parameters
+        ----------
+        method : {"ls", "batch", "sequential", "ml"}, optional
+            In place of the file's.
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        InputError
+            As `records`, `estimator` and `rotorid.identify`.
+        """
+        from rotorid.answer.identify import identify  # to read a file needs none of it
+
+        try:
+            return identify(self.model, self.records(method), self.estimator(method))
+        except InputError as error:
+            raise error.at(file=self.file) from None
+
+
+@frozen
+class _SoFar:
+    """What records that were read are held against."""
+
+    waves: list[Wave]
+    overlaps: Overlaps
+
+
+def _check_ending(path: Path) -> None:
+    """Refuse a record in place of the experiment file; text may be either."""
+    ending = path.suffix.lower()
+    if ending in READERS and ending != ".txt":
+        raise ReadError(
+            f"a file of the ending {ending}, a record",
+            "an experiment file, which says what is in the records",
+            f"write one: rotorid new {path} --model three-mass --out experiment.toml",
+            file=str(path),
+        )
+
+
+def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Experiment:
+    """Read an experiment file.
+
+    Parameters
+    ----------
+    path : str or Path
+    folder : str or Path, optional
+        Where the files of the records lie; without it, where the experiment file lies.
+
+    Returns
+    -------
+    Experiment
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, or says what cannot be done, with the key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "run.toml"
+    >>> _ = path.write_text('''
+    ... model = "jeffcott"
+    ... [[records]]
+    ... file = "run.csv"
+    ... sample_rate = "2 kHz"
+    ... fundamental = "10 Hz"
+    ... harmonics = [1, 2]
+    ... [channels]
+    ... F_x = { column = "fx", unit = "N" }
+    ... F_y = { column = "fy", unit = "N" }
+    ... x = { column = "x", unit = "um" }
+    ... y = { column = "y", unit = "um" }''')
+    >>> load_experiment(path).model.name
+    'jeffcott'
+    """
+    path = Path(path)
+    _check_ending(path)
+    entry = read_toml(path, ExperimentFile)
+    where = path.parent if folder is None else Path(folder)
+    model = _model(entry.model, path)
+    try:
+        channels = []
+        check_shared(entry.records, entry.channels)
+        for number, record in enumerate(entry.records):
+            try:
+                check_own(record, entry.channels, model, where)
+            except InputError as error:
+                raise error.at(place=f"records.{number}") from None
+            _check_lines(record, model, f"records.{number}.band")
+            channels.append(plan_record(record, entry.channels, model, where))
+            own_values(record.parameters, model, f"records.{number}.parameters")
+        every = [own_entries(record, entry.channels) for record in entry.records]
+        check_records(entry.records, every, model.inputs, where)
+        check_modes(entry.modes)
+        known = constraints(entry.constraints, model)
+        check_once(entry.parameters, entry.constraints, model)
+        if entry.estimator.runout:
+            check_told(entry.records)
+        return Experiment(
+            file=str(path),
+            folder=where,
+            entry=entry,
+            model=model,
+            channels=tuple(channels),
+            fixed=fixed_values(entry.parameters, model),
+            constraints=known,
+        )
+    except InputError as error:
+        raise error.at(file=str(path)) from None
+
+
+def _check_lines(record: RecordEntry, model: Model, place: str) -> None:
+    if model.linear is None and record.band is not None and not record.periodic:
+        raise InputError(
+            "the lines of a whole record for a model that is not linear in its coordinates",
+            "periods, or samples that are filtered",
+            'write cutoff = "100 Hz" in place of band (five to ten times the frequencies of the '
+            "motion), or the fundamental of a periodic excitation",
+            place=place,
+        )
+
+
+def _model(name: str, experiment: Path) -> Model:
+    try:
+        return load_model(name, folder=experiment.parent)
+    except InputError as error:
+        raise error if error.file else error.at(file=str(experiment), place="model") from None
+
+
+OPEN = "?"
+"""What a draft writes where something is left to say."""
+
+_KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
+
+
+def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
+    """Inspect every record of an experiment file.
+
+    Returns
+    -------
+    inspections : list of Inspection or LineInspection
+        The latter for tables of phasors and responses; those to several inputs are several.
+    told : str
+        Why the file was read as a draft; empty where it is finished.
+
+    Raises
+    ------
+    InputError
+        For files that cannot be read.
+    """
+    try:
+        plan = load_experiment(path)
+    except InputError as error:
+        try:
+            entries = _draft_entries(path)
+        except InputError:
+            raise error from None  # what the file is not says more than that it is no TOML
+        if entries is None:
+            raise
+        told = f"read as a draft, every column as it is, because of this: {error}"
+        return [_inspect_draft(path.parent, entry) for entry in entries], told
+    plan.require_records()
+    return [found for number in range(len(plan.entry.records)) for found in _each(plan, number)], ""
+
+
+def named_files(path: Path) -> list[Path]:
+    """Return an experiment file, a draft too, and every file that a text in it names."""
+    found = [path]
+    left: list[Any] = [parse_table(read_bytes(path), file=str(path))]
+    while left:
+        value = left.pop()
+        if isinstance(value, dict | list):
+            left += value.values() if isinstance(value, dict) else value
+        elif isinstance(value, str):
+            with suppress(OSError, ValueError):  # texts that are no names of files
+                if (path.parent / value).is_file():
+                    found.append(path.parent / value)
+    return found
+
+
+def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
+    """Inspect one record of a finished file."""
+    entry, channels = plan.entry.records[number], plan.channels[number]
+    if entry.channel_kind != "samples":
+        for lines in read_table(plan.folder, entry, channels, plan.model):
+            named = lines.source or ", ".join(entry.paths)
+            yield inspect_lines(replace(lines, source=named))
+        return
+    currents = plan.method("ml") == "ml"
+    yield _inspect(measured(plan.folder, entry, channels, currents=currents), entry)
+
+
+def _inspect(record: Record, entry: RecordEntry) -> Inspection:
+    size = entry.period_samples
+    if size is None and entry.fundamental is not None:
+        size = round(record.sample_rate / entry.fundamental)
+    return inspect_record(
+        record,
+        period_samples=size,
+        harmonics=entry.harmonics,
+        band=entry.band,
+        skip=entry.skip or 0.0,
+        whole=size is None and entry.band is not None,
+    )
+
+
+def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
+    """Return the records of a file that leaves something open, None where it does not."""
+    try:
+        data = read_bytes(path)
+        entries = parse_table(data).get("records", [])
+    except ReadError:  # told where the file is read in earnest
+        return None
+    if not isinstance(entries, list) or not entries:
+        return None
+    periodic = [
+        isinstance(e, dict) and ("fundamental" in e or "period_samples" in e) for e in entries
+    ]
+    named = all(isinstance(e, dict) and ("file" in e or "files" in e) for e in entries)
+    return entries if named and (f'"{OPEN}"'.encode() in data or not all(periodic)) else None
+
+
+def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:
+    """Inspect a record with all its columns, as far as its entry is filled in."""
+    said = {key: entry[key] for key in _KEPT if entry.get(key, OPEN) not in (OPEN, "unknown")}
+    names = entry["files"] if "files" in entry else [entry["file"]]
+    if not all(isinstance(name, str) and name != OPEN for name in names):
+        raise ReadError("no name of a file", "the file of a record", "name it")
+    skip = said.pop("skip", 0.0)
+    record = read_record([folder / name for name in names], time=_time(entry), **said)
+    record = _without_mark(record, entry)
+    size = entry.get("period_samples")
+    fundamental = entry.get("fundamental", OPEN)
+    if fundamental != OPEN:
+        size = round(record.sample_rate / to_si(fundamental, "Hz", place="fundamental"))
+    if isinstance(skip, str):
+        skip = to_si(skip, "s", place="skip")
+    harmonics = entry.get("harmonics")
+    return inspect_record(
+        record,
+        period_samples=size if isinstance(size, int) else None,
+        harmonics=harmonics if isinstance(harmonics, list) else None,
+        skip=skip,
+        whole=size is None and "band" in entry,
+    )
+
+
+def _without_mark(record: Record, entry: Mapping[str, Any]) -> Record:
+    """Leave out the column of the rotor angle, which is no channel; a keyphasor tells the speed."""
+    angle = entry.get("angle")
+    mark = angle.get("column") if isinstance(angle, dict) else entry.get("keyphasor")
+    kept = [c for c, name in enumerate(record.names) if name != mark]
+    turned: dict[str, Any] = {}
+    if entry.get("keyphasor") in record.names:
+        with suppress(InputError):  # what is wrong with it is told once the file is finished
+            column, rate = record.column(entry["keyphasor"]), record.sample_rate
+            times, half = pulse_edges(column, rate, source=record.source)
+            seen = keyphasor_angle(times, len(column), rate, half=half, source=record.source)
+            turned = {"speed": seen.speed, "angle": seen.angle}
+    return replace(
+        record,
+        channels=tuple(record.channels[c] for c in kept),
+        samples=record.samples[:, kept],
+        **turned,
+    )
+
+
+def _time(entry: Mapping[str, Any]) -> Source | None:
+    time = entry.get("time", OPEN)
+    if time == OPEN:
+        return None
+    return Source(time) if isinstance(time, str) else Source(time["column"], time.get("unit"))

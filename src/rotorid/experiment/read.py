@@ -1,0 +1,449 @@
+"""From the channels of an experiment file to a record: columns, force laws, rotor angle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+from rotorid.data.filtered import FilteredRecord, filtered
+from rotorid.data.lazy_time import changed
+from rotorid.data.lines import Lines
+from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
+from rotorid.data.whole_record import spectra
+from rotorid.experiment.names import combination_of, dynamics_of, source, timing
+from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
+from rotorid.force.channel_dynamics import Dynamics
+from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.force.reading import ForceReading, as_channels, forces
+from rotorid.io import Source, read_record
+from rotorid.io.record import RecordBlocks, open_blocks
+from rotorid.models import Model
+from rotorid.models.equations import sensor_terms
+from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
+from rotorid.signals.average import average, average_blocks
+from rotorid.signals.checks.periods import detect_settling
+from rotorid.signals.checks.rotation import rotation_warnings
+
+_MARK = "the mark of the rotor angle"
+_REFERENCE = "reference "
+
+
+@frozen
+class InputLaw:
+    """How an input's force follows from columns."""
+
+    law: Linear | Differential | Flux
+    sources: tuple[str, ...]  # its columns, among the sources of the `Recording`
+    # displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law
+    position: Mapping[str, float]
+    shared: Mapping[str, str]  # names under which constants of the law are shared with other inputs
+
+
+@frozen
+class Recording:
+    """Where the columns of a record come from, and what is made of them."""
+
+    sources: dict[str, Source]
+    laws: dict[str, InputLaw]
+    # the channels of a record that is a table: it is read by its kind
+    table: Mapping[str, ChannelEntry] = field(default_factory=dict)
+
+
+def recording(
+    entries: Mapping[str, ChannelEntry],
+    model: Model,
+    others: Mapping[str, ChannelEntry] | None = None,
+    folder: Path = Path(),
+) -> Recording:
+    """Return where the channels of a record come from; tables are looked for in `folder`."""
+    sources: dict[str, Source] = {}
+    laws: dict[str, InputLaw] = {}
+    for name, entry in entries.items():
+        if entry.law is None:
+            sources[name] = source(name, entry, model, folder)
+            continue
+        place = f"channels.{name}"
+        if name not in model.inputs:
+            raise InputError(
+                f"a force law for {name}",
+                f"an input of the model ({', '.join(model.inputs)})",
+                "give laws to inputs only",
+                place=place,
+            )
+        try:
+            law = _law(entry)
+            position = _position(entry, {**(others or {}), **entries}, model)
+        except InputError as error:
+            raise error.at(place=place) from None
+        columns = entry.recorded
+        labels = (
+            [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
+        )
+        unit = "T" if isinstance(law, Flux) else "A"
+        for label, column in zip(labels, columns, strict=True):
+            sources[label] = Source(
+                column=column.column,
+                unit=column.unit,
+                scale=column.scale,
+                expected=unit,
+                hold=column.hold == "zero-order",
+                delay=column.delay.value,
+                delay_std=column.delay.std or 0.0,
+                gain_std=column.gain_std,
+                dynamics=_law_dynamics(law, column.dynamics, folder, place),
+            )
+        laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
+    return Recording(sources, laws)
+
+
+def _law_dynamics(
+    law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
+) -> Dynamics | None:
+    """Return the dynamics of a law's column: of a current; known, where the law bends."""
+    bends = not isinstance(law, Linear)
+    if entry is not None and (isinstance(law, Flux) or (bends and entry.uncertain)):
+        raise InputError(
+            "dynamics of a flux" if isinstance(law, Flux) else "unknown dynamics in a bent law",
+            "known dynamics of a current",
+            "take the linear law, measure the current behind the amplifier, or its response",
+            place=f"{place}.dynamics",
+        )
+    return dynamics_of(entry, actuator=True, folder=folder)
+
+
+def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
+    law = entry.build()
+    if isinstance(law, Linear) and law.ks_std:
+        raise InputError(
+            "a deviation of ks",
+            "ks as it is, or as an unknown",
+            'leave std out, or estimate it: gains = ["ks"]',
+            place="ks",
+        )
+    return law
+
+
+def _position(
+    entry: ChannelEntry, entries: Mapping[str, ChannelEntry], model: Model
+) -> dict[str, float]:
+    """Return the displacement in an actuator as a combination of coordinates."""
+    if entry.position is None:
+        return {}
+    reads = {
+        name: combination_of(sensor.reads, model, place=f"channels.{name}.reads")
+        for name, sensor in entries.items()
+        if sensor.reads is not None
+    }
+    known = (*model.coordinates, *(name for name in reads if name not in model.coordinates))
+    total: dict[str, float] = {}
+    for levers, name, factor in _levers(entry.position, known, model):
+        for coordinate, share in reads.get(name, {name: 1.0}).items():
+            text = "*".join([*levers, coordinate])
+            total[text] = total.get(text, 0.0) + factor * share
+    return {name: value for name, value in total.items() if value}
+
+
+def _levers(
+    text: str, known: Sequence[str], model: Model
+) -> Iterator[tuple[list[str], str, float]]:
+    """Yield the terms of a displacement: parameters, name, coefficient."""
+    for t in sensor_terms(text, known, model.parameter_names, place="position"):
+        if t.order:
+            raise InputError(
+                f"{text[:60]!r}, which holds a derivative",
+                "a combination of positions here",
+                "leave the derivative out",
+                place="position",
+            )
+        powers = zip(model.parameter_names, t.powers, strict=True)
+        levers = [name for name, power in powers for _ in range(power)]
+        yield levers, known[t.coordinate], t.coefficient
+
+
+def measured(
+    folder: Path,
+    entry: RecordEntry,
+    plan: Recording,
+    *,
+    currents: bool,
+    beside: Mapping[str, Source] | None = None,
+) -> Record:
+    """Read a record, its files relative to a folder, with other channels beside those it names."""
+    columns = dict(plan.sources)
+    if entry.angle is not None:
+        columns[_MARK] = Source(
+            entry.angle.column, entry.angle.unit, expected="rad" if entry.angle.unit else None
+        )
+    elif entry.keyphasor is not None:
+        columns[_MARK] = Source(entry.keyphasor)
+    columns |= {reference_name(name): Source(name) for name in entry.references or ()}
+    columns |= beside or {}
+    record = read_record(
+        [folder / name for name in entry.paths],
+        columns=columns,
+        skip=entry.skip or 0.0,
+        mask=entry.mask,
+        highest=_highest(entry),
+        time=timing(entry),
+        **_said(entry),
+    )
+    record = _with_drives(_with_angle(record, entry), plan)
+    return forces(
+        record, _readings(record, plan), drives=not currents, period=_period(record, entry)
+    )
+
+
+def reference_name(column: str) -> str:
+    """Return the name of the channel of a reference: no name of a model, whatever the column."""
+    return f"{_REFERENCE}{column}"
+
+
+def is_reference(name: str) -> bool:
+    """Tell whether a channel is a reference."""
+    return name.startswith(_REFERENCE)
+
+
+def quiet_record(
+    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+) -> Record | None:
+    """Read the record without excitation that goes with another, if there is one."""
+    if entry.quiet is None:
+        return None
+    still = entry.model_copy(update={"file": entry.quiet, "files": None, "quiet": None})
+    return measured(folder, still, plan, currents=currents)
+
+
+def lines_of(record: Record, quiet: Record | None, entry: RecordEntry, model: Model) -> Lines:
+    """Return the lines of a whole record, its noise from what the file names."""
+    assert entry.band is not None  # the schema sees to it
+    lines = spectra(
+        record,
+        entry.band,
+        references=[reference_name(name) for name in entry.references or ()],
+        quiet=quiet,
+        inputs=model.inputs,
+        skip=entry.skip or 0.0,
+    )
+    return replace(lines, warnings=(*record.warnings, *lines.warnings))
+
+
+def filtered_of(record: Record, entry: RecordEntry) -> FilteredRecord:
+    """Return the samples of a record, low-passed and differentiated."""
+    assert entry.cutoff is not None  # the schema sees to it
+    return filtered(
+        record,
+        entry.cutoff,
+        decimate=entry.decimate or 1,
+        leave_out=entry.leave_out or (),
+        skip=entry.skip or 0.0,
+    )
+
+
+def _said(entry: RecordEntry) -> dict[str, Any]:
+    """Return what an entry says of its files, for a reader of samples or of blocks."""
+    return {
+        "sample_rate": entry.sample_rate,
+        "speed": entry.speed.value,
+        "phase": entry.phase,
+        "until": entry.until,
+        "fundamental": entry.fundamental,
+        "header_row": entry.header_row,
+        "overrule": entry.overrule,
+    }
+
+
+Watch = Callable[[Sequence[str]], Callable[[Floats], None]]
+"""Called with the names of the channels before a record is read; returns what looks at samples."""
+
+
+def averaged(
+    folder: Path,
+    entry: RecordEntry,
+    plan: Recording,
+    *,
+    currents: bool,
+    watch: Watch | None = None,
+) -> PeriodicRecord:
+    """Read a record and cut it into periods; a large one in blocks."""
+    blocks = _blocks(folder, entry, plan, currents=currents)
+    if blocks is None:
+        record = measured(folder, entry, plan, currents=currents)
+        if watch is not None:
+            watch(record.names)(record.samples)
+        return periods_of(record, entry)
+    if watch is not None:
+        blocks = replace(blocks, read=_watched(blocks, watch))
+    return _settled(
+        lambda skip: average_blocks(
+            blocks, skip=skip, phase_known=entry.phase is not None, **_chosen(entry)
+        ),
+        entry,
+    )
+
+
+def _watched(blocks: RecordBlocks, watch: Watch) -> Callable[[], Iterator[Floats]]:
+    """Return what reads blocks, each shown before it is used, as often as they are read."""
+
+    def read() -> Iterator[Floats]:
+        look = watch(blocks.names)
+        for block in blocks.read():
+            look(block)
+            yield block
+
+    return read
+
+
+def _blocks(
+    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
+) -> RecordBlocks | None:
+    """Return a record in blocks, where nothing needs its samples side by side."""
+    marked = entry.angle is not None or entry.keyphasor is not None
+    if marked or entry.mask is not None or _needs_samples(plan, currents=currents):
+        return None
+    blocks = open_blocks(
+        [folder / name for name in entry.paths],
+        columns=plan.sources,
+        time=timing(entry),
+        **_said(entry),
+    )
+    if blocks is None:
+        return None
+    return replace(blocks, channels=_driven(blocks.channels, plan))
+
+
+def _needs_samples(plan: Recording, *, currents: bool) -> bool:
+    """Tell whether forces are to be made of currents or fluxes, sample by sample."""
+    return any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+
+
+def _highest(entry: RecordEntry) -> float | None:
+    """Return the frequency of the highest line in Hz, where the file tells it."""
+    if entry.band is not None:
+        return entry.band[1]
+    if entry.cutoff is not None:
+        return entry.cutoff
+    if entry.fundamental is not None and entry.harmonics:
+        return max(entry.harmonics) * entry.fundamental
+    return None
+
+
+def _period(record: Record, entry: RecordEntry) -> int | None:
+    if entry.period_samples is not None or entry.fundamental is None:
+        return entry.period_samples
+    return round(record.sample_rate / entry.fundamental)
+
+
+def _with_angle(record: Record, entry: RecordEntry) -> Record:
+    """Return the record without the column of its mark, with the angle from it."""
+    if _MARK not in record.names:
+        return record
+    index = record.names.index(_MARK)
+    column, rate, source_file = record.samples[:, index], record.sample_rate, record.source
+    if entry.angle is not None:
+        counts = entry.angle.unit is None and entry.angle.lines is not None
+        turned = encoder_angle(
+            column,
+            rate,
+            per_revolution=float(entry.angle.lines or 1) if counts else 2 * np.pi,
+            lines=entry.angle.lines,
+            source=source_file,
+        )
+    else:
+        times, half = pulse_edges(column, rate, source=source_file)
+        turned = keyphasor_angle(times, len(column), rate, half=half, source=source_file)
+    return replace(
+        record,
+        channels=tuple(c for c in record.channels if c.name != _MARK),
+        samples=np.delete(record.samples, index, axis=1),
+        speed=turned.speed,
+        angle=turned.angle,
+        phase_std=float(np.hypot(turned.angle_std, abs(turned.speed) * _lag_std(record, entry))),
+    )
+
+
+def _lag_std(record: Record, entry: RecordEntry) -> float:
+    """Return how well the time between mark and columns is known, in s.
+
+    Nobody measures it: filters before the logger delay the columns and not the mark. Unless the
+    file says better, it is taken to lie anywhere within a sample.
+    """
+    if entry.angle_lag_std is not None:
+        return entry.angle_lag_std
+    return float(1 / (record.sample_rate * np.sqrt(12)))
+
+
+def _with_drives(record: Record, plan: Recording) -> Record:
+    return replace(record, channels=_driven(record.channels, plan)) if plan.laws else record
+
+
+def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
+    """Return the channels, those of linear laws with their drives."""
+    found_channels = []
+    for channel in channels:
+        found = plan.laws.get(channel.name)
+        if found is not None and isinstance(found.law, Linear):
+            law = found.law
+            channel = replace(
+                channel,
+                drive=Drive(law.ki, law.ks, found.position),
+                gain_std=float(np.hypot(channel.gain_std, law.ki_std / abs(law.ki))),
+            )
+        found_channels.append(channel)
+    return tuple(found_channels)
+
+
+def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
+    spent = {name for law in plan.laws.values() for name in law.sources}
+    sensors = [c for c in record.channels if c.name in plan.sources and c.name not in spent]
+    found = {}
+    for name, law in plan.laws.items():
+        if isinstance(law.law, Linear):
+            continue
+        try:
+            position = as_channels(sensors, law.position) if law.position else {}
+        except InputError as error:
+            raise error.at(file=record.source, place=f"channels.{name}.position") from None
+        found[name] = ForceReading(law.law, law.sources, position, law.shared)
+    return found
+
+
+def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
+    """Cut a record into periods; drop its transient where the file does not say what to skip."""
+
+    def cut(skip: float) -> PeriodicRecord:
+        return average(record, skip=skip, **_chosen(entry))
+
+    periods = _settled(cut, entry)
+    return changed(periods, warnings=(*record.warnings, *periods.warnings))
+
+
+def _chosen(entry: RecordEntry) -> dict[str, Any]:
+    """Return the period and the lines of an entry."""
+    return {
+        "fundamental": entry.fundamental,
+        "period_samples": entry.period_samples,
+        "harmonics": entry.harmonics,
+        "band": entry.band,
+    }
+
+
+def _settled(cut: Callable[[float], PeriodicRecord], entry: RecordEntry) -> PeriodicRecord:
+    """Drop the transient of a record where the file does not say what to skip."""
+    periods = cut(entry.skip or 0.0)
+    found = detect_settling(periods)
+    warnings = []
+    if found.periods:
+        if entry.skip is None:
+            periods = cut(found.drop)
+            warnings.append(f"{found.told}: the first {found.drop:g} s are dropped")
+        else:
+            after = f"after skip = {entry.skip:g} s: skip {found.drop:g} s more"
+            warnings.append(f"{found.told}, {after}")
+    return changed(periods, warnings=(*periods.warnings, *warnings, *rotation_warnings(periods)))

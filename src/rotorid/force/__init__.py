@@ -1,0 +1,1 @@
+"""Forces of magnets: their laws, what goes through a law, dynamics of channels."""

@@ -1,0 +1,174 @@
+"""Force laws as they stand in files: the same keys in experiment and in rig files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Annotated, Literal, NamedTuple, TypeVar
+
+import numpy as np
+from pydantic import BeforeValidator, Field, StrictInt
+
+from rotorid.core.errors import InputError
+from rotorid.core.toml import Schema
+from rotorid.core.units import to_si
+from rotorid.force.laws import MU0, Differential, Flux, Linear, with_std
+
+L = TypeVar("L", Linear, Differential, Flux)
+LawName = Literal["linear", "differential", "flux"]
+
+
+class Constant(NamedTuple):
+    """A constant of a force law, SI; `std` 0: exact, infinite: unknown, with a value to start."""
+
+    value: float
+    std: float = 0.0
+    shared: str = ""
+
+
+def _constant(unit: str) -> BeforeValidator:
+    def read(value: object) -> Constant:
+        if not isinstance(value, dict):
+            return Constant(to_si(value, unit))
+        keys, shared = set(value) - {"shared"}, value.get("shared", "")
+        if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
+            raise InputError(
+                f"the keys {', '.join(sorted(value)) or '(none)'}",
+                "value and std, or start, or a quantity alone; a name in shared beside them",
+                f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
+            )
+        if keys == {"start"}:
+            return Constant(to_si(value["start"], unit, place="start"), np.inf, shared)
+        number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
+        return Constant(number, std, shared)
+
+    return BeforeValidator(read)
+
+
+_KEYS: Mapping[LawName, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    # law: keys that it needs, keys that it may have
+    "linear": (("ki",), ("ks",)),
+    "differential": (
+        ("bias", "gap"),
+        ("K", "area", "turns", "angle", "bias_difference", "iron", "saturation"),
+    ),
+    "flux": (("area",), ("poles", "angle")),
+}
+
+
+class LawEntry(Schema):
+    """A force law and its constants.
+
+    ``linear``: ki, ks. ``differential``: bias, gap, angle and K, or area and turns of horseshoe
+    magnets; bias_difference, iron and saturation. ``flux``: area, poles, angle. A constant is a
+    quantity, or a table of value and std.
+    """
+
+    law: LawName
+    ki: Annotated[Constant | None, _constant("N/A")] = None
+    ks: Annotated[Constant | None, _constant("N/m")] = None
+    K: Annotated[Constant | None, _constant("N m^2/A^2")] = None
+    area: Annotated[Constant | None, _constant("m^2")] = None
+    turns: Annotated[float | None, Field(gt=0, allow_inf_nan=False)] = None
+    bias: Annotated[Constant | None, _constant("A")] = None
+    gap: Annotated[Constant | None, _constant("m")] = None
+    angle: Annotated[Constant | None, _constant("rad")] = None
+    poles: StrictInt | None = None
+    bias_difference: Annotated[Constant | None, _constant("A")] = None
+    iron: Annotated[Constant | None, _constant("m")] = None
+    saturation: Annotated[Constant | None, _constant("A/m")] = None
+
+    @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Keys of the constants that are known with a deviation."""
+        return tuple(
+            key
+            for key in type(self).model_fields
+            if isinstance(getattr(self, key), Constant) and getattr(self, key).std
+        )
+
+    @property
+    def shared(self) -> dict[str, str]:
+        """Names under which constants of the law are shared, by its fields."""
+        found = {key: getattr(self, key) for key in type(self).model_fields}
+        return {
+            {"K": "constant", "area": "area" if self.law == "flux" else "constant"}.get(key, key): (
+                constant.shared
+            )
+            for key, constant in found.items()
+            if isinstance(constant, Constant) and constant.shared
+        }
+
+    def _refuse_unknown(self) -> None:
+        """Refuse unknown constants of the linear law, which stand elsewhere."""
+        for key in ("ki", "ks"):
+            constant = getattr(self, key)
+            if self.law != "linear" or constant is None:
+                continue
+            if constant.std == np.inf or constant.shared:
+                raise InputError(
+                    f"an unknown or shared {key}",
+                    "a quantity, or value and std",
+                    f'write gains = ["{key}"] under [estimator] to estimate it',
+                    place=key,
+                )
+
+    def build(self) -> Linear | Differential | Flux:
+        """Return the law."""
+        self._refuse_unknown()
+        needed, more = _KEYS[self.law]
+        for key in needed:
+            if getattr(self, key) is None:
+                raise InputError(
+                    f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
+                )
+        for key in sorted({key for pair in _KEYS.values() for keys in pair for key in keys}):
+            if key not in needed + more and getattr(self, key) is not None:
+                raise InputError(
+                    f"{key} with the {self.law} law",
+                    f"one of {', '.join(needed + more)}",
+                    "remove it",
+                    place=key,
+                )
+        if self.law == "linear":
+            return _with_deviations(Linear, ki=self.ki, ks=self.ks)
+        if self.law == "flux":
+            poles = 2 if self.poles is None else self.poles
+            return _with_deviations(partial(Flux, poles=poles), area=self.area, angle=self.angle)
+        return _with_deviations(
+            Differential,
+            constant=self._magnet(),
+            bias=self.bias,
+            gap=self.gap,
+            angle=self.angle,
+            bias_difference=self.bias_difference,
+            iron=self.iron,
+            saturation=self.saturation,
+        )
+
+    def _magnet(self) -> Constant:
+        """Return K of one magnet, given or of its geometry."""
+        geometry = (self.area, self.turns)
+        if (self.K is None) == (None in geometry):
+            raise InputError(
+                "both K and a geometry" if self.K is not None else "no K",
+                "K, or area and turns",
+                "keep one of them" if self.K is not None else "add K",
+            )
+        if self.K is not None:
+            return self.K
+        area, turns = self.area or Constant(0.0), self.turns or 0.0
+        factor = MU0 * turns**2 / 4
+        return Constant(factor * area.value, factor * area.std, area.shared)
+
+
+def _with_deviations(build: Callable[..., L], **constants: Constant | None) -> L:
+    """Return a law of the constants given, with their deviations."""
+    given = {name: constant for name, constant in constants.items() if constant is not None}
+    law = build(**{name: constant.value for name, constant in given.items()})
+    return with_std(law, **{name: constant.std for name, constant in given.items()})
+
+
+def law_keys() -> tuple[str, ...]:
+    """Return the keys of a force law, for schemas that hold one among other keys."""
+    return tuple(LawEntry.model_fields)

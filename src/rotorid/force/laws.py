@@ -1,0 +1,480 @@
+"""Force laws: currents, fluxes and displacements to forces.
+
+The laws are values. The levitated rig drives its rotor with them and the reader of records turns
+measured currents into forces with them, so the two cannot differ.
+
+*Notation* (theory, section 4): i current about the bias i0, x displacement about the nominal gap
+s0, alpha half the angle between the poles, K the constant of a magnet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+
+L = TypeVar("L")
+MU0 = 4e-7 * np.pi
+"""Permeability of vacuum in N/A^2."""
+
+_STEP = 1e-30
+
+
+def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any], Any]) -> Floats:
+    """Return the first-order deviation of ``function(law)`` from those of the law's constants.
+
+    Where the function depends on a constant that is unknown, it is infinite.
+
+    The slopes come from complex steps, exact to rounding; the constants are taken as independent.
+    """
+    total: Any = 0.0
+    for name in constants:
+        deviation = getattr(law, f"{name}_std")
+        if deviation:
+            step = _STEP * (abs(getattr(law, name)) or 1.0)
+            slope = np.imag(function(with_moved(law, {name: 1j * step}))) / step
+            if deviation == np.inf:  # zero times infinity would be no number
+                slope, deviation = np.where(slope == 0, 0.0, np.inf), 1.0
+            total = total + (slope * deviation) ** 2
+    return np.asarray(np.sqrt(total), dtype=float)
+
+
+def with_moved(law: Any, changes: Mapping[str, complex]) -> Any:
+    """Return a copy of a law with constants moved by so much, unchecked."""
+    copy = object.__new__(type(law))
+    for field in law.__dataclass_fields__:
+        value = getattr(law, field)
+        object.__setattr__(copy, field, value + changes[field] if field in changes else value)
+    return copy
+
+
+def require(found: object, ok: bool, name: str, expected: str, cure: str) -> None:
+    """Refuse a constant of a law unless it is as it should be."""
+    if not ok:
+        raise InputError(f"{name} = {found}", expected, cure, place=name)
+
+
+def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] = ()) -> None:
+    """Refuse constants that are not finite, or not positive where they must be."""
+    for name, unit in positive.items():
+        value = getattr(law, name)
+        require(
+            value,
+            bool(np.isfinite(value) and value > 0),
+            name,
+            f"more than 0 {unit}",
+            f"give {name} of the force law in {unit}, as the data sheet has it",
+        )
+    for name in free:
+        value = getattr(law, name)
+        require(
+            value,
+            bool(np.isfinite(value)),
+            name,
+            "a finite number",
+            f"give a number for {name}, or leave it out",
+        )
+    for name in (*positive, *free):
+        value = getattr(law, f"{name}_std")
+        require(
+            value,
+            bool(value >= 0),
+            f"{name}_std",
+            "a standard deviation of 0 or more, infinite where the constant is unknown",
+            f"give {name}_std as one standard deviation, or leave it out",
+        )
+
+
+def require_angle(angle: float) -> None:
+    """Refuse an angle between poles and axis that leaves no force."""
+    require(
+        angle,
+        bool(np.isfinite(angle) and abs(angle) < np.pi / 2),
+        "angle",
+        "less than 90 degrees",
+        "give half the angle between the poles",
+    )
+
+
+def with_std(law: L, **stds: float) -> L:
+    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``."""
+    names = [name[:-4] for name in vars(law) if name.endswith("_std")]
+    for name in stds:
+        if name not in names:
+            raise InputError(
+                f"{name!r}", f"one of {', '.join(names)}", "name a constant of the force law"
+            )
+    changed: dict[str, Any] = {f"{name}_std": value for name, value in stds.items()}
+    return cast(L, replace(cast(Any, law), **changed))
+
+
+@runtime_checkable
+class CurrentLaw(Protocol):
+    """A law that gives the force from a current and a displacement."""
+
+    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the force in N."""
+
+    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the standard deviation of the force in N that the constants' cause."""
+
+    def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
+        """Return the slopes k_i and k_s at a point."""
+
+
+@frozen
+class Linear:
+    """The linear law, F = k_i i + k_s x.
+
+    Raises
+    ------
+    InputError
+        For constants that are not finite, or ki = 0.
+
+    Examples
+    --------
+    >>> law = Linear(ki=120.0, ks=2e5, ki_std=1.2)
+    >>> float(law.force(0.5, 1e-4)), float(law.force_std(0.5, 1e-4))
+    (80.0, 0.6)
+    """
+
+    ki: float  # force per current in N/A, not zero
+    ks: float = 0.0  # force per displacement in N/m; positive destabilizes
+    # standard deviations of the constants
+    ki_std: float = 0.0
+    ks_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_constants(self, {}, ("ki", "ks"))
+        require(self.ki, self.ki != 0, "ki", "not zero", "give the force per current in N/A")
+
+    def _force(self, current: Any, position: Any) -> Any:
+        return self.ki * current + self.ks * position
+
+    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the force in N, broadcast over current (A) and position (m)."""
+        return np.asarray(self._force(np.asarray(current, float), np.asarray(position, float)))
+
+    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the deviation of the force in N that the constants' deviations cause."""
+        at = np.asarray(current, float), np.asarray(position, float)
+        return deviation_of(self, ("ki", "ks"), lambda law: law._force(*at))
+
+    def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
+        """Return the law itself: its slopes are the same everywhere."""
+        return self
+
+
+KNEE = 4
+"""Sharpness of the iron's knee: b / (1 + (b / b_s)^KNEE)^(1 / KNEE); 4 follows the curves of
+transformer sheet, which bend within a fifth of their saturation."""
+
+
+def magnet_fluxes(
+    current: Any,
+    position: Any,
+    bias: Any,
+    gap: Any,
+    cosine: Any,
+    bias_difference: Any,
+    iron: Any,
+    saturation: Any,
+) -> Any:
+    """Return what the flux densities of two opposed magnets are in proportion to, in A/m."""
+    ahead = bias + bias_difference + current
+    behind = bias - bias_difference - current
+    ahead = ahead * (ahead.real > 0) / (gap + iron - position * cosine)
+    behind = behind * (behind.real > 0) / (gap + iron + position * cosine)
+    if saturation != np.inf:
+        ahead = ahead * (1 + (ahead / saturation) ** KNEE) ** (-1 / KNEE)
+        behind = behind * (1 + (behind / saturation) ** KNEE) ** (-1 / KNEE)
+    return ahead, behind
+
+
+def bent(flux: Any, knee: Any) -> Any:
+    """Bend a flux as `magnet_fluxes` does, ``knee = saturation^-KNEE``, which may be 0."""
+    return flux * (1 + flux**KNEE * knee) ** (-1 / KNEE)
+
+
+_CONSTANTS = ("constant", "bias", "gap", "angle", "bias_difference", "iron", "saturation")
+
+
+@frozen
+class Differential:
+    """Two opposed magnets driven by bias plus and minus current.
+
+    F = K cos(alpha) [ (i0 + i)^2 / (s0 - x cos(alpha))^2 - (i0 - i)^2 / (s0 + x cos(alpha))^2 ].
+    No magnet carries less than no current. With a bias of 0 one works at a time, that ahead for
+    i > 0: F = K cos(alpha) i |i| / (s0 - sign(i) x cos(alpha))^2, whose slope at i = 0 is 0.
+    The iron's path adds to both gaps; saturation bends b, the current over the gap, which the flux
+    density follows, into b / (1 + (b / b_s)^4)^(1/4). Stray flux and eddy currents are left out.
+
+    Raises
+    ------
+    InputError
+        For constants that are not positive, as a gap of zero.
+
+    Examples
+    --------
+    >>> law = Differential(constant=1e-5, bias=2.0, gap=4e-4)
+    >>> slope = law.linearize()
+    >>> bool(np.isclose(slope.ki, 4 * 1e-5 * 2.0 / 4e-4**2)), round(slope.ks)
+    (True, 2500000)
+    >>> Differential(constant=1e-5, bias=0.0, gap=4e-4).force([-0.8, 0.8], 0.0).round(6)
+    array([-40.,  40.])
+    """
+
+    constant: float  # K in N m^2/A^2, of one magnet; `from_geometry` computes it
+    bias: float  # i0 in A; 0 where one magnet works at a time
+    gap: float  # s0 in m
+    angle: float = 0.0  # alpha in rad, between the poles' normals and the axis of the force
+    # standard deviations of the constants
+    constant_std: float = 0.0
+    bias_std: float = 0.0
+    gap_std: float = 0.0
+    angle_std: float = 0.0
+    # half of what the bias of the magnet ahead has more than that of the other, in A
+    bias_difference: float = 0.0
+    # path in the iron over twice its relative permeability, in m: so much more of a gap
+    iron: float = 0.0
+    # b_s in A/m, 2 B_s / (mu0 turns) of horseshoes; infinite where the iron is not near it
+    saturation: float = np.inf
+    # and of the others
+    bias_difference_std: float = 0.0
+    iron_std: float = 0.0
+    saturation_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive = {"constant": "N m^2/A^2", "gap": "m"}
+        require_constants(self, positive, free=("bias", "angle", "bias_difference", "iron"))
+        require_angle(self.angle)
+        apart = abs(self.bias_difference)
+        for name, value, ok in (
+            ("bias", self.bias, self.bias >= 0),
+            ("bias_difference", self.bias_difference, apart < self.bias or apart == 0),
+            ("iron", self.iron, self.iron >= 0),
+            ("saturation", self.saturation, self.saturation > 0),
+        ):
+            require(value, ok, name, "0 or more, a difference below the bias", "check its unit")
+        unsure = max(self.bias_std, self.bias_difference_std)
+        require(
+            f"0 A, with a deviation of {unsure:g} A",
+            bool(self.bias or not unsure),
+            "bias",
+            "exactly 0, where one magnet works at a time, or a bias",
+            "give the bias that there is, or leave the deviation out",
+        )
+
+    @classmethod
+    def from_geometry(
+        cls, area: float, turns: float, bias: float, gap: float, angle: float = 0.0
+    ) -> Differential:
+        """Return the law of horseshoe magnets: K = mu0 turns^2 area / 4.
+
+        Parameters
+        ----------
+        area : float
+            Face of one pole in m^2; a magnet has two.
+        turns : float
+            Turns of the magnet, over both poles.
+        bias, gap, angle : float
+            As for the class.
+
+        Returns
+        -------
+        Differential
+
+        Raises
+        ------
+        InputError
+            For constants that are not positive.
+        """
+        for name, value in (("area", area), ("turns", turns)):
+            require(
+                value,
+                value > 0,
+                name,
+                "more than 0",
+                "give the pole area in m^2 and the turns of one coil",
+            )
+        return cls(MU0 * turns**2 * area / 4, bias, gap, angle)
+
+    @property
+    def reach(self) -> float:
+        """Displacement in m at which the rotor would touch the poles."""
+        return float(self.gap / np.cos(self.angle))
+
+    def _force(self, current: Any, position: Any) -> Any:
+        ahead, behind = self.fluxes(current, position)
+        return self.constant * np.cos(self.angle) * (ahead * ahead - behind * behind)
+
+    def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
+        """Return the bent currents over the gaps in A/m, which the flux densities follow."""
+        ahead, behind = magnet_fluxes(current, position, *self.constants[1:])
+        return ahead, behind
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Constants in the order of `magnet_fluxes`, K before them."""
+        magnet = (self.constant, self.bias, self.gap, np.cos(self.angle))
+        return (*magnet, self.bias_difference, self.iron, self.saturation)
+
+    @property
+    def most(self) -> float:
+        """Current in A at which one of the magnets has none left."""
+        return self.bias - abs(self.bias_difference) if self.bias else np.inf
+
+    def _within(self, current: ArrayLike, position: ArrayLike) -> tuple[Floats, Floats]:
+        i, x = np.broadcast_arrays(np.asarray(current, float), np.asarray(position, float))
+        for name, values, limit, cure in (
+            ("current", i, self.most, "check the unit and the bias, or limit the current below it"),
+            ("position", x, self.reach, "check the unit and the gap"),
+        ):
+            over = np.flatnonzero(~(np.abs(values) < limit * (1 + 1e-12)))
+            if over.size:
+                unit, what = ("A", "bias") if name == "current" else ("m", "gap")
+                at = f" at sample {over[0]}" if values.ndim else ""
+                raise InputError(
+                    f"{name} {values.ravel()[over[0]]:.6g} {unit}{at}, {over.size} such in all",
+                    f"less than the {what} of {limit:.6g} {unit}",
+                    cure,
+                )
+        return i, x
+
+    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the force in N, broadcast over current (A) and position (m).
+
+        Raises
+        ------
+        InputError
+            Where a current is beyond the bias or a position beyond the gap.
+        """
+        return np.asarray(self._force(*self._within(current, position)))
+
+    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
+        """Return the deviation of the force in N that the constants' deviations cause."""
+        at = self._within(current, position)
+        names = _CONSTANTS
+        return deviation_of(self, names, lambda law: law._force(*at))
+
+    def guess(self, force: Floats, position: Floats) -> Floats:
+        """Return the current in A that gives a force in N, iron that saturates left aside.
+
+        It is exact without bias; with it, a first guess by the slope at the centre.
+        """
+        if self.bias:
+            return np.clip(force / self.linearize().ki, -self.most, self.most)
+        c, side = np.cos(self.angle), np.sign(force)
+        gap = self.gap + self.iron - side * position * c
+        return np.asarray(side * gap * np.sqrt(np.abs(force) / (self.constant * c)))
+
+    def _slopes(self, current: float, position: float) -> Any:
+        c = np.cos(self.angle)
+        gaps = self.gap + self.iron - position * c, self.gap + self.iron + position * c
+        biases = self.bias + self.bias_difference, self.bias - self.bias_difference
+        ki, ks = 0.0, 0.0
+        for gap, bias, side in zip(gaps, biases, (1, -1), strict=True):
+            b = (bias + side * current) / gap
+            b = b * (b.real > 0)
+            bend = 1.0
+            if self.saturation != np.inf:
+                # The slope of g^2 / 2, g the bent b: b (1 + (b / b_s)^p)^(-2 / p - 1).
+                bend = (1 + (b / self.saturation) ** KNEE) ** (-2 / KNEE - 1)
+            ki = ki + 2 * self.constant * c * b * bend / gap
+            ks = ks + 2 * self.constant * c**2 * b**2 * bend / gap
+        return np.array([ki, ks])
+
+    def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
+        """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3.
+
+        Raises
+        ------
+        InputError
+            Where the point lies beyond bias or gap, or has no slope: no current without bias.
+        """
+        self._within(current, position)
+        if not self.bias and not current:
+            raise InputError(
+                "no current in magnets without bias, where the force has no slope",
+                "a current other than 0, or a bias",
+                "linearize about the current that flows",
+            )
+        names = _CONSTANTS
+        ki, ks = self._slopes(current, position)
+        ki_std, ks_std = np.broadcast_to(
+            deviation_of(self, names, lambda law: law._slopes(current, position)), 2
+        )
+        return Linear(float(ki), float(ks), float(ki_std), float(ks_std))
+
+
+@frozen
+class Flux:
+    """Force from the flux densities under opposed poles.
+
+    F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0): B1 under the magnet that pulls in the positive
+    direction, B2 under the other.
+
+    Raises
+    ------
+    InputError
+        For an area or number of poles that is not positive.
+
+    Examples
+    --------
+    >>> law = Flux(area=2e-4, poles=2)
+    >>> round(float(law.force(0.6, 0.5)), 3)
+    17.507
+    """
+
+    area: float  # face of one pole in m^2
+    poles: int = 2  # poles of each magnet that carry this flux; a horseshoe has two
+    angle: float = 0.0  # alpha in rad
+    # standard deviations of the constants
+    area_std: float = 0.0
+    angle_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_constants(self, {"area": "m^2"}, free=("angle",))
+        require_angle(self.angle)
+        require(
+            self.poles,
+            self.poles == int(self.poles) and self.poles > 0,
+            "poles",
+            "a whole number of poles",
+            "a horseshoe magnet has 2",
+        )
+
+    @property
+    def gain(self) -> Any:
+        """Force per B1^2 - B2^2 in N/T^2."""
+        return self.poles * self.area * np.cos(self.angle) / (2 * MU0)
+
+    def force(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
+        """Return the force in N from the flux densities B1 and B2 in T."""
+        return np.asarray(self.gain * (np.asarray(ahead) ** 2 - np.asarray(behind) ** 2))
+
+    def force_std(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
+        """Return the deviation of the force in N that the constants' deviations cause."""
+        square = np.asarray(ahead) ** 2 - np.asarray(behind) ** 2
+        return deviation_of(self, ("area", "angle"), lambda law: law.gain * square)
+
+    def densities(
+        self, law: Differential, current: ArrayLike, position: ArrayLike
+    ) -> tuple[Floats, Floats]:
+        """Return B1 and B2 in T under the poles of `law`, so that both laws give one force.
+
+        Raises
+        ------
+        InputError
+            Where current or position lie beyond bias or gap.
+        """
+        scale = np.sqrt(law.constant * np.cos(law.angle) / self.gain)
+        ahead, behind = law.fluxes(*law._within(current, position))
+        return scale * ahead, scale * behind

@@ -1,0 +1,531 @@
+"""Columns of files to records in SI, whole or in blocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import MAGNITUDE
+from rotorid.core.units import check_unit, si_factor, to_si
+from rotorid.core.values import Booleans, Floats
+from rotorid.data.record import Channel, Record
+from rotorid.force.channel_dynamics import Dynamics
+from rotorid.io.clock import RecordClock, on_grid, weigh_clock
+from rotorid.io.opening import open_tables
+from rotorid.io.table import Column, Table
+
+_TIME, _MASK = "time", "mask"
+
+
+@frozen
+class Source:
+    """Where a channel comes from in a file, and how it was recorded."""
+
+    column: str  # name of the column in the file
+    # unit of the column times `scale`; without it, the one that the file states
+    unit: str | None = None
+    scale: float | str | None = None  # A factor, or the scalar variable of the file that holds it
+    # the unit that the channel must convert to; without it, the SI unit of its own
+    expected: str | None = None
+    reads: Mapping[str, float] | None = None  # see `Channel`
+    hold: bool = False
+    # in s
+    delay: float = 0.0
+    delay_std: float = 0.0
+    gain_std: float = 0.0  # relative
+    overrule: bool = False  # the unit given here holds where the file states another
+    dynamics: Dynamics | None = None  # see `Channel`
+    alone: bool = False  # its column is that of no other source that is alone
+
+    def channel(self, name: str, unit: str) -> Channel:
+        """Return the channel of that name, its samples in `unit`."""
+        return Channel(
+            name,
+            unit,
+            self.reads,
+            self.hold,
+            self.delay,
+            self.delay_std,
+            self.gain_std,
+            dynamics=self.dynamics,
+        )
+
+
+def read_record(
+    path: str | Path | Sequence[str | Path],
+    *,
+    columns: Mapping[str, str | Source] | Sequence[str] | None = None,
+    sample_rate: float | str | None = None,
+    time: str | Source | None = None,
+    speed: float | str = 0.0,
+    phase: float | str | None = 0.0,
+    skip: float | str = 0.0,
+    until: float | str | None = None,
+    mask: str | None = None,
+    fundamental: float | str | None = None,
+    highest: float | str | None = None,
+    header_row: int | None = None,
+    overrule: bool = False,
+) -> Record:
+    """Read a record of samples.
+
+    Parameters
+    ----------
+    path : str or Path, or a sequence of them
+        Text (.csv, .txt, .dat, .lvm), HDF5 (.h5, .hdf5), MATLAB (.mat), Parquet, TDMS, universal
+        files (.uff, .unv) or MDF (.mf4, .mdf); or several files of one clock.
+    columns : mapping or sequence of str, optional
+        Channel names to columns; or the columns, each under its own name. Without it, all
+        one-dimensional columns of the length of the longest.
+    sample_rate : float or str
+        In Hz, or with a unit: ``"5 kHz"``.
+    time : str or Source, optional
+        The column of sample times; in s where the file says nothing else. With `sample_rate`, the
+        two are held against each other; with neither, the file must state its rate.
+    speed : float or str
+        Speed of rotation in rad/s, or with a unit; in Hz it counts revolutions.
+    phase : float or str, optional
+        Rotor angle at the file's first sample in rad, or with a unit; ``None`` where it is not
+        known, so that the record tells no direction of the unbalance.
+    skip : float or str
+        Time in s from the file's first sample, before which gaps and samples that are no numbers
+        do no harm: where there are some, the record starts there.
+    until : float or str, optional
+        Time in s from the file's first sample; what follows is dropped.
+    mask : str, optional
+        A column that is 0 where a sample is to be left out.
+    fundamental : float or str, optional
+        Hz. A rate that the file tells with a few digits only is taken to be a whole multiple of
+        it, where the digits allow it.
+    highest : float or str, optional
+        Highest frequency in Hz that will be used: it decides whether samples at jittered times
+        can be put on a uniform grid.
+    header_row : int, optional
+        Line of the column names in a text file, counted from 1; 0 where there are none.
+    overrule : bool
+        Take `sample_rate` and units as given here, even where the file states others.
+
+    Returns
+    -------
+    Record
+        In SI; a column without any unit is taken to be in SI already. What was done to the
+        samples is in its `warnings`.
+
+    Raises
+    ------
+    ReadError
+        For a file, column or time axis that cannot be used.
+    InputError
+        For units that do not convert, or samples that are not finite.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> path = Path(tempfile.mkdtemp()) / "run.csv"
+    >>> np.savetxt(path, [[0.0, 1.0], [0.5, 2.0]], delimiter=",", header="x,F", comments="")
+    >>> read_record(path, sample_rate="5 kHz").column("F")
+    array([1., 2.])
+    """
+    table = open_tables(path, header_row=header_row)
+    try:
+        sources, read, stamps = _columns(table, columns, time, mask, overrule)
+        kept = read.pop(_MASK, None)
+        given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
+        limits = (_quantity(skip, "s", "skip"), _optional(until, "s", "until"))
+        whole = _optional(fundamental, "Hz", "fundamental")
+        clock = weigh_clock(given, stamps, read.values(), overrule, whole, limits)
+        channels, samples = _channels({name: sources[name] for name in read}, read, table)
+        omega, angle = _quantity(speed, "rad/s", "speed"), _quantity(phase or 0.0, "rad", "phase")
+        valid = _valid(kept, len(samples))
+        clock, samples, valid = clock.cut(samples, valid, limits[0])
+        if clock.stamps is not None:
+            samples, valid, told = on_grid(
+                clock, samples, valid, _optional(highest, "Hz", "highest")
+            )
+            clock = replace(clock, warnings=(*clock.warnings, *told))
+    except InputError as error:
+        raise error.at(file=table.file) from None
+    turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)
+    return Record(
+        channels=channels,
+        samples=samples,
+        sample_rate=clock.rate,
+        speed=omega,
+        angle=None if angle == 0.0 else turned,
+        phase_known=phase is not None,
+        source=table.file,
+        valid=valid,
+        warnings=clock.warnings,
+        start=clock.start,
+    )
+
+
+def _columns(
+    table: Table,
+    columns: Mapping[str, str | Source] | Sequence[str] | None,
+    time: str | Source | None,
+    mask: str | None,
+    overrule: bool,
+) -> tuple[dict[str, Source], dict[str, Column], Floats | None]:
+    """Return what the channels come from, their columns and the mask's, and the sample times."""
+    timing = _as_source(time) if time is not None else None
+    sources = _sources(columns, table, timing, overrule)
+    extra = {} if mask is None else {_MASK: Source(mask)}
+    read = _read(table, {**sources, **extra, **({} if timing is None else {_TIME: timing})})
+    stamps = None if timing is None else _stamps(read.pop(_TIME), timing, table)
+    if columns is None:
+        longest = max((len(column.values) for column in read.values()), default=0)
+        read = {name: c for name, c in read.items() if len(c.values) == longest}
+    return sources, read, stamps
+
+
+def _quantity(value: float | str | None, unit: str, place: str) -> float:
+    if value is None or isinstance(value, int | float):
+        return float(value or 0.0)
+    return to_si(value, unit, place=place)
+
+
+def _optional(value: float | str | None, unit: str, place: str) -> float | None:
+    return None if value is None else _quantity(value, unit, place)
+
+
+def _as_source(column: str | Source) -> Source:
+    return column if isinstance(column, Source) else Source(column)
+
+
+def _sources(
+    columns: Mapping[str, str | Source] | Sequence[str] | None,
+    table: Table,
+    timing: Source | None,
+    overrule: bool,
+) -> dict[str, Source]:
+    if isinstance(columns, Mapping):
+        found = {name: _as_source(column) for name, column in columns.items()}
+        return {n: replace(s, overrule=s.overrule or overrule) for n, s in found.items()}
+    if columns is not None:
+        return {name: Source(name) for name in columns}
+    axis = None if timing is None else _find(table, timing, _TIME)
+    return {name: Source(name) for name in table.names if table.find(name) != axis}
+
+
+def _find(table: Table, source: Source, name: str) -> str:
+    try:
+        return table.find(source.column)
+    except InputError as error:
+        raise error.at(place=_place(name, "column")) from None
+
+
+def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
+    found = find_columns(table, sources)
+    columns = table.read(list(dict.fromkeys(found.values())))
+    return {name: columns[key] for name, key in found.items()}
+
+
+def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
+    """Return the file's own name of the column of each channel."""
+    found = {name: _find(table, source, name) for name, source in sources.items()}
+    taken: dict[str, str] = {}
+    for name in found:
+        if sources[name].alone and (other := taken.setdefault(found[name], name)) != name:
+            raise InputError(
+                f"{found[name]!r} for {other} and for {name}",
+                "a column of its own for each channel",
+                "write the name of the right column",
+                place=_place(name, "column"),
+            )
+    return found
+
+
+def channel_factors(
+    sources: Mapping[str, Source],
+    columns: Mapping[str, Column],
+    table: Table,
+    *,
+    overrule: bool = False,
+) -> tuple[tuple[Channel, ...], list[float]]:
+    """Return the channels, and the number that turns each one's column into SI."""
+    channels, factors = [], []
+    for name, source in sources.items():
+        ruling = replace(source, overrule=source.overrule or overrule)
+        factor, unit = _factor(columns[name], ruling, table, name)
+        channels.append(source.channel(name, unit))
+        factors.append(factor)
+    return tuple(channels), factors
+
+
+def stamps_of(table: Table, timing: Source) -> Floats:
+    """Return the sample times of a table in s."""
+    key = _find(table, timing, _TIME)
+    return _stamps(table.read([key])[key], timing, table)
+
+
+def largest_of(values: Floats) -> float:
+    """Return the largest size of numbers, of those that are numbers."""
+    if not len(values):
+        return 0.0
+    low, high = float(values.min()), float(values.max())
+    if np.isnan(low):
+        low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+    return max(-low, high)
+
+
+def check_stated(declared: str, stated: str, place: str) -> None:
+    """Refuse a unit other than the one that the file states."""
+    try:
+        si_factor(stated)
+    except InputError:
+        return  # a text that says nothing to us contradicts nothing
+    try:
+        same = abs(si_factor(stated, declared) - 1.0) < 1e-9
+    except InputError:
+        same = False
+    if not same:
+        raise InputError(
+            f"unit {declared!r}, where the file says {stated!r}",
+            "one unit",
+            "leave unit out, or give overrule = true if the file is wrong",
+            place=place,
+        )
+
+
+def check_magnitude(largest: float, factor: float, place: str) -> None:
+    """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
+
+    Parameters
+    ----------
+    largest : float
+        The largest size in the column; infinity and no number at all are told elsewhere.
+    factor : float
+        What turns the column into SI.
+    place : str
+    """
+    size = abs(largest * factor)
+    if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
+        raise InputError(
+            f"samples up to {size:.3g} in SI",
+            f"samples of {1 / MAGNITUDE:g} to {MAGNITUDE:g}",
+            "check the unit and the scale of the column, and its numbers",
+            place=place,
+        )
+
+
+def _si(column: Column, source: Source, table: Table, name: str, samples: Floats) -> str:
+    """Put the samples of a channel in SI where they belong, and return their unit."""
+    factor, unit = _factor(column, source, table, name)
+    check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
+    with np.errstate(invalid="ignore"):  # gaps are told where they are looked for
+        np.multiply(column.values, factor, out=samples)
+    return unit
+
+
+def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[float, str]:
+    """Return the number that turns a column into SI, and the unit that it then has."""
+    unit = source.unit or (column.unit if source.scale is None else None)
+    place = _place(name, "unit")
+    scale = source.scale
+    if isinstance(scale, str):
+        try:
+            scale = table.scalar(scale)
+        except InputError as error:
+            raise error.at(place=_place(name, "scale")) from None
+    if scale == 0:
+        raise InputError(
+            "0",
+            "a scale other than 0",
+            "write what turns the column into its unit, or leave it out for 1",
+            place=_place(name, "scale"),
+        )
+    if source.unit and column.unit and source.scale is None and not source.overrule:
+        check_stated(source.unit, column.unit, place)
+    if unit is None and source.expected:
+        raise InputError(
+            "no unit",
+            f"a unit that converts to {source.expected}",
+            "write it, here or into the file",
+            place=place,
+        )
+    factor = 1.0 if unit is None else si_factor(unit, source.expected, place=place)
+    factor *= 1.0 if scale is None else float(scale)
+    return factor, source.expected or (check_unit(unit) if unit else "")
+
+
+def _place(name: str, key: str) -> str:
+    return name if name in (_TIME, _MASK) else f"channels.{name}.{key}"
+
+
+def _stamps(column: Column, source: Source, table: Table) -> Floats:
+    seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
+    stamps = np.empty(len(column.values))
+    _si(column, seconds, table, _TIME, stamps)
+    return stamps
+
+
+def _valid(column: Column | None, count: int) -> Booleans | None:
+    if column is None:
+        return None
+    if len(column.values) != count:
+        raise ReadError(
+            f"{len(column.values)} samples where the channels have {count}",
+            "a mask of their length",
+            "cut it alike",
+            place=_MASK,
+        )
+    values = column.values
+    return np.asarray((values != 0) & np.isfinite(values))
+
+
+def _channels(
+    sources: Mapping[str, Source], read: Mapping[str, Column], table: Table
+) -> tuple[tuple[Channel, ...], Floats]:
+    lengths = {name: len(column.values) for name, column in read.items()}
+    longest = max(lengths.values(), default=0)
+    if longest == 0:
+        raise ReadError("no samples", "columns of samples", "check the file")
+    for name, length in lengths.items():
+        if length != longest:
+            raise ReadError(
+                f"{length} samples where others have {longest}",
+                "columns of one length",
+                "cut them alike",
+                place=_place(name, "column"),
+            )
+    samples = np.empty((longest, len(sources)))
+    channels = []
+    for i, (name, source) in enumerate(sources.items()):
+        unit = _si(read[name], source, table, name, samples[:, i])
+        channels.append(source.channel(name, unit))
+    return tuple(channels), samples
+
+
+WORTH = 64_000_000
+"""Bytes of samples from which on a record is read in blocks; less is nothing to a machine."""
+
+ROWS = 1 << 16
+"""Samples of a block, of each channel."""
+
+
+@runtime_checkable
+class BlockedTable(Protocol):
+    """A table that can be read in blocks of rows."""
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
+        """Yield successive rows of columns, by the names that `find` returned."""
+        ...
+
+    def bytes_of(self, names: Sequence[str]) -> int:
+        """Return the size of columns in memory."""
+        ...
+
+
+@frozen
+class RecordBlocks:
+    """What a `Record` says of itself, and its samples in blocks."""
+
+    channels: tuple[Channel, ...]
+    sample_rate: float  # Hz
+    # rad/s, and the rotor angle in rad at the file's first sample
+    speed: float
+    phase: float
+    source: str
+    # returns an iterator over blocks of samples in SI, shape (sample, channel)
+    read: Callable[[], Iterator[Floats]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return tuple(channel.name for channel in self.channels)
+
+
+def open_blocks(
+    paths: Sequence[Path],
+    *,
+    columns: Mapping[str, Source],
+    sample_rate: float | None = None,
+    time: Source | None = None,
+    speed: float = 0.0,
+    phase: float | None = 0.0,
+    until: float | None = None,
+    fundamental: float | None = None,
+    header_row: int | None = None,
+    overrule: bool = False,
+) -> RecordBlocks | None:
+    """Open a record to be read in blocks; None where it is small or cannot be read so.
+
+    Parameters are those of `rotorid.read_record`, in SI.
+
+    Raises
+    ------
+    InputError
+        For files, columns, units and times that cannot be used.
+    """
+    table = open_tables(paths, header_row=header_row)
+    if not isinstance(table, BlockedTable):
+        return None
+    try:
+        found = find_columns(table, columns)
+        keys = list(dict.fromkeys(found.values()))
+        if table.bytes_of(keys) < WORTH:
+            return None
+        first = next(table.blocks(keys, 1), None)
+        if first is None:
+            return None
+        stamps = None if time is None else stamps_of(table, time)
+        limits = (0.0, until)
+        clock = weigh_clock(sample_rate, stamps, first.values(), overrule, fundamental, limits)
+        if clock.stamps is not None:
+            return None
+        units = {name: first[key] for name, key in found.items()}
+        channels, factors = channel_factors(columns, units, table, overrule=overrule)
+    except InputError as error:
+        raise error.at(file=table.file) from None
+    order = [found[name] for name in columns]
+
+    def read() -> Iterator[Floats]:
+        return _blocks(table, order, dict(zip(columns, factors, strict=True)), clock)
+
+    return RecordBlocks(channels, clock.rate, speed, phase or 0.0, table.file, read)
+
+
+def _blocks(
+    table: Table, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
+) -> Iterator[Floats]:
+    """Yield blocks of samples in SI, up to the end that the clock knows."""
+    assert isinstance(table, BlockedTable)
+    left = clock.end
+    largest = dict.fromkeys(factors, 0.0)
+    for block in table.blocks(list(dict.fromkeys(keys)), ROWS):
+        lengths = {len(column.values) for column in block.values()}
+        if len(lengths) > 1:
+            raise ReadError(
+                f"columns of {min(lengths)} and {max(lengths)} more samples",
+                "columns of one length",
+                "cut them alike",
+                file=table.file,
+            )
+        count = lengths.pop() if left is None else min(left, lengths.pop())
+        samples = np.empty((count, len(keys)))
+        for place, (key, (name, factor)) in enumerate(zip(keys, factors.items(), strict=True)):
+            values = block[key].values[:count]
+            largest[name] = max(largest[name], largest_of(values))
+            if largest[name] * abs(factor) > 1:  # small ones may grow yet
+                _check_magnitude(largest[name], factor, name, table)
+            np.multiply(values, factor, out=samples[:, place])
+        yield samples
+        if left is not None and (left := left - count) <= 0:
+            break
+    for name, factor in factors.items():
+        _check_magnitude(largest[name], factor, name, table)
+
+
+def _check_magnitude(largest: float, factor: float, name: str, table: Table) -> None:
+    try:
+        check_magnitude(largest, factor, f"channels.{name}.unit")
+    except InputError as error:
+        raise error.at(file=table.file) from None

@@ -1,0 +1,754 @@
+"""Text tables: dialect, preamble, numbers.
+
+What may be read in two ways is not read: then the rate has to be given, which costs a line, while
+a rate misread by a factor of a thousand makes masses a million times too large, and nothing shows.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property, partial
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from rotorid.core.errors import InputError, ReadError
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import (
+    COLUMNS,
+    DIGITS,
+    LINE_CHARACTERS,
+    PREAMBLE_CHARACTERS,
+    SMALL_TEXT,
+    UNIT_CHARACTERS,
+)
+from rotorid.core.units import check_unit, si_factor
+from rotorid.core.values import Floats
+from rotorid.io.table import Column, Rate, content, head, no_column, not_what_it_says, too_large
+
+SLOWEST = 10.0
+"""Hz: no rotor is sampled more slowly, while a rate that lost three digits to a thousands mark is
+below it, and so is one made of how long was recorded, or of the hour of the day."""
+_HIGHEST = 1e12
+# Every part takes all that it can and gives nothing back: the time grows with the line alone.
+_VALUE = (
+    r"[^\d+\-.\[(]*+(?:[\[(](?P<unit>[^\])]*+)[\])])?[^\d+\-.]*+"
+    r"(?P<value>[\d.,]++(?:[eE][+-]?\d++)?)(?P<gap>[\s;,\"]*+)(?P<after>[^\s;,\"]*+)"
+)
+_RATE = re.compile(
+    r"(?:sampl(?:e|ing)[ _-]?(?:rate|freq(?:uency)?)|scan[ _-]?rate)\b" + _VALUE, re.I
+)
+_STEP = re.compile(
+    r"(?:delta_x|sampl(?:e|ing)[ _-]?(?:interval|time|period)|time[ _-]?step)\b" + _VALUE, re.I
+)
+_GROUPS = r"[1-9]\d{0,2}(?:%s\d{3})+"
+_PER_SECOND = re.compile(
+    r"(k|m|g)?(?:hz|sa?/s(?:ec)?|sps|samples/s(?:ec(?:ond)?)?)|1/s|s\^-1", re.I
+)
+_PREFIXES = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}
+_SECONDS = {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "µs": "us", "ns": "ns"}
+
+
+def stated_rate(lines: Sequence[str], delimiter: str, mark: str) -> Rate | None:
+    """Return the sample rate that lines state, if they do so beyond doubt.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Those before the numbers.
+    delimiter : str
+        Of the table: lines above it are often written with it too.
+    mark : str
+        Its decimal mark; empty where all its numbers are whole.
+    """
+    for line in lines:
+        for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
+            match = pattern.search(line[:PREAMBLE_CHARACTERS])
+            found = None if match is None else number(match["value"], delimiter, mark)
+            if match is None or found is None:
+                continue
+            factor = (
+                _factor(match["unit"], match["value"] + match["gap"], match["after"], unit) or 0.0
+            )
+            value, digits = found[0] * factor, found[1]
+            if unit == "s":
+                value = 1 / value if value > 1 / _HIGHEST else 0.0
+            if SLOWEST <= value < _HIGHEST:
+                rounding = 0.5 * 10.0 ** (1 - digits) if digits else 0.0
+                return Rate(value, max(rounding, 1e-12))
+    return None
+
+
+def number(text: str, delimiter: str, mark: str) -> tuple[float, int] | None:
+    """Return a number and how many digits it is rounded to, 0 for a whole one.
+
+    A comma or point before groups of three digits is a decimal mark, or stands between thousands:
+    the numbers of the table tell which. None where they do not.
+    """
+    mantissa, _, exponent = text.lower().strip(".,").partition("e")
+    if delimiter == "," and not re.fullmatch(_GROUPS % "," + r"(?:\.\d*)?", mantissa):
+        mantissa, comma, _ = mantissa.partition(",")  # what follows is another field
+        exponent = "" if comma else exponent
+    decimal = max((m for m in ",." if m in mantissa), key=mantissa.rfind, default="")
+    if decimal and re.fullmatch(_GROUPS % re.escape(decimal), mantissa):
+        several = mantissa.count(decimal) > 1
+        known = "." if delimiter == "," else mark
+        if not known and decimal == "," and not several:
+            return None
+        if several or (known and decimal != known):
+            decimal = ""  # it stands between thousands
+    whole, _, part = mantissa.partition(decimal) if decimal else (mantissa, "", "")
+    other = re.sub(r"\d", "", whole)
+    if other and not re.fullmatch(_GROUPS % re.escape(other[0]), whole):
+        return None
+    digits = re.sub(r"\D", "", whole)
+    if not re.fullmatch(r"\d*", part) or not digits + part:
+        return None
+    try:
+        value = float(f"{digits}.{part}e{exponent or 0}")
+    except ValueError:
+        return None
+    return value, (len((digits + part).lstrip("0")) or 1) if decimal else 0
+
+
+def _factor(unit: str | None, before: str, after: str, base: str) -> float | None:
+    """Return what turns a number into Hz or s; None for a unit, or a word, that says nothing."""
+    # Behind a delimiter stands a field of its own, which may be anything.
+    beside = before[-1:].isdigit() or before.endswith(" ")
+    for text, sure in ((after, beside), (unit or "", True)):
+        if not text:
+            continue
+        known = _known(text.strip(), base)
+        if known is not None:
+            return known
+        if sure or "/s" in text or "hz" in text.lower():
+            return None
+    return 1.0
+
+
+def _known(text: str, base: str) -> float | None:
+    """Return the size of a unit of rates, or of times."""
+    if base == "Hz":
+        match = _PER_SECOND.fullmatch(text)
+        return None if match is None else _PREFIXES[(match[1] or "").lower()]
+    try:
+        return si_factor(_SECONDS.get(text.lower(), text), base)
+    except InputError:
+        return None
+
+
+COMMENTS = ("#", "%")
+_BRACKETS = {"]": "[", ")": "("}
+_PAIRS = tuple(_BRACKETS.items())
+_NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf)", re.I)
+CLOCK = re.compile(
+    r"(?:\d{4}[-/]\d\d?[-/]\d\d?[T ]|\d\d?[./]\d\d?[./]\d{2,4} )?"
+    r"(?:\d{1,3}:)?\d{1,2}:\d{2}(?:[.,]\d*)?Z?"
+)
+"""A time of day, ``12:30:01.250``, perhaps with its date."""
+_DELIMITERS = ("\t", ";", ",", " ")
+_BODY = 12  # rows from which the delimiter is judged
+
+
+@frozen
+class Dialect:
+    """How a text table is written."""
+
+    # names of the columns without their units; their numbers from 0 where there are none
+    names: tuple[str, ...]
+    # from the names (``x1 [um]``), or from a row of units beside them
+    units: tuple[str | None, ...]
+    delimiter: str  # A blank stands for any white space
+    fields: int  # fields of a row of numbers
+    header_lines: int  # lines before the numbers
+    decimal_comma: bool
+    clocks: tuple[bool, ...]  # the columns that hold times of day
+    rate: Rate | None  # what the lines before the numbers say
+    named: bool  # the names stand in the file
+
+
+def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect | None:
+    """Find how a table is written from its first lines; None where there are no rows of values.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    header_row : int, optional
+        The line of the names, from 1; 0 where there are none.
+    """
+    told = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in COMMENTS]
+    if header_row:
+        told = [i for i in told if i >= header_row]
+    body = [lines[i] for i in told[-_BODY:]]
+    delimiter = max(_DELIMITERS, key=lambda mark: _score(body, mark))
+    if header_row and len(told) < 1:
+        return None
+    rows = {i: split(lines[i], delimiter) for i in told}
+    start = _first_row(rows, told, named=header_row is None)
+    if start is None:
+        return None
+    row = rows[start]
+    fields = len(row)
+    if fields > COLUMNS:
+        raise ReadError(
+            f"{fields} columns", f"{COLUMNS} at most", "export a part of them, or to HDF5"
+        )
+    header, unit_row = None, None
+    if header_row:
+        header = header_row - 1
+        unit_row = next((i for i in told if header < i < start), None)
+    elif header_row is None:
+        header, unit_row = _header(lines, rows, told, start, delimiter)
+    pairs = _names(lines, header, unit_row, fields, delimiter)
+    mark = _decimal_mark([field for i in told if i >= start for field in rows[i]], delimiter)
+    return Dialect(
+        names=tuple(name for name, _ in pairs),
+        units=tuple(unit for _, unit in pairs),
+        delimiter=delimiter,
+        fields=fields,
+        header_lines=start,
+        decimal_comma=mark == ",",
+        clocks=tuple(bool(CLOCK.fullmatch(field)) for field in row[: len(pairs)]),
+        rate=stated_rate(lines[:start], delimiter, mark),
+        named=header is not None,
+    )
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """Split a row into its fields, without blanks around them."""
+    line = line.strip("\r\n\ufeff") if delimiter == "\t" else line.strip()
+    if delimiter == " ":
+        return line.split()
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=delimiter))]
+    except (csv.Error, StopIteration):
+        return [line.strip()]
+
+
+def is_value(field: str) -> bool:
+    """Tell whether a field is a number or a time of day."""
+    return len(field) <= DIGITS and bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
+
+
+def _decimal_mark(fields: Sequence[str], delimiter: str) -> str:
+    """Return the decimal mark of a table; empty where all its numbers are whole.
+
+    Raises
+    ------
+    ReadError
+        Where numbers have commas and others points: one of the two stands between thousands.
+    """
+    if delimiter == ",":
+        return "."
+    first = {
+        mark: next((f for f in fields if mark in f and _NUMBER.fullmatch(f)), "") for mark in ",."
+    }
+    if all(first.values()):
+        shown = " and ".join(repr(field[:40]) for field in first.values())
+        raise ReadError(
+            f"numbers with commas and with points, {shown}",
+            "one decimal mark",
+            "export the table without marks between thousands",
+        )
+    return next((mark for mark, field in first.items() if field), "")
+
+
+def _score(body: Sequence[str], delimiter: str) -> int:
+    """Return how many values a delimiter makes of the rows, each in a column of its own."""
+    rows = [split(line, delimiter) for line in body]
+    counts = Counter(len(row) for row in rows)
+    if not counts:
+        return 0
+    usual = max(counts, key=lambda n: (counts[n], n))
+    return sum(is_value(field) for row in rows if len(row) == usual > 1 for field in row)
+
+
+def _first_row(rows: dict[int, list[str]], told: list[int], *, named: bool) -> int | None:
+    last = [rows[i] for i in told[-_BODY:]]
+    valued = [row for row in last if any(is_value(field) for field in row)]
+    if not valued:
+        return None
+    fields = Counter(len(row) for row in valued).most_common(1)[0][0]
+    full = [row for row in valued if len(row) == fields]
+    columns = [
+        c for c in range(fields) if 2 * sum(is_value(row[c]) for row in full) > len(full)
+    ] or [0]
+
+    def fits(row: list[str], least: int) -> bool:
+        return len(row) == fields and sum(is_value(row[c]) for c in columns) >= least
+
+    found = next((n for n, i in enumerate(told) if fits(rows[i], len(columns))), None)
+    if found is None:
+        found = next((n for n, i in enumerate(told) if fits(rows[i], 1)), None)
+    if found is None:
+        return None
+    # A row that is damaged is no name: only text is.
+    while (
+        named
+        and found > 0
+        and fits(rows[told[found - 1]], 1)
+        and is_value(rows[told[found - 1]][0])
+    ):
+        found -= 1
+    return told[found]
+
+
+def _header(
+    lines: Sequence[str],
+    rows: dict[int, list[str]],
+    told: list[int],
+    start: int,
+    delimiter: str,
+) -> tuple[int | None, int | None]:
+    """Return the lines of the names and of the units above the first row of values."""
+    fields = len(rows[start])
+    while fields > 1 and not rows[start][fields - 1]:
+        fields -= 1  # a row that ends in a delimiter
+    above = [i for i in told if i < start]
+    texts = []
+    for i in reversed(above[-3:]):
+        if len(rows[i]) < fields or any(is_value(field) for field in rows[i]):
+            break
+        texts.append(i)
+    if not texts:  # the names may stand in a comment, as numpy writes them
+        for i in reversed(range(start)):
+            row = split(lines[i].lstrip().lstrip("#%"), delimiter)
+            if lines[i].strip() and len(row) == fields > 1 and not any(map(is_value, row)):
+                return i, None
+            if lines[i].strip():
+                break
+        return None, None
+    if len(texts) > 1 and _is_unit_row(rows[texts[0]]):
+        return texts[1], texts[0]
+    if len(texts) > 1 and _is_unit_row(rows[texts[1]]):
+        return texts[0], texts[1]
+    return texts[0], None
+
+
+def _names(
+    lines: Sequence[str], header: int | None, unit_row: int | None, fields: int, delimiter: str
+) -> list[tuple[str, str | None]]:
+    if header is None:
+        return [(str(number), None) for number in range(fields)]
+    names = split(lines[header].lstrip().lstrip("#%"), delimiter)
+    while len(names) > 1 and not names[-1]:  # rows that end in a delimiter
+        names.pop()
+    if len(names) > fields:
+        names = _whole_names(names, fields, delimiter, header + 1)
+    pairs = [_name_and_unit(name) for name in names[:fields]]
+    pairs = [(name or str(number), unit) for number, (name, unit) in enumerate(pairs)]
+    if unit_row is not None:
+        units = [field.strip("[]() ") for field in split(lines[unit_row], delimiter)]
+        units = ["" if unit in _OTHER_UNITS else unit for unit in units]
+        units += [""] * (len(pairs) - len(units))
+        pairs = [
+            (name, unit or other.strip("-") or None)
+            for (name, unit), other in zip(pairs, units, strict=False)
+        ]
+    return pairs
+
+
+def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> list[str]:
+    """Put names together that hold the delimiter in brackets, as ``Time (s)`` may.
+
+    Raises
+    ------
+    ReadError
+        Where there are more names than columns even so: nothing tells whose they are.
+    """
+    whole: list[str] = []
+    for name in names:
+        unit = delimiter == " " and name[:1] in _BRACKETS.values()
+        if whole and (unit or any(whole[-1].count(o) > whole[-1].count(c) for c, o in _PAIRS)):
+            whole[-1] += delimiter + name
+        else:
+            whole.append(name)
+    if len(whole) == fields + 1 and whole[-1].lower() == "comment":  # LabVIEW's, mostly empty
+        whole.pop()
+    if len(whole) != fields:
+        raise ReadError(
+            f"{len(names)} names for {fields} columns",
+            "a name for each column",
+            "name each column once there, or set header_row = 0 and call the columns 0, 1, 2",
+            place=f"line {line}",
+        )
+    return whole
+
+
+def _is_unit_row(fields: list[str]) -> bool:
+    """Tell whether a row holds units, of some that no record needs too: nothing else is in it."""
+    texts = [field.strip("[]() ") for field in fields]
+    stated = [t for t in texts if t and t != "-" and t not in _OTHER_UNITS]
+    return bool(stated) and all(map(_is_unit, stated))
+
+
+_OTHER_UNITS = {"°C", "ºC", "degC", "°F", "degF", "dB", "VDC", "VAC", "Vpp", "Ohm", "inc", "digits"}
+"""Units of what a logger writes beside: temperatures have another zero, levels another scale."""
+
+
+def _is_unit(text: str) -> bool:
+    if len(text) > UNIT_CHARACTERS:
+        return False
+    try:
+        check_unit(text)
+    except InputError:
+        return False
+    return True
+
+
+def _name_and_unit(field: str) -> tuple[str, str | None]:
+    """Split ``x1 [um]`` into name and unit: what stands in the brackets at the end."""
+    opening = _BRACKETS.get(field[-1:])
+    if opening is None:
+        return field, None
+    begin = field.find(opening, max(field.rfind(field[-1], 0, -1), 0))
+    name, unit = field[: max(begin, 0)].rstrip(), field[begin + 1 : -1].strip()
+    if name.strip() and (unit in ("", "-") or _is_unit(unit)):
+        return name, unit.strip("-") or None
+    return field, None
+
+
+_NUMPY_PLACE = re.compile(r"at row (\d+), column (\d+)")
+_NUMPY_ROW = re.compile(r"at row (\d+)")
+_HEAD_LINES = 400
+_FAST = 32_000_000  # bytes from which on pyarrow, where it is installed, saves more than its import
+_DAY = 86400.0
+
+
+@frozen
+class DelimitedTable:
+    """An open text table; its numbers are read when they are asked for."""
+
+    file: str
+    dialect: Dialect
+    encoding: str
+
+    @property
+    def _size(self) -> int:
+        return Path(self.file).stat().st_size
+
+    @cached_property
+    def _counts(self) -> Counter[str]:
+        return Counter(self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns, without their units."""
+        return self.dialect.names
+
+    @property
+    def units(self) -> tuple[str | None, ...]:
+        """Units of the columns, where the file states them."""
+        return self.dialect.units
+
+    def find(self, name: str) -> str:
+        """Return the name of a column, once it is sure to be there once."""
+        count = self._counts.get(name, 0)
+        if not count:
+            error = no_column(name, self.names, self.file)
+            if not self.dialect.named:
+                cure = (
+                    "name columns by their number, from 0, or say where the names are: header_row"
+                )
+                raise ReadError(error.found, error.expected, cure, file=self.file)
+            raise error
+        if count > 1:
+            raise ReadError(
+                f"column {name!r} {count} times",
+                "a name that is unique in the file",
+                "rename one",
+                file=self.file,
+            )
+        return name
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by name."""
+        wanted = list(dict.fromkeys(names))
+        places = {name: place for place, name in enumerate(self.names)}
+        position = {name: places[name] for name in wanted}
+        numbers = [p for p in position.values() if not self.dialect.clocks[p]]
+        read = dict(zip(numbers, self._numbers(numbers) if numbers else (), strict=True))
+        columns = {}
+        for name, place in position.items():
+            if self.dialect.clocks[place]:
+                columns[name] = Column(self._clock(place), "s", None)
+            else:
+                columns[name] = Column(read[place], self.units[place], self.dialect.rate)
+        return columns
+
+    def scalar(self, name: str) -> float:
+        """Refuse: a text table has columns only."""
+        raise ReadError(
+            f"scale {name!r} in a text table",
+            "a number, or a scalar variable of an HDF5 or MAT file",
+            "write the number",
+            file=self.file,
+        )
+
+    def _lines(self, stream: IO[str]) -> Iterator[str]:
+        """Return the lines of values; those of a decimal comma with a point."""
+        lines = self._bounded(stream)
+        next(islice(lines, self.dialect.header_lines, self.dialect.header_lines), None)
+        if self.dialect.decimal_comma:  # a point would stand between thousands
+            return (line.replace(".", "'").replace(",", ".") for line in lines)
+        return lines
+
+    def _bounded(self, stream: IO[str]) -> Iterator[str]:
+        """Return the lines of a text; refuse one that never seems to end.
+
+        In a small file none can; looking at each takes a seventh of the time of reading numbers.
+        """
+        return iter(stream) if self._size <= SMALL_TEXT else self._checked(stream)
+
+    def _checked(self, stream: IO[str]) -> Iterator[str]:
+        """Return the lines of a large text."""
+        for line in iter(partial(stream.readline, LINE_CHARACTERS), ""):
+            if len(line) >= LINE_CHARACTERS:
+                raise ReadError(
+                    f"a line of more than {LINE_CHARACTERS} characters",
+                    "lines of a table",
+                    "export the record anew; this is no table, or it was damaged",
+                    file=self.file,
+                )
+            yield line
+
+    def _numbers(self, positions: list[int]) -> list[Floats]:
+        """Return columns of numbers; nothing of the text is kept, and each number at most twice."""
+        fast = self._fast_numbers(positions)
+        if fast is not None:
+            return fast
+        delimiter = None if self.dialect.delimiter == " " else self.dialect.delimiter
+        with (
+            Path(self.file).open(encoding=self.encoding, errors="replace") as stream,
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore", UserWarning)  # numpy warns of a table without rows
+            try:
+                table = np.loadtxt(
+                    self._lines(stream),
+                    delimiter=delimiter,
+                    usecols=positions,
+                    ndmin=2,
+                    quotechar='"',
+                )
+                return [np.ascontiguousarray(column) for column in table.T]
+            except InputError:
+                raise
+            except ValueError as error:
+                problem = str(error)
+            except MemoryError:
+                raise too_large(self.file) from None
+        raise self._explain(problem)
+
+    def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
+        """Read with pyarrow; None where it is not installed, or does not take the file."""
+        if (
+            self._size <= _FAST
+            or self.dialect.delimiter == " "
+            or not self.encoding.startswith("utf-8")
+        ):
+            return None
+        try:
+            import pyarrow as pa
+            import pyarrow.csv as reader
+        except ImportError:
+            return None
+        keys = [str(number) for number in range(self.dialect.fields)]
+        chosen = [keys[p] for p in positions]
+        try:
+            with Path(self.file).open("rb") as stream:
+                for _ in range(self.dialect.header_lines):
+                    stream.readline()
+                table = reader.read_csv(
+                    pa.PythonFile(stream, "r"),
+                    read_options=reader.ReadOptions(column_names=keys, block_size=1 << 22),
+                    parse_options=reader.ParseOptions(delimiter=self.dialect.delimiter),
+                    convert_options=reader.ConvertOptions(
+                        include_columns=chosen,
+                        column_types=dict.fromkeys(chosen, pa.float64()),
+                        decimal_point="," if self.dialect.decimal_comma else ".",
+                        null_values=[],
+                    ),
+                )
+        except (pa.ArrowException, OSError):
+            return None  # numpy says what is wrong, or takes it
+        columns = []
+        for key in chosen:  # each leaves the table as it is copied
+            columns.append(_numbers_of(table.column(key)))
+            table = table.drop_columns([key])
+        return columns
+
+    def _clock(self, position: int) -> Floats:
+        """Return a column of times of day in s from its first."""
+        texts = []
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            for number, line in enumerate(self._bounded(stream), start=1):
+                if number <= self.dialect.header_lines or _says_nothing(line):
+                    continue
+                fields = split(line, self.dialect.delimiter)
+                if len(fields) <= position or not CLOCK.fullmatch(fields[position][:DIGITS]):
+                    found = fields[position] if len(fields) > position else "too few columns"
+                    raise ReadError(
+                        repr(found[:40]),
+                        "a time such as 12:30:01.250",
+                        "correct or remove the row",
+                        file=self.file,
+                        place=f"line {number}, column {self.names[position]}",
+                    )
+                texts.append(fields[position])
+        try:
+            return seconds_of_day(texts)
+        except (ValueError, OverflowError) as error:
+            raise ReadError(
+                str(error)[:120],
+                "times of days that there are",
+                "correct or remove the row",
+                file=self.file,
+                place=f"column {self.names[position]}",
+            ) from None
+
+    def _explain(self, problem: str) -> ReadError:
+        """Turn numpy's message into the line and the column of this file."""
+        place = _NUMPY_PLACE.search(problem)
+        row = _NUMPY_ROW.search(problem)
+        few = "could not convert" not in problem  # then numpy counts rows from 1, else from 0
+        line = self._line(int(row.group(1)) - few) if row else 0
+        if place is None or few:
+            return ReadError(
+                "too few columns" if row else problem[:160],
+                f"{len(self.names)} columns in each row",
+                "complete or remove the row",
+                file=self.file,
+                place=f"line {line}" if row else "",
+            )
+        column = int(place.group(2)) - 1
+        name = self.names[min(column, len(self.names) - 1)]
+        value = repr(self._field(line, column))
+        return ReadError(
+            "an empty field" if value == "''" else value[:80],
+            "a number",
+            "cut the record there, or leave the column out",
+            file=self.file,
+            place=f"line {line}, column {name}",
+        )
+
+    def _field(self, line: int, column: int) -> str:
+        """Return a field as it stands in the file."""
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            row = next(islice(self._bounded(stream), max(line - 1, 0), None), "")
+        fields = split(row.partition("#")[0], self.dialect.delimiter)
+        return fields[column] if column < len(fields) else ""
+
+    def _line(self, row: int) -> int:
+        """Return the line of numpy's data row: it skips blank lines and comments."""
+        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+            for number, line in enumerate(self._bounded(stream), start=1):
+                if number > self.dialect.header_lines and not _says_nothing(line):
+                    row -= 1
+                if row < 0:
+                    return number
+        return 0
+
+
+def _numbers_of(column: Any) -> Floats:
+    """Return the numbers of a column of pyarrow, whose own way there loads pandas."""
+    parts = [
+        np.frombuffer(chunk.buffers()[1], dtype=np.float64)[chunk.offset :][: len(chunk)]
+        for chunk in column.chunks
+    ]
+    return np.concatenate([np.empty(0), *parts])
+
+
+def _says_nothing(line: str) -> bool:
+    return not line.partition("#")[0].strip() or line.lstrip().startswith(COMMENTS)
+
+
+def seconds_of_day(texts: list[str]) -> Floats:
+    """Return times of day, with their date or without, in s from the first."""
+    if re.match(r"\d{4}-", texts[0]):
+        stamps: Any = np.array(
+            [t.rstrip("Z").replace(",", ".").replace(" ", "T") for t in texts],
+            dtype="datetime64[ns]",
+        )
+        return np.asarray((stamps - stamps[0]).astype(np.int64) * 1e-9, dtype=float)
+    parts = [t.rstrip("Z").replace(",", ".").split(" ")[-1].split("T")[-1] for t in texts]
+    seconds = np.zeros(len(parts))
+    for i, part in enumerate(parts):
+        total = 0.0
+        for piece in part.split(":"):
+            total = 60 * total + float(piece)
+        seconds[i] = total
+    # A clock without date starts again at midnight.
+    days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -_DAY / 2)])
+    return np.asarray(seconds - seconds[0] + _DAY * days, dtype=float)
+
+
+def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTable:
+    """Open a text table: find its delimiter, its names and its units.
+
+    Parameters
+    ----------
+    path : Path
+    header_row : int, optional
+        The line of the names, from 1; 0 where there are none. Without it, the line of text above
+        the first row of values.
+    """
+    start = head(path)
+    encoding = _encoding(start)
+    if encoding != "utf-16" and content(start) != "text":
+        raise not_what_it_says(path, start, "a text table")
+    with path.open(encoding=encoding, errors="replace") as stream:
+        lines = _first_lines(stream, _HEAD_LINES + (header_row or 0))
+    if header_row and (
+        header_row > len(lines) or _says_nothing(lines[header_row - 1].lstrip("#%"))
+    ):
+        raise ReadError(
+            f"nothing in line {header_row}",
+            "a row of names there",
+            "correct header_row",
+            file=str(path),
+            place="header_row",
+        )
+    try:
+        dialect = find_dialect(lines, header_row)
+    except InputError as error:
+        raise error.at(file=str(path)) from None
+    if dialect is None:
+        texts = [line for line in lines if not _says_nothing(line)]
+        raise ReadError(
+            "no samples" if texts else "comments only",
+            "rows of numbers below a row of names",
+            "check the file; header_row says in which line the names are",
+            file=str(path),
+        )
+    return DelimitedTable(str(path), dialect, encoding)
+
+
+def _first_lines(stream: IO[str], count: int) -> list[str]:
+    """Return the first lines, fewer where they are very long."""
+    lines: list[str] = []
+    length = 0
+    while (
+        len(lines) < count
+        and length < LINE_CHARACTERS
+        and (line := stream.readline(LINE_CHARACTERS))
+    ):
+        lines.append(line)
+        length += len(line)
+    return lines
+
+
+def _encoding(start: bytes) -> str:
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        start[: start.rfind(b"\n") + 1].decode("utf-8")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"

@@ -1,0 +1,1 @@
+"""Maximum likelihood, and rival hypotheses where the data reject the model."""

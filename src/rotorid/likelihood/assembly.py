@@ -1,0 +1,488 @@
+"""From a bound record to its `Likelihood`: entries, loads, sensing, calibration.
+
+Sensors of positions with known coefficients are solved for coordinates. A sensor of a derivative,
+or with parameters among its coefficients, is a row more beside the equations of motion,
+``y - C(omega, theta) q = 0``, and its channel stands among the inputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Lines, Signal
+from rotorid.data.observation import Observation, combined
+from rotorid.data.record import Channel
+from rotorid.likelihood.cost import Entries, Likelihood, Sensing
+from rotorid.likelihood.effects import (
+    Adds,
+    Calibration,
+    Drives,
+    Loads,
+    Reads,
+    Rereads,
+    Scales,
+    Terms,
+    Turns,
+)
+from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.relations import Monomials
+from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
+from rotorid.models.equations import SensorTerm
+from rotorid.models.linear import speed_factor
+from rotorid.models.text import Expression, evaluate, symbol
+from rotorid.signals.covariance import LineCovariance
+
+Factors = tuple[int, ...]
+PHASE_STEPS = 16
+"""Angles of a revolution that tell the orders of loads which are no polynomials of cos(phi) and
+sin(phi): up to the seventh."""
+
+
+@frozen
+class Term:
+    """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
+
+    Where it depends on the line otherwise than by its order, `along` is a factor of each line.
+    """
+
+    row: int
+    column: int
+    order: int
+    factors: Factors
+    coefficient: float
+    along: Complexes | None = None
+
+
+@frozen
+class Stiffness:
+    """The terms of P = -Z of a model, in columns; `place` is that of the kind in `profiles`."""
+
+    # (term,)
+    row: Integers
+    column: Integers
+    place: Integers
+    monomial: Integers
+    coefficient: Floats  # (term,)
+    # sequence of (int, complex array or None): order, and the factor of each line where it is not
+    # the same on all
+    profiles: tuple[tuple[int, Complexes | None], ...]
+
+    @classmethod
+    def of(cls, layout: Layout, lines: Lines) -> Stiffness:
+        """Take those that are there at the speeds of the lines."""
+        table = linear_form(layout.model).stiffness
+        sizes: list[float] = []
+        profiles: list[tuple[int, Complexes | None]] = []
+        for order, factor, structural in table.kinds:
+            size, along = _profile(factor, structural, lines.omega, lines.speed)
+            sizes.append(size)
+            profiles.append((order, along))
+        every: Floats = np.array(sizes, dtype=float)[table.kind]
+        stands = np.array([f is not None for f in layout.monomial_factors], dtype=bool)
+        kept = (every != 0) & stands[table.monomial]
+        coefficient = -table.coefficient[kept] * every[kept]
+        row, column, kind = table.row[kept], table.column[kept], table.kind[kept]
+        return cls(row, column, kind, table.monomial[kept], coefficient, tuple(profiles))
+
+
+def other_terms(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the entries of ``[P, B]`` besides the model's own stiffness; columns of B come last.
+
+    An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
+    ks x, with the true displacement, is a stiffness of the machine.
+    """
+    linear, drives, terms = linear_form(layout.model), layout.acting(Drives), []
+    for b in linear.input_terms:
+        factors = layout.monomial_factors[b.monomial]
+        assert factors is not None
+        channel = observation.inputs[b.input]
+        acting = [(e, int(at[0])) for e, at in drives if channel.name in e.inputs]
+        known = 1.0 if channel.drive is None else channel.drive.ki
+        ki, gain = _constant(acting, "ki", known)
+        column = linear.coordinates + b.input
+        scale = tuple(at for effect, at in acting if effect.part == "force")
+        levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
+        for row, arm, lever in [(b.row, 1.0, ()), *levers]:
+            common, size = factors + scale + lever, b.coefficient * arm
+            terms.append(Term(row, column, 0, common + gain, size * ki))
+            if channel.drive is None:
+                continue
+            ks, slope = _constant(acting, "ks", channel.drive.ks)
+            for t in _displacement(layout, channel):
+                there = common + slope + _parameters(layout, t)
+                terms.append(Term(row, t.coordinate, 0, there, size * ks * t.coefficient))
+    return [*terms, *_further_terms(layout, observation), *_sensor_rows(layout, observation)]
+
+
+def _constant(
+    acting: Sequence[tuple[Drives, int]], part: str, known: float
+) -> tuple[float, Factors]:
+    """Return a constant of a force law as (number, unknowns): one of the two is trivial."""
+    unknown = next((at for effect, at in acting if effect.part == part), None)
+    return (known, ()) if unknown is None else (1.0, (unknown,))
+
+
+def _further_terms(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the entries that unknowns add."""
+    speed = observation.lines.speed
+    found: list[Term] = []
+    powers: dict[int, tuple[float, Complexes | None]] = {}
+    for effect, at in layout.acting(Terms):
+        for e in effect.entries:
+            if e.speed_power not in powers:
+                powers[e.speed_power] = _common(speed**e.speed_power)
+            size, along = powers[e.speed_power]
+            term = (e.row, e.column, e.order, (int(at[e.unknown]),))
+            found.append(Term(*term, -e.coefficient * size, along))
+    return found
+
+
+def _profile(
+    factor: Expression, structural: bool, omega: Floats, speed: Floats
+) -> tuple[float, Complexes | None]:
+    distinct = np.unique(speed)
+    values = np.array([speed_factor(factor, value) for value in distinct])
+    along = values[np.searchsorted(distinct, speed)]
+    return _common(along * 1j * (omega > 0) if structural else along)
+
+
+def _common(along: Complexes | Floats) -> tuple[float, Complexes | None]:
+    """Return a factor of every line, and what is left of it: nothing where all lines are alike."""
+    first = along[0] if len(along) else 1.0
+    if first.imag == 0 and (along == first).all():
+        return float(first.real), None
+    return 1.0, np.asarray(along, dtype=np.complex128)
+
+
+def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
+    """Return the displacement in the bearing of an input, levers that are parameters included."""
+    assert channel.drive is not None
+    terms = combined(channel.drive.position, layout.model, "a force law", channel.name)
+    if any(t.order for t in terms):
+        raise InputError(
+            "a force law at a velocity or an acceleration",
+            "the displacement in that bearing",
+            "leave the dots out",
+            place=channel.name,
+        )
+    if layout.base and any(any(t.powers) for t in terms):
+        raise InputError(
+            "a force law at a displacement with parameters among its coefficients",
+            "known coefficients, where base parameters are asked for",
+            "put their values in, or estimate the physical parameters",
+            place=channel.name,
+        )
+    return terms
+
+
+def _parameters(layout: Layout, term: SensorTerm) -> Factors:
+    """Return the unknowns that a term of a combination of coordinates holds."""
+    return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
+
+
+def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
+    """Return the rows of indirect sensors: the reading, less what it reads."""
+    model, terms = layout.model, []
+    first_row = len(model.texts)
+    first_column = len(model.coordinates) + len(model.inputs)
+    for k, sensor in enumerate(observation.indirect):
+        terms.append(Term(first_row + k, first_column + k, 0, (), 1.0))
+        for t in sensor.terms:
+            if layout.base and any(t.powers):
+                raise InputError(
+                    "a sensor with parameters among its coefficients",
+                    "known coefficients, where base parameters are asked for",
+                    "put their values in, or estimate the physical parameters",
+                    place=sensor.channel.name,
+                )
+            factors = _parameters(layout, t)
+            terms.append(Term(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
+        for effect, at in layout.acting(Reads):
+            if effect.channel == sensor.channel.name:
+                share = Term(
+                    first_row + k, effect.coordinate, 0, tuple(at.tolist()), -effect.coefficient
+                )
+                terms.append(share)
+    return terms
+
+
+def monomial_table(
+    layout: Layout, stiffness: Stiffness, terms: Sequence[Term]
+) -> tuple[Monomials, Mapping[Factors, int]]:
+    """Return the monomials in use, and where each product of unknowns stands among them."""
+    loads = {f for f in layout.monomial_factors if f is not None}
+    loads |= {load.factors for load in every_load(layout)}
+    loads |= {_sorted(layout, m) for m in np.unique(stiffness.monomial).tolist()}
+    distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
+    exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
+    for row, factors in enumerate(distinct):
+        for unknown in factors:
+            exponents[row, unknown] += 1
+    return Monomials.from_exponents(exponents), {f: i for i, f in enumerate(distinct)}
+
+
+def _sorted(layout: Layout, monomial: int) -> Factors:
+    return tuple(sorted(layout.monomial_factors[monomial] or ()))
+
+
+@frozen
+class Load:
+    """``coefficient * product of unknowns * signal`` in a row of g."""
+
+    row: int
+    factors: Factors
+    signal: Expression
+    coefficient: float
+
+
+def every_load(layout: Layout) -> list[Load]:
+    """Return the loads of the model, and those that unknowns add."""
+    found = []
+    for term in linear_form(layout.model).load_terms:
+        factors = layout.monomial_factors[term.monomial]
+        if factors is not None:
+            found.append(Load(term.row, tuple(sorted(factors)), term.signal, term.coefficient))
+    for effect, at in layout.acting(Loads):
+        for load in effect.loads:
+            where = (int(at[load.unknown]),)
+            found.append(Load(load.row, where, load.signal, load.coefficient))
+    return found
+
+
+def load_lines(
+    layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
+) -> tuple[Complexes, Floats]:
+    """Return the columns of g by order of the rotor angle, and the orders."""
+    linear, loads = linear_form(layout.model), every_load(layout)
+    signals = list(dict.fromkeys(load.signal for load in loads))
+    timed = any(symbol("t") in signal.free_symbols for signal in signals)
+    steps = phase_steps(signals) if phase_unknown else 1
+    found = np.zeros((steps, len(lines.omega), len(signals)), dtype=np.complex128)
+    for step, shift in enumerate(2 * np.pi * np.arange(steps) / steps):
+        if signals:
+            found[step] = lines.clock.lines(_signal(signals, shift), timed=timed)
+    orders: Floats = np.zeros(1)
+    if phase_unknown:
+        found = np.fft.fft(found, axis=0) / steps
+        size = np.abs(found).max(axis=(1, 2), initial=0.0)
+        used = np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
+        orders = np.asarray(np.fft.fftfreq(steps, 1 / steps)[used], dtype=np.float64)
+        found = found[used]
+    columns = np.zeros((len(found), len(lines.omega), linear.rows, len(where)), np.complex128)
+    for load in loads:
+        signal = found[:, :, signals.index(load.signal)]
+        columns[:, :, load.row, where[load.factors]] += load.coefficient * signal
+    return columns, orders
+
+
+def phase_steps(signals: Sequence[Expression]) -> int:
+    """Return how many angles of a revolution tell every order of some loads: 2 n + 1 tell n."""
+    degrees = [_degree(signal) for signal in signals]
+    known = [degree for degree in degrees if degree is not None]
+    return 2 * max(known, default=0) + 1 if len(known) == len(degrees) else PHASE_STEPS
+
+
+def _degree(signal: Expression) -> int | None:
+    """Return the degree of a polynomial of cos(phi) and sin(phi), None for another function."""
+    phi = symbol("phi")
+    if phi not in signal.free_symbols:
+        return 0
+    if signal.kind in ("cos", "sin"):
+        return 1 if signal.parts == (phi,) else None
+    if signal.kind == "sum":
+        parts = [_degree(part) for part in signal.parts]
+        return None if None in parts else max(part for part in parts if part is not None)
+    if signal.kind not in ("product", "power"):
+        return None
+    total = 0
+    for base, exponent in signal.factors:
+        degree = _degree(base)
+        if degree is None or (degree and (exponent < 0 or exponent.denominator != 1)):
+            return None
+        total += degree * int(exponent) if degree else 0
+    return total
+
+
+def _signal(signals: Sequence[Expression], shift: float) -> Signal:
+    """Return expressions in t, phi and Omega as a function, the angle moved by `shift`."""
+
+    def values(time: Floats, angle: Floats, speed: Floats) -> Floats:
+        known = {"t": time, "phi": angle + shift, "Omega": speed}
+        shape = np.broadcast_shapes(np.shape(time), np.shape(angle), np.shape(speed))
+        return np.stack([np.broadcast_to(evaluate(s, known), shape) for s in signals], axis=-1)
+
+    return values
+
+
+def sensing_of(reads: Floats, rank: int) -> Sensing:
+    """Split coordinates into what sensors read and what they do not."""
+    sensors, coordinates = reads.shape
+    used = (reads != 0).sum(axis=0)
+    if ((reads != 0).sum(axis=1) == 1).all() and used.max(initial=0) <= 1:
+        where = np.abs(reads).argmax(axis=1)
+        right = np.zeros((coordinates, sensors))
+        right[where, np.arange(sensors)] = 1 / reads[np.arange(sensors), where]
+        hidden = np.eye(coordinates)[:, used == 0]
+        return Sensing(right, hidden, np.zeros((0, sensors)), reads)
+    left, size, basis = np.linalg.svd(reads)
+    right = basis[:rank].T / size[:rank] @ left[:, :rank].T
+    return Sensing(right, basis[rank:].T, left[:, rank:].T, reads)
+
+
+def assemble(
+    layout: Layout, observation: Observation, number: int = 0, like: Likelihood | None = None
+) -> Likelihood:
+    """Build the likelihood of one record, the `number`-th of its machine.
+
+    `like` is one of the same record, whose noise is factored already.
+    """
+    layout = layout.of_record(number)
+    observation = layout.observed(observation)
+    lines, reads = observation.lines, observation.reads
+    order = list(observation.order)
+    data = lines.mean[:, order]
+    ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
+    stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
+    monomials, where = monomial_table(layout, stiffness, terms)
+    phase = _turn(layout)
+    entries = _entries(layout, stiffness, terms, where, lines.omega)
+    rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
+    scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
+    loading, loads, orders = _scaled_loads(layout, lines, where, phase is not None, scales.rows)
+    columns = np.append(scales.coordinates, np.ones(width))
+    scaled = replace(
+        entries,
+        coefficient=entries.coefficient * columns[entries.column] / scales.rows[entries.row],
+    )
+    sensing = sensing_of(reads * scales.coordinates, observation.rank)
+    equations = rows + len(sensing.redundancy) - sensing.hidden.shape[1]
+    if like is not None and like.order == order:
+        noise = like.noise
+    else:
+        noise = noise_factor(ordered, data, len(observation.inputs), equations)
+    return Likelihood(
+        scaled,
+        monomials,
+        loads,
+        loading,
+        rows,
+        sensing,
+        Calibration.of(
+            observation,
+            layout.acting(Scales),
+            layout.acting(Adds),
+            layout.acting(Rereads),
+            phase,
+            orders,
+        ),
+        data,
+        noise,
+        scales,
+        lines.multiplicity,
+        len(observation.indirect),
+        _transient(observation),
+        order,
+    )
+
+
+def _scaled_loads(
+    layout: Layout, lines: Lines, where: Mapping[Factors, int], turned: bool, rows: Floats
+) -> tuple[Integers, Complexes, Floats]:
+    """Return the monomials that loads are multiplied by, the loads by scaled row, and the orders.
+
+    Shapes (load,), (order, line, row, load) and (order,).
+    """
+    load, orders = load_lines(layout, lines, where, turned)
+    loading = np.unique(np.array([where[x.factors] for x in every_load(layout)], dtype=np.int64))
+    loads = np.zeros((*load.shape[:2], len(rows), len(loading)), dtype=np.complex128)
+    loads[:, :, : load.shape[2]] = load[..., loading]
+    return loading, np.asarray(loads / rows[:, None], dtype=np.complex128), orders
+
+
+def other_loads(
+    layout: Layout, observation: Observation, number: int, likelihood: Likelihood
+) -> Callable[[Lines], Complexes]:
+    """Return what makes the loads of a record on other lines, such as by another angle."""
+    layout = layout.of_record(number)
+    observation = layout.observed(observation)
+    stiffness = Stiffness.of(layout, observation.lines)
+    _, where = monomial_table(layout, stiffness, other_terms(layout, observation))
+    turned, rows = _turn(layout) is not None, likelihood.scales.rows
+    return lambda lines: _scaled_loads(layout, lines, where, turned, rows)[1]
+
+
+def _transient(observation: Observation) -> Transient | None:
+    """Return what loose ends add: to each equation, and to sensors of derivatives their own.
+
+    Integrating by parts leaves ``q`` at the ends of the window for a velocity, and ``i omega q``
+    beside it for an acceleration.
+    """
+    order = observation.lines.transient
+    if order is None:
+        return None
+    own = [sensor.order - 1 for sensor in observation.indirect]
+    orders = np.array([order] * len(observation.model.texts) + own, dtype=np.int64)
+    return Transient.of(orders, observation.lines.omega)
+
+
+def _entries(
+    layout: Layout,
+    stiffness: Stiffness,
+    terms: Sequence[Term],
+    where: Mapping[Factors, int],
+    omega: Floats,
+) -> Entries:
+    profiles = [*stiffness.profiles, *((t.order, t.along) for t in terms)]
+    kinds: dict[tuple[int, int], int] = {}
+    weights = []
+    for order, along in profiles:
+        if (order, id(along)) not in kinds:
+            kinds[order, id(along)] = len(kinds)
+            power = (1j * omega) ** order
+            weights.append(power if along is None else power * along)
+    kind = np.array([kinds[order, id(along)] for order, along in profiles], dtype=np.int64)
+    places = {m: where[_sorted(layout, m)] for m in np.unique(stiffness.monomial).tolist()}
+    place = np.array([places.get(m, -1) for m in range(len(layout.monomial_factors))])
+    own = (stiffness.row, stiffness.column, place[stiffness.monomial], kind[stiffness.place])
+    further = np.array(
+        [(t.row, t.column, where[tuple(sorted(t.factors))]) for t in terms], dtype=np.int64
+    ).reshape(-1, 3)
+    others = (*further.T, kind[len(stiffness.profiles) :])
+    row, column, monomial, kind = (np.concatenate(pair) for pair in zip(own, others, strict=True))
+    coefficient = np.append(stiffness.coefficient, [term.coefficient for term in terms])
+    return Entries(row, column, monomial, kind, coefficient, np.stack(weights, axis=1))
+
+
+def _scales(
+    layout: Layout,
+    entries: Entries,
+    monomials: Monomials,
+    rows: int,
+    reads: Floats,
+    data: Complexes,
+    covariance: LineCovariance,
+) -> Sizes:
+    """Scales of rows and coordinates at the start, tied to the sizes of forces and readings."""
+    n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
+    matrix = entries.matrix(monomials.values(layout.start), rows, n + inputs)
+    forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]
+    variance = np.einsum("kii->ki", covariance.matrices).real.clip(0)
+    pushed = (np.abs(matrix[:, :, n:]) ** 2 @ variance[:, :inputs, None])[:, :, 0]
+    noise = [np.sqrt(v.mean(axis=0)) for v in (pushed, variance[:, inputs:])]
+    scales = find_scales(matrix[:, :, :n], forces, reads, data[:, inputs:], noise[0], noise[1])
+    ratio = np.sqrt((np.abs(forces) ** 2).mean(axis=0)) / scales.rows
+    driven = ratio > 0
+    if driven.any():
+        scales = replace(scales, rows=scales.rows * np.sqrt((ratio[driven] ** 2).mean()))
+    return scales
+
+
+def _turn(layout: Layout) -> int | None:
+    """Return the unknown that adds to the rotor angle of the record, if there is one."""
+    return next((int(at[0]) for _, at in layout.acting(Turns)), None)

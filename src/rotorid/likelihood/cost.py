@@ -1,0 +1,499 @@
+"""The likelihood of one record: whitened residual, its derivative, and their kernel.
+
+Notation (theory, section 3), for one line; rows and coordinates are scaled, see `scaling`:
+
+    z = [u; y]         measured mean, covariance C = F F^H
+    E                  calibration of the channels: true = E z (gain, delay)
+    q = R v + H w      v: what the sensors read, true, v = E_y y - r; w: hidden coordinates
+    P = -Z             the dynamic stiffness, negative
+    s = L z + h        equation error without w: L = [B, P R] E, h = g - P R r
+    N                  orthonormal basis of the left null space of P H, see `projection`
+    e = N^H s          with covariance V = N^H (L C L^H + sigma^2 S) N = U^H U
+    eps = U^-H e       the whitened residual; J = sum c |eps|^2
+
+Where the sensors outnumber what they can read, the contradictions among them are further rows of
+s: ``X^H v``, X a basis of the left null space of the sensor matrix. With sigma = 0, J is the
+likelihood with the true line amplitudes profiled out; no log-determinant is left.
+
+Derivative. With dN^H = -N^H dP H (P H)^+ and dV the exact gradient is
+
+    dJ = 2 Re sum c eps^H U^-H N^H [dL zh + dh + dP H wh],
+
+zh = z - C L^H N V^-1 e and wh = -(P H)^+ (s - T N V^-1 e), T = V before the projection: the
+measured lines corrected, and hidden coordinates to go with them, so that the corrected lines
+satisfy the equations of motion exactly. (The terms of dV are those that make the correction.) The
+bracket, whitened, is therefore the Jacobian in one gauge of the whitening, and the Gauss-Newton
+matrix that follows from it is the Fisher information at the corrected lines.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.likelihood.effects import Calibration
+from rotorid.likelihood.projection import Projection, projection
+from rotorid.likelihood.relations import Monomials
+from rotorid.likelihood.whitening import Ends, Noise, Sizes, Transient
+
+
+@frozen
+class Entries:
+    """Entries of ``[P, B]``, sums of ``coefficient * weights[kind] * mu[monomial]``."""
+
+    # (term,): columns are the coordinates, then the inputs
+    row: Integers
+    column: Integers
+    monomial: Integers
+    kind: Integers
+    coefficient: Floats  # (term,)
+    # (line, kind): what the terms of a kind have in common on each line: a power of i omega, and of
+    # the speed
+    weights: Complexes
+
+    def matrix(self, mu: Floats, rows: int, columns: int) -> Complexes:
+        """Return the sum of the terms on each line, shape (line, row, column)."""
+        kinds, size = self.weights.shape[1], rows * columns
+        flat = (self.kind * rows + self.row) * columns + self.column
+        values = self.coefficient * mu[self.monomial]
+        summed = np.bincount(flat, values, minlength=kinds * size).reshape(kinds, size)
+        return _complex(self.weights @ summed).reshape(-1, rows, columns)
+
+
+@frozen
+class Group:
+    """Unknowns that stand in terms of the same kinds, and their part of all matrices."""
+
+    unknowns: Integers
+    kinds: Integers
+    part: slice
+
+
+@frozen
+class Slopes:
+    """Derivatives of ``[P, B] @ sources`` by the unknowns, which are linear in the sources.
+
+    By each unknown it is a real matrix times the sources, these times the weights of each kind.
+    """
+
+    groups: tuple[Group, ...]  # the matrices of each stand as (kind, column, unknown, row)
+    coefficient: Floats  # (pair,): of the terms, for each unknown that they depend on
+    # (pair,): whose derivative that is multiplied by, and where among all matrices it goes
+    monomial: Integers
+    unknown: Integers
+    place: Integers
+    # of one matrix, and of all
+    rows: int
+    size: int
+
+    @classmethod
+    def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> Slopes:
+        """Build from the terms whose monomial is no constant."""
+        factors, count = monomials.factors[entries.monomial], monomials.unknowns
+        term, which = np.nonzero(factors < count)
+        once = np.unique(term * count + factors[term, which])  # a power is one factor
+        term, unknown = np.divmod(once, count)
+        kind, column, row = (x[term] for x in (entries.kind, entries.column, entries.row))
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for number in np.unique(unknown).tolist():
+            used = tuple(np.unique(kind[unknown == number]).tolist())
+            alike.setdefault(used, []).append(number)
+        place, groups, first = np.zeros(len(term), dtype=np.int64), [], 0
+        for used, members in alike.items():
+            kinds, unknowns = np.array(used), np.array(members)
+            mine = np.isin(unknown, unknowns)
+            inner = np.searchsorted(kinds, kind[mine]) * columns + column[mine]
+            inner = inner * len(unknowns) + np.searchsorted(unknowns, unknown[mine])
+            place[mine] = first + inner * rows + row[mine]
+            last = first + len(kinds) * columns * len(unknowns) * rows
+            groups.append(Group(unknowns, kinds, slice(first, last)))
+            first = last
+        pairs = entries.coefficient[term], entries.monomial[term], unknown, place
+        return cls(tuple(groups), *pairs, rows, first)
+
+    def into(self, out: Complexes, sources: Complexes, weights: Complexes, slopes: Floats) -> None:
+        """Put into `out`, shape (line, unknown, row); `slopes` are those of the monomials."""
+        values = self.coefficient * slopes[self.monomial, self.unknown]
+        every = np.bincount(self.place, values, minlength=self.size)
+        weighed = weights[:, :, None] * sources[:, None, :]
+        parts = np.stack([weighed.real, weighed.imag])  # (2, line, kind, column)
+        for group in self.groups:
+            matrix = every[group.part].reshape(-1, len(group.unknowns) * self.rows)
+            moved = parts[:, :, group.kinds].reshape(2, len(sources), -1) @ matrix
+            real, imaginary = moved.reshape(2, len(sources), -1, self.rows)
+            out.real[:, group.unknowns, : self.rows] = real
+            out.imag[:, group.unknowns, : self.rows] = imaginary
+
+
+@frozen
+class Sensing:
+    """What the sensors tell of the coordinates: ``q = right @ v + hidden @ w``."""
+
+    right: Floats  # (coordinate, sensor)
+    hidden: Floats  # (coordinate, hidden)
+    # (contradiction, sensor): ``redundancy @ v = 0`` for what the sensors can read
+    redundancy: Floats
+    reads: Floats  # (sensor, coordinate): C, with ``v = reads @ q``
+
+
+class Likelihood:
+    """The whitened residual of one record as a function of the unknowns.
+
+    Parameters
+    ----------
+    entries : Entries
+    monomials : Monomials
+        Of all unknowns.
+    load : complex array, shape (order, line, row, load)
+        Columns of g for each order of the rotor angle, see `Calibration.phase_orders`.
+    loading : int array, shape (load,)
+        The monomials by which these are multiplied.
+    rows : int
+        Number of equations.
+    sensing : Sensing
+    calibration : Calibration
+    data : complex array, shape (line, channel)
+        Mean lines, inputs first, then sensors.
+    noise : Noise
+        Covariance C of the mean lines, factored as F F^H.
+    scales : Sizes
+        What rows and coordinates were divided by.
+    multiplicity : array, shape (line,)
+        c: 2, or 1 for the real lines.
+    indirect : int
+        How many of the last rows are sensors, each with its channel behind those of the inputs.
+    transient : Transient, optional
+        What the loose ends of the window add.
+    order : sequence of int, shape (channel,)
+        Where the channels stand in the record.
+    """
+
+    def __init__(
+        self,
+        entries: Entries,
+        monomials: Monomials,
+        load: Complexes,
+        loading: Integers,
+        rows: int,
+        sensing: Sensing,
+        calibration: Calibration,
+        data: Complexes,
+        noise: Noise,
+        scales: Sizes,
+        multiplicity: Floats,
+        indirect: int = 0,
+        transient: Transient | None = None,
+        order: Sequence[int] = (),
+    ) -> None:
+        self.entries, self.monomials = entries, monomials
+        self.load, self.loading = load, loading
+        self.sensing, self.calibration = sensing, calibration
+        self.data, self.noise, self.multiplicity = data, noise, multiplicity
+        self.factor, self.scales = noise.factor, scales
+        self.rows, self.indirect, self.transient = rows, indirect, transient
+        self.order = list(order)
+        self.coordinates = sensing.right.shape[0]
+        self.inputs = data.shape[1] - sensing.right.shape[1]
+        self.all_rows = rows + len(sensing.redundancy)
+        self.equations = self.all_rows - sensing.hidden.shape[1]
+        self._slopes = Slopes.of(entries, monomials, rows, self.coordinates + self.inputs)
+        real = np.where(multiplicity == 1.0, 0.0, np.sqrt(multiplicity))
+        self._parts = np.stack([np.sqrt(multiplicity), real], axis=1)
+
+    @property
+    def lines(self) -> int:
+        """Number of lines."""
+        return int(self.data.shape[0])
+
+    def coefficients(self, unknowns: Floats) -> Floats:
+        """Return the terms of the equations that multiply the motion, shape (term,)."""
+        every, moved = self.entries, self.entries.column < self.coordinates
+        values = self.monomials.values(unknowns)[every.monomial[moved]]
+        return np.asarray(every.coefficient[moved] * values)
+
+    def loads_at(self, unknowns: Floats) -> Complexes:
+        """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
+        return _complex(self.load @ self.monomials.values(unknowns)[self.loading])
+
+    def evaluate(
+        self,
+        unknowns: Floats,
+        relaxation: float = 0.0,
+        affine: Integers | None = None,
+        like: Evaluation | None = None,
+    ) -> Evaluation:
+        """Evaluate at the unknowns, shape (unknown,); `like`: of a rotor that is perhaps as stiff.
+
+        Where it is, the hidden coordinates are projected out already.
+        """
+        return Evaluation(self, unknowns, relaxation, affine, like)
+
+
+class Evaluation:
+    """Residual and Jacobian of one record at one point; real parts over imaginary ones.
+
+    Attributes
+    ----------
+    stiffness, inputs, plain, columns : complex array, shape (line, row, ...)
+        P, B, the columns of the true channels, [B, P R], and L.
+    null_h : complex array or None
+        N^H; None where no coordinate is hidden.
+    whitener : complex array, shape (line, equation, equation)
+        U, upper triangular.
+    whitened : complex array, shape (line, equation)
+        eps.
+    line_costs : array, shape (line,)
+    cost : float
+        J.
+    """
+
+    def __init__(
+        self,
+        problem: Likelihood,
+        unknowns: Floats,
+        relaxation: float,
+        affine: Integers | None = None,
+        like: Evaluation | None = None,
+    ) -> None:
+        self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
+        self.mu = problem.monomials.values(unknowns)
+        self.state = problem.calibration.at(unknowns)
+        self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        self._set_columns()
+        self._error = self._errors_of_rows()
+        self._set_projection(like)
+        gain = self._projected(self.columns) @ problem.factor
+        root = gain.conj().transpose(0, 2, 1)
+        if relaxation > 0:
+            root = np.concatenate([root, relaxation * self._granted()], axis=1)
+        self._gain = gain
+        self.whitener = _complex(np.linalg.qr(root, mode="r"))
+        self.lower = self.whitener.conj().transpose(0, 2, 1)
+        self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
+        self._moves = self._affine_directions()
+        self.ends: Ends | None = None
+        every = np.concatenate([self._error[:, :, None], self._moves], axis=2)
+        every, whitened = self._without_ends(every, self._white(self._projected(every)))
+        self._error, self._moves = every[:, :, 0], every[:, :, 1:]
+        self._whitened_moves = whitened[:, :, 1:]
+        self._set_whitened(whitened[:, :, 0])
+
+    def with_data(self, problem: Likelihood) -> Evaluation:
+        """Return the evaluation of the same machine with other lines and loads, whitened alike."""
+        other = copy.copy(self)
+        other.problem = problem
+        other.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        rows = other._errors_of_rows()[:, :, None]
+        rows, whitened = other._without_ends(rows, other._white(other._projected(rows)))
+        other._error = rows[:, :, 0]
+        other._set_whitened(whitened[:, :, 0])
+        return other
+
+    def _without_ends(self, rows: Complexes, whitened: Complexes) -> tuple[Complexes, Complexes]:
+        """Add to rows, and to themselves whitened, what the loose ends of the window do best."""
+        transient = self.problem.transient
+        if transient is None:
+            return rows, whitened
+        if self.ends is None:
+            ones = np.eye(self.problem.all_rows, dtype=np.complex128)[:, : self.problem.rows]
+            unit = np.broadcast_to(ones, (self.problem.lines, *ones.shape))
+            self._end_columns = transient.columns(self._white(self._projected(unit)))
+            self.ends = Ends.of(self.stacked(self._end_columns))
+        tau = self.ends.tau(self.stacked(whitened))
+        moved = rows.copy()
+        added = transient.rows(tau, self.problem.rows)
+        moved[:, : self.problem.rows] += added
+        self.loose, self._loose_moves = added[:, :, 0], added[:, :, 1:]
+        return moved, _complex(whitened + self._end_columns @ tau)
+
+    def _set_columns(self) -> None:
+        p, n = self.problem, self.problem.coordinates
+        matrix = p.entries.matrix(self.mu, p.all_rows, n + p.inputs)
+        self.stiffness, self.inputs = matrix[:, :, :n], matrix[:, :, n:]
+        sensors = self.stiffness @ p.sensing.right
+        sensors[:, p.rows :] = p.sensing.redundancy
+        self.plain = np.concatenate([self.inputs, sensors], axis=2)
+        self.columns = self.plain * self.state.factors[:, None, :]
+
+    def _errors_of_rows(self) -> Complexes:
+        """Return s, the equation error without hidden motion."""
+        p = self.problem
+        error = (self.columns @ p.data[:, :, None])[:, :, 0]
+        error[:, : p.rows] += self.loads
+        error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
+        return _complex(error)
+
+    def _set_projection(self, like: Evaluation | None) -> None:
+        self._projection: Projection | None
+        if like is not None and self._is_as_stiff(like):
+            self._projection = like._projection
+        else:
+            self._projection = projection(self.stiffness, self.problem.sensing.hidden)
+        self.null_h = None if self._projection is None else self._projection.null_h
+
+    def _is_as_stiff(self, other: Evaluation) -> bool:
+        """Tell whether a rotor has this stiffness on each line, and the same is hidden of it."""
+        mine, its = self.problem.sensing.hidden, other.problem.sensing.hidden
+        return np.array_equal(mine, its) and np.array_equal(self.stiffness, other.stiffness)
+
+    def _projected(self, rows: Complexes) -> Complexes:
+        return rows if self.null_h is None else _complex(self.null_h @ rows)
+
+    def _white(self, projected: Complexes) -> Complexes:
+        return _complex(np.linalg.solve(self.lower, projected))
+
+    def _granted(self) -> Complexes:
+        """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
+        p = self.problem
+        if self.null_h is None:
+            every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
+            return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
+        return _complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+
+    def _affine_directions(self) -> Complexes:
+        """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
+        p, affine = self.problem, self._affine
+        columns = np.zeros((p.lines, p.all_rows, len(affine)), dtype=np.complex128)
+        if len(affine):
+            slopes = p.monomials.jacobian(self.unknowns)[p.loading]
+            columns[:, : p.rows] = self.load @ slopes[:, affine]
+            p.calibration.add_readings(columns, self, affine)
+        return columns
+
+    @property
+    def load_factors(self) -> Floats:
+        """The monomials that the loads are multiplied by, shape (load,)."""
+        return np.asarray(self.mu[self.problem.loading])
+
+    @property
+    def loads(self) -> Complexes:
+        """The loads on the equations, shape (line, row)."""
+        return _complex(self.load @ self.load_factors)
+
+    def errors(self) -> Complexes:
+        """Return e, the equation errors that no hidden motion and no loose end explains."""
+        return self._projected(self._error[:, :, None])[:, :, 0]
+
+    def whitened_columns(self) -> Complexes:
+        """Return the whitened residual of a one in each channel, (line, equation, channel)."""
+        return self._white(self._projected(self.columns))
+
+    @property
+    def affine_jacobian(self) -> Floats:
+        """Jacobian by the affine unknowns, shape (line * 2 * equation, affine unknown)."""
+        return self.stacked(self._whitened_moves)
+
+    def shift(self, change: Floats) -> None:
+        """Move the affine unknowns; nothing but s moves, and linearly."""
+        self.unknowns = self.unknowns.copy()
+        self.unknowns[self._affine] += change
+        self.mu = self.problem.monomials.values(self.unknowns)
+        self.state = self.problem.calibration.at(self.unknowns)
+        self._error = self._error + self._moves @ change
+        if self.ends is not None:
+            self.loose = self.loose + self._loose_moves @ change
+        self._set_whitened(self.whitened + self._whitened_moves @ change)
+
+    def _set_whitened(self, whitened: Complexes) -> None:
+        self.whitened = whitened
+        size = (whitened.real**2 + whitened.imag**2).sum(axis=1)
+        self.line_costs = self.problem.multiplicity * size
+        self.cost = float(self.line_costs.sum())
+
+    @property
+    def absorbed(self) -> int:
+        """How many real equations the loose ends take up."""
+        return 0 if self.ends is None else int(self.ends.basis.shape[1])
+
+    @property
+    def equations(self) -> int:
+        """Number of equations of motion; rows of sensors stand behind them."""
+        return int(self.problem.rows - self.problem.indirect)
+
+    @property
+    def forces(self) -> int:
+        """Number of inputs of the machine; they are the first channels."""
+        return int(self.problem.inputs - self.problem.indirect)
+
+    @property
+    def residual(self) -> Floats:
+        """The real residual, shape (line * 2 * equation,); J is its squared length."""
+        return self.stacked(self.whitened[:, :, None])[:, 0]
+
+    def stacked(self, whitened: Complexes) -> Floats:
+        """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""
+        parts = self.problem._parts
+        stacked = np.concatenate(
+            [whitened.real * parts[:, :1, None], whitened.imag * parts[:, 1:, None]], axis=1
+        )
+        return stacked.reshape(-1, whitened.shape[2])
+
+    def period_residual(self, spectra: Complexes) -> Complexes:
+        """Return the whitened residual of each period, shape (period, line, equation)."""
+        deviation = (spectra - self.problem.data).transpose(1, 2, 0)
+        rows = self._white(self._projected(_complex(self.columns @ deviation)))
+        return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
+
+    def channel_shares(self) -> Floats:
+        """Return how much of the whitened noise each channel brings, shape (line, channel).
+
+        ``|g_i|^2`` of the columns g_i of U^-H N^H L diag(C)^1/2; they sum to about the number of
+        equations.
+        """
+        deviation = np.sqrt((np.abs(self.problem.factor) ** 2).sum(axis=2))
+        columns = self._white(self._projected(self.columns * deviation[:, None, :]))
+        return np.asarray((np.abs(columns) ** 2).sum(axis=1))
+
+    def corrected(self) -> tuple[Complexes, Complexes]:
+        """Return the corrected lines: channels (line, channel) and coordinates (line, n).
+
+        They satisfy the equations of motion exactly (with sigma = 0), and are what the
+        likelihood takes for the truth behind the measured lines.
+        """
+        p, sensing = self.problem, self.problem.sensing
+        multiplier = np.linalg.solve(self.whitener, self.whitened[:, :, None])
+        correction = p.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
+        data = p.data - correction[:, :, 0]
+        true = self.state.factors * data
+        reading = true - self.state.readings
+        motion = reading[:, p.inputs :] @ sensing.right.T
+        if self._projection is not None:
+            left = self._error - (self.columns @ correction)[:, :, 0]
+            if self._relaxation > 0:
+                granted = (self._granted() @ multiplier)[:, :, 0]
+                left[:, : p.rows] -= self._relaxation**2 * granted
+            motion = motion + self._projection.motion(left)
+        return data, motion
+
+    def directions(self) -> Complexes:
+        """Return d(rows of s) / d unknowns, shape (line, row, unknown), before the projection."""
+        p = self.problem
+        data, motion = self.corrected()
+        forces = (self.state.factors * data - self.state.readings)[:, : p.inputs]
+        sources = np.concatenate([motion, forces], axis=1)
+        slopes = p.monomials.jacobian(self.unknowns)
+        columns = np.zeros((p.lines, p.monomials.unknowns, p.all_rows), dtype=np.complex128)
+        p._slopes.into(columns, sources, p.entries.weights, slopes)
+        jacobian = columns.transpose(0, 2, 1)
+        loading = np.flatnonzero(slopes[p.loading].any(axis=0))
+        jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]
+        p.calibration.add_directions(jacobian, self, data, p.load)
+        return jacobian
+
+    def whiten(self, rows: Complexes) -> Floats:
+        """Project and whiten columns of rows, (line, row, column) -> (real equation, column)."""
+        whitened = self.stacked(self._white(self._projected(rows)))
+        return whitened if self.ends is None else self.ends.rest(whitened)
+
+    def jacobian(self) -> Floats:
+        """Return the Jacobian of the residual, shape (line * 2 * equation, unknown)."""
+        return self.whiten(self.directions())
+
+
+def _complex(array: Any) -> Complexes:
+    return np.asarray(array, dtype=np.complex128)

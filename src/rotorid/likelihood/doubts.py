@@ -1,0 +1,600 @@
+"""Doubts about an answer: a catalogue of functions that yield notes.
+
+Runout, the rotor angle, gains and delays of channels: what is not asked for is known exactly, and
+deviations leave it out. What errors of a plausible size do to the residual says how far they may
+move a parameter before the warning of a doubtful model tells (`Linear.unseen`).
+
+The damping of a rotor that is lightly damped is told by the lines on which it resonates. Under
+control the noise of the loop changes there from line to line, since the rotor hardly lets the
+controller move it, and a window of tens of lines takes the mean of it: what few lines tell then
+scatters by more than its deviation, and neither misfit nor halves show it.
+
+Where masses stand at a few places, what lies between them was shared out by hand: a sleeve, a nut,
+a thicker stretch of shaft. Sensors at the bearings alone, below the higher modes, hardly see such a
+part: other masses, lengths and stiffnesses take its place, and the cost does not rise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.answer import machine_checks as gate
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.judge import STATUSES, Status
+from rotorid.answer.parts import DOUBTFUL
+from rotorid.core.distributions import Expectation
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.lines import PeriodicClock
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.case import Case
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.doubts_angle import against_angle, creeping
+from rotorid.likelihood.effects import Drives, Turns, of_kind
+from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
+from rotorid.likelihood.rivals_terms import parts_between
+from rotorid.likelihood.summary import physical_at
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Unknown, every_unknown
+from rotorid.models import Model
+
+
+@frozen
+class Asked:
+    """An answer that may be doubted."""
+
+    model: Model
+    estimate: Estimate
+    fit: Fit
+
+
+Doubt = Callable[[Asked], Iterable[Note]]
+ANY: tuple[Status, ...] = ("ok", *STATUSES.values())
+CATALOGUE: list[tuple[Doubt, tuple[Status, ...], bool]] = []
+"""Each doubt, the statuses of answers on which it is cast, and whether it sees what the others have
+made of the answer; in the order in which they are told."""
+
+
+def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
+    """Enter a function into the catalogue: cast on answers of these statuses, or of any."""
+
+    def entered(function: Doubt) -> Doubt:
+        CATALOGUE.append((function, when or ANY, last))
+        return function
+
+    return entered
+
+
+def doubted(model: Model, estimate: Estimate, fit: Fit) -> Estimate:
+    """Return an estimate with the doubts about it."""
+    for tier in (False, True):
+        asked = Asked(model, estimate, fit)
+        cast = [each for each, when, last in CATALOGUE if last == tier and estimate.status in when]
+        estimate = estimate.with_notes(*(note for each in cast for note in each(asked)))
+    return estimate
+
+
+MATTERS = 1.0
+"""Deviations by which an unseen error moves a parameter, above which it is told."""
+TAKEN_OVER = 1e-6
+"""What is left of the scale's column when the parameters have taken their share, over its square,
+below which they take it over: exactly so at the corrected lines, but for rounding."""
+LED = 0.9
+"""Correlation with the rotor angle from which on it makes most, four fifths, of a variance."""
+FOLLOWS = 0.5
+"""Relative change of a parameter, over that of the scale, from which it is said to follow."""
+
+
+@doubt("ok")
+def taken_as_exact(asked: Asked) -> Iterable[Note]:
+    """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
+    fit = asked.fit
+    kinds = [(kind.plausible, kind.every(fit.records)) for kind in TAKEN_AS_EXACT if kind.plausible]
+    scales = [u for u in every_unknown(fit.records) if _scales_all(of_kind(Drives, u.effects()))]
+    point, added = fit.solution.point, [u for _, unknowns in kinds for u in unknowns]
+    case = Case(fit.prepared, fit.records, point.unknowns, found=point)
+    wide = case.plus(*scales, *added)
+    columns = wide.point.jacobian[:, len(fit.prepared.layout.free) :]
+    told = _scale_note(fit, columns[:, 0])
+    notes, first = [*told, *_angle_note(fit)], len(scales)
+    for plausible, unknowns in kinds:
+        scalars = [scalar for unknown in unknowns for scalar in unknown.scalars]
+        meant = [first + k for k, scalar in enumerate(scalars) if scalar.unit == plausible.unit]
+        effect, first = columns[:, meant] * plausible.size, first + len(scalars)
+        if told and plausible.in_scale:
+            effect = _differences(fit, effect, unknowns)
+        name, size = moved_unseen(fit, effect)
+        if size > MATTERS:
+            text = f"{plausible.text} may move {name} by {_figure(size)} deviations unseen"
+            notes.append(Note(plausible.about, "says", text, plausible.cure, value=size, unit="1"))
+    return notes
+
+
+def _scales_all(effects: Iterable[Drives]) -> bool:
+    """Tell whether an effect multiplies all forces."""
+    return any(effect.part == "force" for effect in effects)
+
+
+def _angle_note(fit: Fit) -> list[Note]:
+    """Say where the stated uncertainty of the rotor angle is most of that of a parameter.
+
+    Who gave a keyphasor has asked for no unknown, and looks for where these deviations come from.
+    """
+    layout, covariance = fit.prepared.layout, fit.inference.covariance
+    unknowns = [layout.unknowns[i] for i in layout.free]
+    asked = {int(i) for _, _, at in layout.wherever(Turns) for i in at}
+    std = fit.inference.std
+    unit = np.where((std > 0) & np.isfinite(std), std, np.inf)
+    share = np.abs(covariance / unit / unit[:, None])
+    turned = [k for k, i in enumerate(layout.free) if i in asked and layout.unknowns[i].std]
+    led = [
+        unknowns[j].name
+        for j, i in enumerate(layout.free)
+        if i < layout.named and turned and share[j, turned].max() > LED
+    ]
+    if not led:
+        return []
+    worst = np.degrees(max(unknowns[k].std or 0.0 for k in turned))
+    text = (
+        f"known to {worst:.2g} deg, which is most of the deviations of {', '.join(led)}: nobody "
+        "knows how much later than the mark the columns are, so within a sample, unless "
+        "angle_lag_std says it better"
+    )
+    return [Note("rotor angle", "says", text)]
+
+
+def _differences(fit: Fit, effect: Floats, gains: Sequence[Unknown]) -> Floats:
+    """Return what gains do beside a scale common to all inputs, or to all sensors."""
+    inputs, effect = {c.name for record in fit.records for c in record.inputs}, effect.copy()
+    driven = np.array([bool(inputs & gain.on) for gain in gains])
+    for group in (driven, ~driven):
+        effect[:, group] -= effect[:, group].mean(axis=1, keepdims=True)
+    return effect
+
+
+def _scale_note(fit: Fit, column: Floats) -> list[Note]:
+    """Say where a scale that is taken as exact is in masses and stiffnesses, and in no misfit.
+
+    A rotor with all masses, stiffnesses and dampings one per cent larger moves as before under
+    forces one per cent larger. column, shape (row,), is the derivative of the residual by the
+    scale.
+    """
+    channels = [c for record in fit.records for c in record.inputs]
+    read = [c.name for c in channels if c.law is not None or c.drive is not None]
+    layout = fit.prepared.layout
+    if not read or _scales_all(effect for effect, _ in layout.acting(Drives)):
+        return []
+    point = fit.solution.point
+    found, left = point.linear.taken(column), point.linear.rest(column)
+    if not np.isfinite(found).all() or left @ left > TAKEN_OVER * (column @ column):
+        return []
+    value = point.unknowns[layout.free]
+    share = np.abs(found) / np.where(value != 0, np.abs(value), np.inf)
+    names = [
+        layout.unknowns[i].name
+        for i, s in zip(layout.free, share, strict=True)
+        if i < layout.named and s > FOLLOWS
+    ]
+    if not names:
+        return []
+    text = (
+        f"taken as exact: 1 % of it is 1 % of {', '.join(names)}, beyond their deviations, and no "
+        "misfit shows it; say how well it is known (force_scale_std), or weigh the rotor"
+    )
+    return [Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))]
+
+
+def unseen_excess(expected: Expectation) -> float:
+    """Return what may be added to the expected cost before a warning tells."""
+    if expected.dof <= 0 or expected.mean <= 0:
+        return np.inf
+    low, high = 0.0, expected.mean
+    while expected.p_value(expected.mean + high) > DOUBTFUL:
+        low, high = high, 2 * high
+        if high > 1e12 * expected.mean:
+            return np.inf
+    for _ in range(30):
+        middle = (low + high) / 2
+        seen = expected.p_value(expected.mean + middle) < DOUBTFUL
+        low, high = (low, middle) if seen else (middle, high)
+    return high
+
+
+def moved_unseen(fit: Fit, effect: Floats) -> tuple[str, float]:
+    """Return which parameter errors may move most unseen, and by how many deviations.
+
+    `effect` is what errors of a plausible size do to the residual, shape (row, error).
+    """
+    layout, std = fit.prepared.layout, fit.inference.std
+    if not effect.any():
+        return "", 0.0
+    named = np.array([i < layout.named and i not in layout.idle for i in layout.free], dtype=bool)
+    std = np.where(named & (std > 0), std, np.inf)
+    excess = unseen_excess(fit.inference.expectation)
+    moved = fit.solution.point.linear.unseen(effect, std, excess)
+    worst = int(np.argmax(moved))
+    return layout.unknowns[layout.free[worst]].name, float(moved[worst])
+
+
+def _figure(size: float) -> str:
+    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
+
+
+PART = 0.01
+"""Share of the mass that weighing the parts and sharing out the shaft may well miss."""
+FAR = 5.0
+"""Deviations by which it moves a parameter unseen, above which it is told: beyond chance."""
+
+
+@doubt("ok")
+def part_left_out(asked: Asked) -> Iterator[Note]:
+    """Say how far a part between two places of the shaft may move the answer unseen."""
+    model, fit = asked.model, asked.fit
+    if not fit.records:
+        return
+    point, values = fit.solution.point, physical_at(model, fit)
+    case = Case(fit.prepared, fit.records, point.unknowns, values=values, found=point)
+    structure = case.structure
+    if structure is None:
+        return
+    units = [model.units[name] for name in model.coordinates]
+    parts, size = parts_between(structure, units), PART * structure.mass(units)
+    columns = case.plus(*(part.unknown for part in parts)).point.jacobian
+    effects = size * columns[:, len(fit.prepared.layout.free) :]
+    moved = [
+        (*moved_unseen(fit, e[:, None]), part.name)
+        for e, part in zip(effects.T, parts, strict=True)
+    ]
+    worst, deviations, name = max(moved, key=lambda each: each[1], default=("", 0.0, ""))
+    if not deviations > FAR:
+        return
+    text = (
+        f"taken as whole: a {name} of 1 % of all ({size:.2g} kg), left out, may move {worst} by "
+        f"{deviations:.2g} deviations unseen; lines about higher modes or a sensor there show it"
+    )
+    yield Note("model", "says", text)
+
+
+@doubt()
+def no_machine(asked: Asked) -> Iterable[Note]:
+    """Judge whether the values can be a machine's; where records have their own, the first's."""
+    return gate.physical(asked.model, _of_one_record(asked))
+
+
+def _of_one_record(asked: Asked) -> Estimate:
+    model, estimate, whole = asked.model, asked.estimate, asked.fit.prepared.layout
+    if whole.named == whole.parameters:
+        return estimate
+    layout = whole.of_record(0)
+    names = [whole.unknowns[i].name for i in layout.held]
+    found = {v.name: v for v in estimate.parameters}
+    values = [
+        replace(found[name], name=parameter)
+        for name, parameter in zip(names, model.parameter_names, strict=True)
+    ]
+    free = [int(i) for i in layout.held if not whole.unknowns[i].fixed]
+    return estimate.with_(
+        parameters=tuple(values),
+        nuisance=(),
+        derived=(),
+        covariance=asked.fit.covariance[np.ix_(free, free)],
+    )
+
+
+TELLING = 1e-6
+"""Singular values of a half's scaled Jacobian below this share of the largest tell nothing."""
+LEAST_PERIODS = 4
+"""Periods of a part from which it is held against others."""
+
+
+@doubt("ok", "rejected")
+def halves_differ(asked: Asked) -> Iterable[Note]:
+    """Hold the halves of periods against each other, or those of whole records."""
+    fit, layout = asked.fit, asked.fit.prepared.layout
+    names = [layout.unknowns[i].name for i in layout.free]
+    halves = answers_of_parts(fit.solution.point, fit.records, 2)
+    if halves is not None:
+        turning = {layout.unknowns[i].name for i in fit.problem.affine}
+        return gate.agreement(names, halves, fit.inference.std, turning)
+    windows = answers_of_windows(fit.solution.point, fit.records)
+    return () if windows is None else gate.agreement(names, *windows)
+
+
+def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:
+    """Return how the free unknowns of each part of the periods differ, (part, free).
+
+    The change of the mean residual over the periods of a part, its loads by the rotor angle in that
+    part, taken back through the Jacobian.
+    ``None`` where a record has too few periods.
+    """
+    if not records or any(r.lines.periods < parts * LEAST_PERIODS for r in records):
+        return None
+    columns = [
+        _changes(record, at, parts) + _turned(point, number, record, parts)
+        for number, (record, at) in enumerate(zip(records, point.records, strict=True))
+    ]
+    changes = np.concatenate([*columns, np.zeros((len(point.known), parts))])
+    return point.linear.steps(changes).T
+
+
+def answers_of_windows(
+    point: Point, records: Sequence[Observation]
+) -> tuple[Floats, Floats] | None:
+    """Return how the free unknowns of each half of whole records differ, and how they may.
+
+    Shapes (half, free) and (free,): one step of Gauss-Newton from the answer with the lines of that
+    half alone, and the deviation that half the difference has; zero where a half does not tell it.
+    ``None`` where a record was not taken whole, or a half of it is too short to be.
+    """
+    cut = [record.lines.parts for record in records if record.lines.parts is not None]
+    if not cut or len(cut) < len(records):
+        return None
+    linear = []
+    try:
+        for lines in zip(*(parts(2) for parts in cut), strict=True):
+            if any(r.lines.names != half.names for r, half in zip(records, lines, strict=True)):
+                return None
+            likelihoods = tuple(
+                assemble(point.problem.layout, record.with_lines(half), number)
+                for number, (record, half) in enumerate(zip(records, lines, strict=True))
+            )
+            there = replace(point.problem, likelihoods=likelihoods).at(point.unknowns)
+            linear.append(there.linear.cut(TELLING))
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    std = np.sqrt(sum((at.root**2).sum(axis=1) for at in linear)) / 2
+    lost = linear[0].undetermined | linear[1].undetermined | ~np.isfinite(std)
+    return np.array([at.steps(at.residual) for at in linear]), np.where(lost, 0.0, std)
+
+
+def _changes(record: Observation, at: Evaluation, parts: int) -> Floats:
+    """Return the change of the whitened residual in each part, (real equation, part)."""
+    scatter: Complexes | None = record.lines.scatter
+    assert scatter is not None
+    every = at.period_residual(scatter[:, :, at.problem.order])
+    mean = every.mean(axis=0)
+    means = [part.mean(axis=0) - mean for part in np.array_split(every, parts)]
+    return at.stacked(np.stack(means, axis=2))
+
+
+def _turned(point: Point, number: int, record: Observation, parts: int) -> Floats:
+    """Return the change that the loads make in each part, (real equation, part).
+
+    Where the rotation is not synchronous with the periods they turn from part to part, as the data
+    do if the speed is the one stated.
+    """
+    at, clock = point.records[number], record.lines.clock
+    changes = np.zeros((len(at.residual), parts))
+    if not isinstance(clock, PeriodicClock) or len(clock.grid(timed=False)[0]) == 1:
+        return changes
+    whole = at.problem
+    for k, part in enumerate(np.array_split(np.arange(len(clock.time)), parts)):
+        shorter = replace(clock, time=clock.time[part], angle=clock.angle[part])
+        lines = replace(record.lines, clock=shorter)
+        own = assemble(point.problem.layout, record.with_lines(lines), number)
+        if own.load.shape != whole.load.shape:
+            return np.zeros_like(changes)
+        moved = np.tensordot(at.state.phase, own.load - whole.load, 1) @ at.load_factors
+        read = own.calibration.at(at.unknowns).readings - at.state.readings
+        rows = -(at.plain @ read[:, :, None])[:, :, 0]
+        rows[:, : whole.rows] += moved
+        changes[:, k] = at.whiten(rows[:, :, None])[:, 0]
+    return changes
+
+
+@doubt()
+def unit_of_speed(asked: Asked) -> Iterator[Note]:
+    """Judge whether the speeds of tables are in the unit that they are said to be in."""
+    fit = asked.fit
+    modes = bool(len(fit.problem.known.modes))
+    at = fit.solution.point.unknowns
+    found = scale_of_time(fit.prepared.layout, at, fit.records, modes=modes)
+    if found is not None:
+        said, sure = found
+        yield Note("unit of the speed", "rejects" if sure else "doubts", said)
+
+
+@doubt()
+def against_the_angle(asked: Asked) -> Iterator[Note]:
+    """Judge how the rotation moves against the angle that was given."""
+    yield from creeping(asked.fit.records, asked.fit.creeps)
+    if not any(suspect.term.startswith("speed") for suspect in asked.estimate.suspects):
+        yield from against_angle(asked.fit.solution.point, asked.fit.records)
+
+
+@doubt()
+def growing(asked: Asked) -> Iterator[Note]:
+    """Say that a machine whose responses were measured grows by itself."""
+    fit, layout = asked.fit, asked.fit.prepared.layout
+    if _determined(fit):
+        at = fit.solution.point.unknowns
+        grows = growing_mode(layout, at, fit.covariance, fit.records)
+        if grows is not None:
+            yield Note("growing mode", "rejects", grows)
+
+
+def _determined(fit: Fit) -> bool:
+    return fit.solution.converged and not fit.inference.null.shape[1]
+
+
+CLOSED = 0.1
+"""Mean coherence between the noise of inputs and sensors, beyond that of chance, that shows a
+closed loop (a levitated rotor has .4)."""
+FEW = 10.0
+"""Lines that tell an unknown, below which its deviation is unsure: of a damping ratio of .005 in a
+closed loop, 3 to 6 lines scatter by 2.5 to 4.3 deviations, 20 lines by 1.1."""
+
+
+def coherence(record: Observation) -> float:
+    """Return the mean coherence of the noise of inputs and sensors, less that of chance."""
+    matrices = record.lines.covariance.matrices
+    inputs, sensors = list(record.input_columns), [s.column for s in record.sensors]
+    power = np.einsum("kii->ki", matrices).real
+    cross = np.abs(matrices[:, inputs][:, :, sensors]) ** 2
+    whole = power[:, inputs][:, :, None] * power[:, sensors][:, None, :]
+    if not (whole > 0).any():
+        return 0.0
+    found = float((cross[whole > 0] / whole[whole > 0]).mean())
+    return found - 1 / max(record.lines.covariance.dof, 1)
+
+
+@doubt()
+def told_by_few(asked: Asked) -> Iterator[Note]:
+    """Say which unknowns few lines of whole records tell, in a closed loop.
+
+    Not of the unbalance, which the line of the rotation tells.
+    """
+    point, records = asked.fit.solution.point, asked.fit.records
+    closed = any(r.lines.parts is not None and coherence(r) > CLOSED for r in records)
+    if not closed or not _determined(asked.fit):
+        return
+    layout = point.problem.layout
+    loads = layout.load_only()
+    shares = [rows.sum(axis=1) for rows in point.by_line(point.linear.told_by().T)]
+    weights = np.concatenate(shares).T
+    names = [layout.unknowns[i].name for i in layout.free]
+    for name, index, each in zip(names, layout.free, weights, strict=True):
+        if index not in layout.held or index in loads or not each.any():
+            continue
+        count = float(each.sum() ** 2 / (each**2).sum())
+        if count >= FEW:
+            continue
+        hertz = np.concatenate([record.lines.frequency for record in records])
+        text = (
+            f"{name} is told by {count:.2g} lines about {hertz[each.argmax()]:.4g} Hz, closer than "
+            "the window in which noise is told from motion: in a closed loop noise changes there, "
+            "and the deviation may be several times too small"
+        )
+        yield Note("few lines", "doubts", text, "record several times longer", on=(name,))
+
+
+TOO_GOOD = 1e-6
+"""Chance of a cost this low below which the noise was taken for more than it is."""
+POWER = 12
+"""Periods per sensor below which, in closed loop, the misfit test has no power: J / E[J] is .37
+there for a right model, since what carries over between periods cancels in the mean."""
+MISFIT = 1e-3
+"""The p-value below which what neighbouring lines have in common may be the model's error."""
+ORDERLY = 3.0
+"""Deviations of a correlation from row to row beyond which rows are not independent."""
+STILL = 1e-6
+"""Scatter over a deviation below which no block tells a value: it is as known beforehand."""
+BLOCKS = 8
+"""Parts of a record whose scatter is told beside the stated deviations."""
+
+
+@doubt()
+def too_good(asked: Asked) -> Iterator[Note]:
+    """Say where the cost is lower than chance makes it."""
+    fit = asked.fit
+    cost, expectation = fit.solution.point.cost, fit.inference.expectation
+    if not fit.records:  # measured modes alone: their deviations are what the user stated
+        return
+    if expectation.dof > 0 and 1 - expectation.p_value(cost) < TOO_GOOD:
+        if all(record.lines.covariance.kind == "stated" for record in fit.records):
+            text = (
+                f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected: the stated "
+                f"std is too large, {np.sqrt(cost / expectation.mean):.2g} times as much would do, "
+                "and deviations are too wide"
+            )
+            yield Note("too good", "doubts", text)
+            return
+        text = (
+            f"the misfit is {cost:.4g} where {expectation.mean:.4g} is expected, too good to be "
+            "chance: the scatter that was taken for noise holds more than noise (settling, drift, "
+            "motion that carries over between periods), and deviations are too wide"
+        )
+        cure = "skip more, record longer, or look at the record with rotorid inspect"
+        yield Note("too good", "doubts", text, cure)
+
+
+@doubt("rejected")
+def scattered(asked: Asked) -> Iterator[Note]:
+    """Say where what is left of rejected tables has no order: then noise was understated."""
+    fit = asked.fit
+    if not all(is_table(record) for record in fit.records):
+        return
+    order, count = 0.0, 0.0
+    for at in fit.solution.point.records:
+        left = at.problem.data - at.corrected()[0]
+        size = np.sqrt((np.abs(left) ** 2).mean(axis=0))
+        left = left[:, size > 0] / size[size > 0]
+        order += float((left[1:] * left[:-1].conj()).real.sum())
+        count += left[1:].size
+    # Independent rows give a correlation of zero within 1 / sqrt(2 numbers).
+    if abs(order) < ORDERLY * np.sqrt(count / 2):
+        times = np.sqrt(fit.solution.point.cost / fit.inference.expectation.mean)
+        text = (
+            "what the model leaves has no order from row to row: perhaps it is noise, and the "
+            f"stated std is too small ({times:.2g} times as much would do), or the speeds are "
+            "rounded"
+        )
+        yield Note("order of rows", "doubts", text, value=float(times), unit="1")
+
+
+@doubt()
+def few_periods(asked: Asked) -> Iterator[Note]:
+    """Say where too few periods in closed loop leave the misfit no power."""
+    for record in asked.fit.records:
+        periods, sensors = record.lines.periods, len(record.sensors)
+        white = record.lines.covariance.kind == "white"
+        if record.lines.scatter is None or not white or periods >= POWER * sensors:
+            continue
+        if coherence(record) > CLOSED:
+            text = (
+                f"{periods} periods for {sensors} sensors in closed loop: below {POWER * sensors} "
+                "the misfit hardly tells a wrong model from a right one, and deviations are too "
+                "wide"
+            )
+            yield Note("few periods", "doubts", text, "record more periods")
+
+
+@doubt()
+def sensors_alike(asked: Asked) -> Iterator[Note]:
+    """Say where sensors or neighbouring lines are not independent; a misfit is alike too."""
+    fit = asked.fit
+    if fit.shared is not None:
+        text = (
+            f"{', '.join(fit.shared.names[:8])} share noise on each line, as of a force that was "
+            "not measured, where each was stated by itself: deviations are widened by up to "
+            f"{fit.shared.factor:.2g}, to what the lines scatter by"
+        )
+        yield Note("shared noise", "doubts", text, on=fit.shared.names)
+    point = fit.solution.point
+    if fit.inference.expectation.p_value(point.cost) < MISFIT:
+        return
+    for record, at in zip(fit.records, point.records, strict=True):
+        said = lines_alike(record, at)
+        if said is not None:
+            yield Note("neighbouring lines", "doubts", said)
+
+
+@doubt("rejected", last=True)
+def blocks_scatter(asked: Asked) -> Iterator[Note]:
+    """Say how much the answers of blocks of the record scatter, against the stated deviations."""
+    fit = asked.fit
+    most = min((r.lines.periods // LEAST_PERIODS for r in fit.records), default=0)
+    parts = min(BLOCKS, most)
+    answers = answers_of_parts(fit.solution.point, fit.records, parts) if parts >= 3 else None
+    if answers is None:
+        return
+    std = fit.inference.std
+    with np.errstate(over="ignore"):  # blocks of an estimate astray may end anywhere
+        spread = answers.std(axis=0, ddof=1) / np.sqrt(parts)
+    stated = (std > 0) & np.isfinite(std) & (spread > STILL * std) & np.isfinite(spread)
+    ratio = spread[stated] / std[stated]
+    if not ratio.size:
+        return
+    text = (
+        f"between {parts} blocks of the record the answers scatter by {ratio.min():.2g} to "
+        f"{ratio.max():.2g} times the stated deviations: that is how well this record repeats "
+        "itself, not how right the model is"
+    )
+    yield Note("blocks", "remarks", text)

@@ -1,0 +1,303 @@
+"""Whether the unbalance keeps to the stated rotor angle.
+
+A speed that changes by a ten-thousandth while a record is taken turns its unbalance away from the
+angle and back by some degrees: no line stands out, both halves turn by as much, and the unbalance
+comes out turned by what is left. But the load along the angle errors of low order,
+
+    phi(t) + sum_n a_n P_n(s),   s = -1 .. 1 over the record, P_n of Legendre,
+
+explains the residual, with what the unknowns can take over taken out: a_n is by least squares.
+Unknowns move by what they take over of it, and of a_0, which no data tell: the angle is as it was
+given where the record begins, so that a_0 = - sum_n a_n P_n(-1).
+
+Where the rotation stands on a line that is excited, no spectrum shows a speed that is off by less
+than a line of the whole record. But the load of the unbalance then turns slowly against the angle
+that was given, and so does the residual of each period along the derivative d by the phase:
+``a_p = d' (r_p - r) / |d|^2``. A speed that is off gives a_p a slope; samples lost between the mark
+and the columns, a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from rotorid.answer.machine_checks import MOVED, REJECTED
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.lazy_time import Steady, unread
+from rotorid.data.lines import WholeClock
+from rotorid.data.observation import Observation
+from rotorid.data.record import PeriodicRecord
+from rotorid.likelihood.assembly import other_loads
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.problem import Point
+
+ANGLE = "rotor angle"
+"""What the notes are about."""
+ORDERS = (1, 2, 3)
+"""n: a speed that is off, one that changes, one that changes and comes back."""
+TOLD = 1e-4
+"""Chance below which straying is told; below that of a rejected model it is sure."""
+LARGEST = 1.0
+"""rad within a record up to which straying is small: beyond, the line of the rotation falls apart,
+and the misfit tells."""
+STEP = 1e-3
+"""rad of the difference that a derivative is taken from: half as much of it is lost."""
+PLACES = np.linspace(-1.0, 1.0, 201)
+
+
+@frozen
+class Straying:
+    """How the rotation of a record strays from its angle."""
+
+    angles: Floats  # (order,): a_n in rad
+    chance: float  # with which noise alone gives as much
+    moved: float  # deviations by which a value moves at most where the straying is taken out
+
+
+def straying(point: Point, records: Sequence[Observation]) -> Iterator[tuple[int, Straying]]:
+    """Yield number and straying of the records that were taken whole, where an unbalance shows."""
+    layout, std = point.problem.layout, np.linalg.norm(point.linear.root, axis=1)
+    held = np.isin(layout.free, layout.held) & (std > 0)
+    for number, record in enumerate(records):
+        columns = _turned(point, number, record)
+        if not columns.size:
+            continue
+        every = np.zeros((len(point.residual), columns.shape[1]))
+        every[point.rows[number]] = columns
+        explained, angles = point.linear.score(every[:, 1:])
+        chance = float(scipy.special.chdtrc(len(ORDERS), explained))
+        whole = np.concatenate([[-_angle(angles, np.array([-1.0]))[0]], angles])
+        moved = np.abs(point.linear.taken(every @ whole)[held] / std[held])
+        yield number, Straying(angles, chance, float(moved.max(initial=0.0)))
+
+
+def _angle(angles: Floats, place: Floats) -> Floats:
+    """Return by how much the rotation is ahead of its angle at places of the record."""
+    shapes = scipy.special.eval_legendre(np.array(ORDERS), place[:, None])
+    return np.asarray(shapes @ angles)
+
+
+def _turned(point: Point, number: int, record: Observation) -> Floats:
+    """Return the derivative of a record's residual by a_0 and each a_n, (real equation, order)."""
+    at, clock = point.records[number], record.lines.clock
+    nothing = np.zeros((len(at.residual), 0))
+    if not isinstance(clock, WholeClock) or not record.lines.speed.any() or not at.loads.any():
+        return nothing
+    loads = other_loads(point.problem.layout, record, number, at.problem)
+    place = np.linspace(-1.0, 1.0, len(clock.time))
+    columns = []
+    for order in (0, *ORDERS):
+        angle = clock.angle + STEP * scipy.special.eval_legendre(order, place)
+        ahead = loads(replace(record.lines, clock=replace(clock, angle=angle)))
+        if ahead.shape != at.problem.load.shape:
+            return nothing
+        rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
+        change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1) @ at.load_factors
+        rows[:, : at.problem.rows, 0] = change
+        columns.append(at.whiten(rows)[:, 0])
+    return np.stack(columns, axis=1)
+
+
+def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note]:
+    """Judge whether the rotation of whole records keeps to its angle, where it matters."""
+    for number, found in straying(point, records):
+        size = float(np.ptp(_angle(found.angles, PLACES)))
+        if found.chance >= TOLD or found.moved <= MOVED or size > LARGEST:
+            continue
+        text = _told(records[number], found)
+        yield Note(ANGLE, "rejects" if found.chance < REJECTED else "doubts", text)
+
+
+def _told(record: Observation, found: Straying) -> str:
+    """Say how far the rotation strays, what speed would do, and what to do."""
+    clock = record.lines.clock
+    assert isinstance(clock, WholeClock)
+    seconds = float(clock.time[-1] - clock.time[0])
+    angle = _angle(found.angles, PLACES)
+    rate = np.gradient(angle, seconds / (len(PLACES) - 1)) * 30 / np.pi
+    said = (
+        f"the unbalance strays from its angle by {np.degrees(np.ptp(angle)):.3g} degrees within "
+        f"the record, which moves a value by {found.moved:.2g} deviations"
+    )
+    if clock.speed.ndim:
+        return f"{said}: check the mark of the angle, its lines and its column"
+    stated = float(clock.speed) * 30 / np.pi
+    return (
+        f"{said}: the speed runs from {stated + rate[1]:.7g} to {stated + rate[-2]:.7g} rpm, not "
+        f"at {stated:.7g}; record a mark (encoder or keyphasor), or use a part in which it is "
+        "steady, and state the speed of that part to the last digit"
+    )
+
+
+CREEPS = 3.5
+"""Deviations of the slope from which on the angle is no better known than by its creep: chance
+takes one good record in two thousand there, whose deviations are then a little too wide."""
+STRAYS = 6.0
+"""Deviations from which on a creep is sure."""
+JUMPS = 8.0
+"""Deviations from which on a step is: of a thousand places chance makes 4.5, and noise that carries
+over from period to period a little more."""
+LOST = 0.155
+"""Angle in rad over the record by which a creep costs a thousandth of the unbalance's line, which
+no deviation of the angle makes good: sin(a / 2) / (a / 2) = 1 - a^2 / 24."""
+SCATTERS = 5.0
+"""Scatter about slope and step, over that of noise, from which on neither is what moves it."""
+LEAST_PERIODS = 8
+"""Periods below which slope and scatter are not told apart."""
+
+
+@frozen
+class Creep:
+    """How the rotation moves against its angle."""
+
+    rate: float  # rad by which it gains in each period
+    std: float
+    step: float  # rad of the clearest step beside the slope, and its deviation
+    step_std: float
+    place: int  # first period behind the step
+    periods: int
+    ahead: float  # periods from t = 0 to the middle of those used
+    scatter: float = 1.0  # what slope and step leave, over noise
+
+    @property
+    def creeps(self) -> bool:
+        """Whether the angle is worse known than it was said to be."""
+        return abs(self.rate) > CREEPS * self.std
+
+    @property
+    def angle(self) -> float:
+        """Angle, rad, by which the rotation may be off in the middle of the record."""
+        return abs(self.rate) * max(self.ahead, self.periods / 2)
+
+    @property
+    def strays(self) -> bool:
+        """Whether the creep is sure, and so large that the unbalance's line suffers."""
+        return abs(self.rate) > STRAYS * self.std and abs(self.rate) * self.periods > LOST
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a step is sure."""
+        return abs(self.step) > JUMPS * self.step_std
+
+
+def creeps(point: Point, records: Sequence[Observation]) -> tuple[Creep | None, ...]:
+    """Return how the rotation of each record moves against its angle, where that can be seen."""
+    return tuple(_creep(at, r) for at, r in zip(point.records, records, strict=True))
+
+
+def _creep(at: Evaluation, record: Observation) -> Creep | None:
+    scatter, periodic = record.lines.scatter, record.periodic
+    if scatter is None or periodic is None or not periodic.speed:
+        return None
+    if record.lines.periods < LEAST_PERIODS or at.ends is not None:
+        return None
+    turned = at.whiten(_turned_rows(at, record))[:, 0]
+    size = float(turned @ turned)
+    if not size > 0:
+        return None
+    every = at.period_residual(scatter[:, :, at.problem.order])
+    each = at.stacked(np.moveaxis(every - every.mean(axis=0), 0, 2))
+    given = _given(periodic)
+    if given is None:
+        return None
+    angles = -(turned @ each) / size - given
+    middle = periodic.middle * periodic.fundamental
+    return _fitted(angles, float(np.sqrt(len(angles) / size)), middle)
+
+
+def _given(periodic: PeriodicRecord) -> Floats | None:
+    """Return by how much the given angle is ahead of its line in each period; None off the lines.
+
+    rad, less the mean.
+    """
+    turns = periodic.speed / (2 * np.pi * periodic.fundamental)
+    if abs(turns - round(turns)) * periodic.periods > 1:
+        return None
+    wave = np.exp(-2j * np.pi * round(turns) * np.arange(periodic.samples) / periodic.samples)
+    given = unread(periodic, "angle")
+    if isinstance(given, Steady):
+        turned = np.exp(1j * given.in_period * np.arange(periodic.periods))
+    else:
+        turned = np.exp(1j * given) @ wave
+    phase = np.unwrap(np.angle(turned))
+    return np.asarray(phase - phase.mean())
+
+
+def _turned_rows(at: Evaluation, record: Observation) -> Complexes:
+    """Return the derivative of the rows by the phase, (line, row, 1): the loads a quarter on."""
+    rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
+    moving = record.lines.frequency > 0
+    rows[moving, : at.problem.rows, 0] = 1j * at.loads[moving]
+    return rows
+
+
+def _fitted(angles: Floats, std: float, middle: float) -> Creep:
+    """Fit a slope, and the step beside it that explains most; `std`: of one period."""
+    count = len(angles)
+    place = np.arange(count) - (count - 1) / 2
+    size = float(place @ place)
+    slope = float(place @ angles) / size
+    rest = angles - slope * place
+    # A step behind p periods, less its mean and slope; its size is what is left of it.
+    steps = (np.arange(count) >= np.arange(1, count)[:, None]).astype(float)
+    steps -= steps.mean(axis=1, keepdims=True)
+    steps -= np.outer(steps @ place / size, place)
+    length = np.sqrt((steps**2).sum(axis=1))
+    found = steps @ rest / length
+    best = int(np.argmax(np.abs(found)))
+    left = rest - found[best] * steps[best] / length[best]
+    return Creep(
+        slope,
+        std / float(np.sqrt(size)),
+        float(found[best] / length[best]),
+        std / float(length[best]),
+        best + 1,
+        count,
+        middle,
+        float(np.linalg.norm(left) / (std * np.sqrt(count - 3))),
+    )
+
+
+def creeping(records: Sequence[Observation], found: Sequence[Creep | None]) -> Iterator[Note]:
+    """Judge how the rotation of each record moves against its angle."""
+    for record, creep in zip(records, found, strict=True):
+        if creep is not None and (creep.strays or creep.jumps):
+            yield Note(ANGLE, "rejects", told(record, creep))
+        elif creep is not None and creep.creeps:
+            text = f"{told(record, creep)}; until then its angle is unsure"
+            yield Note(ANGLE, "doubts", text)
+
+
+def told(record: Observation, creep: Creep) -> str:
+    """Say how the rotation moves against its angle, and what to do."""
+    periodic = record.periodic
+    assert periodic is not None
+    if creep.scatter > SCATTERS:
+        return (
+            f"the line of the rotation moves by {creep.scatter:.3g} times its noise from period to "
+            "period, neither as with a speed that is off nor as with lost samples: a tone between "
+            "the lines (another machine, a whirl at part of the speed) leaks into it, or the speed "
+            "wanders; look at the spectrum (rotorid inspect --report), take periods that hold "
+            "whole cycles of the tone, or record a mark (encoder or keyphasor)"
+        )
+    if creep.jumps and not creep.strays:
+        when = float(periodic.time[creep.place, 0])
+        return (
+            f"the unbalance jumps by {np.degrees(creep.step):.3g} +- "
+            f"{np.degrees(creep.step_std):.2g} degrees against its angle at about {when:.4g} s: "
+            "samples were lost between the mark and the columns, or the speed changed; use the "
+            "part before or behind"
+        )
+    true = periodic.speed + creep.rate * periodic.fundamental
+    off = creep.std * periodic.fundamental
+    return (
+        f"speed: the unbalance turns with {true * 30 / np.pi:.8g} +- {off * 30 / np.pi:.2g} rpm, "
+        f"not {periodic.speed * 30 / np.pi:.8g}, by {np.degrees(creep.rate * creep.periods):.3g} "
+        "degrees over the record: give that speed, or record a mark (encoder or keyphasor)"
+    )

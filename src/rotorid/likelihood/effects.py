@@ -1,0 +1,519 @@
+"""What unknowns of the measurement do to one record: a closed set of effects.
+
+An unknown says by effects what it does; the likelihood knows these and no kinds of unknowns.
+`Calibration` is what those on channels, readings and rotor angle come to on the lines of a record,
+with derivatives; terms, loads and what drives the model go into its equations (`assembly`).
+
+A constant such as the gap is no factor of a line. The samples behind the lines, mean period or
+whole record, go through the law again; what changes is added to the lines as they were read. The
+samples carry the noise of their mean only, and only the change is taken from them.
+
+The force of a magnet is computed from a current and a displacement. A gain, a lag or a runout of
+the sensor is therefore in the force as well, k_s times as large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import field
+from typing import Literal, Protocol, TypeVar
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Lines, Samples
+from rotorid.data.observation import Observation
+from rotorid.data.record import ForceLaw
+from rotorid.force.at_binding import Passed, displacement
+from rotorid.models.text import Expression
+
+
+@frozen
+class Scales:
+    """Multiplies the lines of channels: true line = factor * corrected line.
+
+    A factor of a sensor acts on the forces that were read with that sensor too.
+    """
+
+    channels: frozenset[str]
+    # of the values of its scalars and omega: the factor, (line,), and the derivatives of its
+    # logarithm, (line, scalar)
+    factor: Callable[[Floats, Floats], Complexes]
+    slopes: Callable[[Floats, Floats], Complexes]
+
+
+@frozen
+class Adds:
+    """A channel reads more, linear in the unknown.
+
+    With an `order` n that is ``cos * cos(n phi) + sin * sin(n phi)`` of two scalars, and it goes on
+    through the laws that take their displacement from the sensor; else one scalar times `lines`.
+    """
+
+    channel: str
+    order: int = 0
+    # (line,) of the quantity, for an unknown of one; ``None`` where the record does not tell it
+    lines: Callable[[Observation], Complexes | None] | None = None
+
+
+@frozen
+class Rereads:
+    """Changes constants of the force laws of inputs; the samples go through them again."""
+
+    inputs: frozenset[str]
+    # by how much each constant changes at a value of the scalar, by its name in the law
+    changes: Callable[[complex], Mapping[str, complex]]
+
+
+@frozen
+class Entry:
+    """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
+
+    It stands on the left side, as the stiffness does; `unknown` counts among the scalars.
+    """
+
+    row: int
+    column: int
+    order: int
+    coefficient: float
+    speed_power: int = 0
+    unknown: int = 0
+
+
+@frozen
+class Terms:
+    """Adds entries to the equations of motion."""
+
+    entries: tuple[Entry, ...]
+
+
+@frozen
+class RowLoad:
+    """``coefficient * signal(phi, Omega) * unknown`` on the right side of a row.
+
+    `unknown` counts among the scalars.
+    """
+
+    row: int
+    signal: Expression
+    unknown: int
+    coefficient: float = 1.0
+
+
+@frozen
+class Loads:
+    """Adds loads to the equations of motion."""
+
+    loads: tuple[RowLoad, ...]
+
+
+@frozen
+class Drives:
+    """Acts on what inputs do in the model.
+
+    `force`: multiplies all of it. `ki`, `ks`: stands for that constant of a linear magnet. `lever`:
+    the force acts on the rows of `arms` too: for each row that it acts on, another and its share of
+    the force for a lever of 1 m.
+    """
+
+    inputs: frozenset[str]
+    part: Literal["force", "ki", "ks", "lever"]
+    arms: Mapping[int, tuple[int, float]] = field(default_factory=dict)
+
+
+@frozen
+class Reads:
+    """A sensor reads a coordinate besides: the scalar times a coefficient times its position."""
+
+    channel: str
+    coordinate: int
+    coefficient: float
+
+
+@frozen
+class Turns:
+    """Adds to the rotor angle of the record."""
+
+
+@frozen
+class Replaces:
+    """Stands for a parameter of the model in the record."""
+
+    parameter: int  # which of the model's
+    alone: bool  # every record has a value of its own: none is shared
+
+
+Effect = Scales | Adds | Rereads | Terms | Loads | Drives | Reads | Turns | Replaces
+E = TypeVar("E", bound=Effect)
+Placed = Sequence[tuple[E, Integers]]
+"""Effects of one kind, each with where its scalars stand among the unknowns."""
+
+
+def of_kind(kind: type[E], effects: Sequence[Effect]) -> list[E]:
+    """Return the effects of one kind."""
+    return [effect for effect in effects if isinstance(effect, kind)]
+
+
+STEP = 1e-30
+"""A complex step: the derivative of what is computed with it is exact to rounding."""
+
+
+@frozen
+class Reread:
+    """A channel read otherwise: ``gain * line + rest`` in place of the line."""
+
+    gain: float  # of the whole force, so that its noise follows too
+    rest: Complexes  # (line,)
+
+
+@frozen
+class BoundLaw:
+    """A force law of which constants are unknown, with the samples that went through it."""
+
+    channel: int
+    law: ForceLaw
+    changes: Placed[Rereads]
+    samples: Samples
+    # (sample,): what goes through the law, and the force with the constants as they are stated
+    flowing: Floats
+    position: Floats
+    force: Floats
+
+    @classmethod
+    def of(
+        cls, observation: Observation, number: int, law: ForceLaw, changes: Placed[Rereads]
+    ) -> BoundLaw:
+        """Find what went through the law of an input."""
+        samples = observation.lines.samples
+        assert samples is not None
+        column = observation.input_columns[number]
+        passed = observation.passed.get(number) or Passed.of(observation.lines, column, law)
+        return cls(number, law, changes, samples, passed.flowing, passed.position, passed.force)
+
+    def _moved(self, unknowns: Floats, step: int | None = None) -> Floats | Complexes:
+        changes: dict[str, complex] = {}
+        for effect, (at,) in self.changes:
+            value = unknowns[at] + (STEP * 1j if at == step else 0.0)
+            for name, change in effect.changes(value).items():
+                changes[name] = changes.get(name, 0.0) + change
+        return self.law.force(self.flowing, self.position, changes)
+
+    def _split(self, change: Floats) -> Reread:
+        """Return a change of the force as a share of the force itself, and the rest."""
+        about = self.force - self.force.mean()
+        size = float(about @ about)
+        gain = float(about @ change) / size if size > 0 else 0.0
+        return Reread(gain, self.samples.lines((change - gain * self.force)[:, None])[:, 0])
+
+    def at(self, unknowns: Floats) -> Reread:
+        """Return what becomes of the lines of the force."""
+        change = self._split(self._moved(unknowns).real - self.force)
+        return Reread(1 + change.gain, change.rest)
+
+    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
+        """Yield the derivative of `at` by each unknown."""
+        for _, (at,) in self.changes:
+            yield int(at), self._split(self._moved(unknowns, at).imag / STEP)
+
+
+@frozen
+class BoundPassage:
+    """A factor of a sensor, as it acts on a force that was read with that sensor."""
+
+    channel: int  # the input
+    scales: Scales
+    unknowns: Integers  # where those of the factor stand
+    omega: Floats  # (line,)
+    lines: Complexes  # (line,): of the slope of the law times what the sensor reads
+
+    def at(self, unknowns: Floats) -> Reread:
+        """Return what becomes of the lines of the force."""
+        factor = self.scales.factor(unknowns[self.unknowns], self.omega)
+        return Reread(1.0, (factor - 1) * self.lines)
+
+    def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
+        """Yield the derivative of `at` by each unknown."""
+        values = unknowns[self.unknowns]
+        change = self.scales.factor(values, self.omega) * self.lines
+        for unknown, slope in zip(
+            self.unknowns, self.scales.slopes(values, self.omega).T, strict=True
+        ):
+            yield int(unknown), Reread(0.0, change * slope)
+
+
+def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[BoundLaw]:
+    """Yield the laws of a record's inputs of which constants are unknown."""
+    if observation.lines.samples is None:
+        return
+    for number, channel in enumerate(observation.inputs):
+        acting = [(effect, at) for effect, at in rereads if channel.name in effect.inputs]
+        if channel.law is not None and acting:
+            yield BoundLaw.of(observation, number, channel.law, acting)
+
+
+def _passages(
+    observation: Observation, scales: Scales, unknowns: Integers
+) -> Iterator[BoundPassage]:
+    """Yield what a factor of sensors does to the forces that were read with them."""
+    lines = observation.lines
+    if lines.samples is None or not scales.channels:
+        return
+    acting = np.array([name in scales.channels for name in lines.names])
+    for number, passed in observation.passed.items():
+        shares = np.where(acting, passed.shares, 0.0)
+        if shares.any():
+            moved = passed.slope * displacement(lines, lines.samples, shares)
+            found = lines.samples.lines(moved[:, None])[:, 0]
+            yield BoundPassage(number, scales, unknowns, lines.omega, found)
+
+
+def _none() -> Integers:
+    return np.zeros(0, dtype=np.int64)
+
+
+@frozen
+class CalibrationState:
+    """The calibration at one point."""
+
+    factors: Complexes  # (line, channel): E: true line = E times measured line
+    # (line, channel): what adds to the readings on each line, in the unit of the channel
+    readings: Complexes
+    phase: Complexes  # (order,): exp(i order delta) for each order of the rotor angle
+
+
+class Acting(Protocol):
+    """What a point of the cost says of channels and loads; `cost.Evaluation` says it.
+
+    `columns`, shape (line, row, channel), act on the measured lines, `plain` on what adds to them.
+    """
+
+    unknowns: Floats
+    state: CalibrationState
+    plain: Complexes
+    columns: Complexes
+
+    @property
+    def load_factors(self) -> Floats:
+        """The monomials that the loads are multiplied by, shape (load,)."""
+
+
+@frozen
+class BoundFactor:
+    """A factor, where its unknowns stand, and on which channels it acts."""
+
+    scales: Scales
+    unknowns: Integers
+    channels: Integers
+
+
+@frozen
+class Addition:
+    """What adds to the readings of a channel: an unknown times its lines."""
+
+    channel: int
+    unknown: int
+    lines: Complexes  # (line,)
+
+
+@frozen
+class Readings:
+    """What adds to readings, ``w (cos * cos(n phi) + sin * sin(n phi))`` each.
+
+    The weight w is 1 for the sensor itself, and a function of time for a force that is read with
+    the displacement of that sensor.
+    """
+
+    # (reading,): the channel and the two unknowns
+    channel: Integers
+    cos: Integers
+    sin: Integers
+    order: Floats  # (reading,): n
+    rotation: Complexes  # (line, reading, 2): lines of w exp(i n phi) and w exp(-i n phi)
+
+    def cosine_sine(self, phase: float) -> tuple[Complexes, Complexes]:
+        """Return the lines of w cos(n phi) and w sin(n phi), each of shape (line, reading)."""
+        turn = np.exp(1j * self.order * phase)
+        forward, backward = self.rotation[:, :, 0] * turn, self.rotation[:, :, 1] / turn
+        return (forward + backward) / 2, (forward - backward) / 2j
+
+
+@frozen
+class Calibration:
+    """How the channels of one record depend on unknowns of the measurement."""
+
+    omega: Floats  # (line,): rad/s
+    channels: int
+    factors: tuple[BoundFactor, ...] = ()
+    readings: Readings | None = None
+    phase_unknown: int | None = None  # the unknown that adds to phi
+    # (order,): orders n of exp(i n phi) into which the loads are split; (0,) where the phase is
+    # known
+    phase_orders: Floats = field(default_factory=lambda: np.zeros(1))
+    reread: tuple[BoundLaw | BoundPassage, ...] = ()
+    additions: tuple[Addition, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        observation: Observation,
+        scales: Placed[Scales],
+        adds: Placed[Adds],
+        rereads: Placed[Rereads],
+        phase: int | None,
+        orders: Floats,
+    ) -> Calibration:
+        """Bind what acts on the channels of a record; `phase`: the unknown that adds to phi."""
+        names = [channel.name for channel in observation.channels]
+        factors = []
+        for scale, at in scales:
+            acting = np.flatnonzero([name in scale.channels for name in names])
+            if len(acting):
+                factors.append(BoundFactor(scale, at, acting))
+        passed = (each for scale, at in scales for each in _passages(observation, scale, at))
+        return cls(
+            observation.lines.omega,
+            len(names),
+            tuple(factors),
+            _readings(observation, names, adds),
+            phase,
+            orders,
+            (*_laws(observation, rereads), *passed),
+            tuple(_additions(observation, names, adds)),
+        )
+
+    @property
+    def affine(self) -> Integers:
+        """Unknowns on which the equation error depends linearly, whitening not at all."""
+        if self.readings is None:
+            return _none()
+        return np.unique([self.readings.cos, self.readings.sin])
+
+    def at(self, unknowns: Floats) -> CalibrationState:
+        """Evaluate at the unknowns."""
+        shape = (len(self.omega), self.channels)
+        factors = np.ones(shape, dtype=np.complex128)
+        for bound in self.factors:
+            factor = bound.scales.factor(unknowns[bound.unknowns], self.omega)
+            factors[:, bound.channels] *= factor[:, None]
+        added = np.zeros(shape, dtype=np.complex128)
+        if self.readings is not None:
+            cos, sin = self.readings.cosine_sine(self.phase(unknowns))
+            parts = cos * unknowns[self.readings.cos] + sin * unknowns[self.readings.sin]
+            for j, channel in enumerate(self.readings.channel):  # several may act on one
+                added[:, channel] += parts[:, j]
+        for addition in self.additions:
+            added[:, addition.channel] += unknowns[addition.unknown] * addition.lines
+        for law in self.reread:
+            read = law.at(unknowns)
+            factors[:, law.channel] *= read.gain
+            added[:, law.channel] -= read.rest
+        return CalibrationState(
+            factors, added, np.exp(1j * self.phase_orders * self.phase(unknowns))
+        )
+
+    def phase(self, unknowns: Floats) -> float:
+        """Return what adds to phi."""
+        return 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
+
+    def add_directions(
+        self, jacobian: Complexes, at: Acting, data: Complexes, load: Complexes
+    ) -> None:
+        """Add the columns of these unknowns to `jacobian`, (line, row, unknown).
+
+        `data` are the corrected lines, `load` the columns of g for each order of the rotor angle.
+        """
+        for bound in self.factors:
+            acted = (at.columns[:, :, bound.channels] @ data[:, bound.channels, None])[:, :, 0]
+            slopes = bound.scales.slopes(at.unknowns[bound.unknowns], self.omega)
+            jacobian[:, :, bound.unknowns] += acted[:, :, None] * slopes[:, None, :]
+        for law in self.reread:
+            line = at.columns[:, :, law.channel] * data[:, law.channel, None]
+            gain = law.at(at.unknowns).gain or 1e-300  # a law astray has none: so has its line
+            for unknown, slope in law.slopes(at.unknowns):
+                jacobian[:, :, unknown] += slope.gain / gain * line
+                jacobian[:, :, unknown] += at.plain[:, :, law.channel] * slope.rest[:, None]
+        for addition in self.additions:
+            acted = at.plain[:, :, addition.channel] * addition.lines[:, None]
+            jacobian[:, :, addition.unknown] -= acted
+        self.add_readings(jacobian, at, np.arange(len(at.unknowns)))
+        if self.phase_unknown is not None:
+            self._add_phase(jacobian, at, load, self.phase_unknown)
+
+    def add_readings(self, jacobian: Complexes, at: Acting, among: Integers) -> None:
+        """Add the columns of what adds to readings to those of some unknowns."""
+        if self.readings is None:
+            return
+        cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
+        acted = at.plain[:, :, self.readings.channel]
+        for unknown, line in ((self.readings.cos, cos), (self.readings.sin, sin)):
+            for there, where in np.argwhere(unknown[:, None] == among):  # several share one
+                jacobian[:, :, where] -= acted[:, :, there] * line[:, None, there]
+
+    def _add_phase(self, jacobian: Complexes, at: Acting, load: Complexes, unknown: int) -> None:
+        turned = np.tensordot(1j * self.phase_orders * at.state.phase, load, 1)
+        jacobian[:, : turned.shape[1], unknown] += turned @ at.load_factors
+        if self.readings is not None:
+            cos, sin = self.readings.cosine_sine(self.phase(at.unknowns))
+            moved = cos * at.unknowns[self.readings.sin] - sin * at.unknowns[self.readings.cos]
+            moved = moved * self.readings.order
+            acted = at.plain[:, :, self.readings.channel] @ moved[:, :, None]
+            jacobian[:, :, unknown] -= acted[:, :, 0]
+
+
+def _readings(
+    observation: Observation, names: Sequence[str], adds: Placed[Adds]
+) -> Readings | None:
+    """Return what turns with the rotor in sensors, and in the forces whose laws they enter."""
+    places: list[tuple[int, int, int]] = []
+    orders, lines = [], []
+    for effect, at in adds:
+        if not effect.order:
+            continue
+        cos, sin = at.tolist()
+        weights = _slopes_by(observation, effect.channel)
+        if effect.channel in names:
+            weights[names.index(effect.channel)] = np.ones(1)
+        for channel, weight in weights.items():
+            places.append((channel, cos, sin))
+            orders.append(float(effect.order))
+            lines.append(_rotation(observation.lines, effect.order, weight))
+    if not places:
+        return None
+    channels, cosines, sines = np.array(places, dtype=np.int64).T
+    return Readings(channels, cosines, sines, np.array(orders), np.stack(lines, axis=1))
+
+
+def _slopes_by(observation: Observation, sensor: str) -> dict[int, Floats]:
+    """Return by how much each input's force is read too large per metre that a sensor is.
+
+    In N/m at each sample, for the inputs whose law takes the displacement from that sensor. Exact
+    to first order: what is read wrong is small against the gap.
+    """
+    return {
+        number: passed.law.position[sensor] * passed.slope
+        for number, passed in observation.passed.items()
+        if passed.law.position.get(sensor)
+    }
+
+
+def _rotation(lines: Lines, order: int, weight: Floats) -> Complexes:
+    """Return the lines of w exp(i n phi) and w exp(-i n phi), shape (line, 2)."""
+    parts = lines.clock.lines(
+        lambda t, phi, speed: (
+            weight[:, None] * np.stack([np.cos(order * phi), np.sin(order * phi)], axis=-1)
+        )
+    )
+    return np.stack([parts[:, 0] + 1j * parts[:, 1], parts[:, 0] - 1j * parts[:, 1]], axis=1)
+
+
+def _additions(
+    observation: Observation, names: Sequence[str], adds: Placed[Adds]
+) -> Iterator[Addition]:
+    """Yield what else adds to readings, of the channels that the record has."""
+    for effect, at in adds:
+        if effect.lines is None or effect.channel not in names:
+            continue
+        found = effect.lines(observation)
+        if found is not None:
+            yield Addition(names.index(effect.channel), int(at[0]), found)

@@ -1,0 +1,252 @@
+"""What the cost of a whole record should be, by the equation errors beside each line.
+
+C comes from windows wide enough for all channels, in which the noise of the equations is not quite
+the same on every line, and which may hold motion that bends. That shifts J by a part in some
+hundred, as much as it scatters. At the estimate the equation errors r hold no motion, and they are
+fewer than channels, so that a window of half the width does:
+
+    K = sum_k c r_k^H V_k^-1 r_k,   V_k = R^H P R / n
+
+R the errors in the window, P = 1 - Q Q^H what the references leave at each line (Q constant in the
+window), n its rank. With e equations, w lines in a window, p_k = (P)_kk of the line itself, and
+T = sum_k P_k / n, the weight with which every pair of lines enters the noise,
+
+    E K   = sum_k c e (p_k + (1 - p_k) n / (n - e))
+    var K = c^2 e ((n / (n - e))^2 tr (1 - T)^2 + lines e / (3 w))
+
+since K does not change when the scale of the noise does, so that sum |r|^2 itself has no part in
+it: only what the references take up scatters, and pairs of lines. Where V comes from a quiet record
+the two are independent, and so are their parts of the scatter:
+
+    E K   = lines c e n / (n - e)
+    var K = c^2 e ((n / (n - e))^2 (lines + tr T^2) + lines e (1 + 4 w / 3 n) / n)
+
+Beside a mode the size of r changes within a few lines, so that all r are first divided by what
+noise of the channels would make of them that is the same on every line, its size found from them.
+
+J is expected to be as far off as K says: ``J E K / K``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.distributions import Expectation
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Beside
+from rotorid.data.observation import Observation
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.inference import Inference
+from rotorid.likelihood.problem import Point
+from rotorid.signals.local_polynomial import LEAST, PER_CHANNEL
+
+SLIGHT = 0.1
+"""Share by which an expectation moves at most: noise bends by a few percent. More is motion in C,
+which makes deviations too wide, or wrong equations: the cost is then held against C as it is."""
+FEW = 400
+"""Lines that tell the noise of the channels."""
+ROUNDS = 10
+"""Rounds in which it is told: of .31 % by which K was low three leave .14, ten .10, thirty .09."""
+CHUNK = 256
+"""Windows at a time, so that memory stays that of the lines."""
+
+
+@frozen
+class Sum:
+    """A cost with its mean and its variance."""
+
+    cost: float
+    mean: float
+    variance: float
+
+
+def by_equation_errors(
+    inference: Inference, point: Point, records: Sequence[Observation]
+) -> Inference:
+    """Return an inference whose expected cost the equation errors of whole records have told."""
+    means, variances = [mean.copy() for mean in inference.line_means], [*inference.variances]
+    for number, (record, at) in enumerate(zip(records, point.records, strict=True)):
+        beside, expected = record.lines.beside, float(means[number].sum())
+        found = None if beside is None else _sum_of(at, beside, at.problem.order)
+        if found is None or expected <= 0:
+            continue
+        share = inference.left[number] / (at.problem.multiplicity.sum() * at.problem.equations)
+        moved = at.cost * found.mean * share / found.cost / expected
+        variances[number] = found.variance * share
+        if abs(moved - 1) <= SLIGHT:
+            means[number] *= moved
+            variances[number] *= (at.cost / found.cost) ** 2
+    expectation = inference.expectation
+    shift = sum(float(mean.sum()) for mean in means)
+    shift -= sum(float(mean.sum()) for mean in inference.line_means)
+    spread = expectation.variance + sum(variances) - sum(inference.variances)
+    return replace(
+        inference,
+        expectation=Expectation(expectation.mean + shift, spread, expectation.dof),
+        line_means=tuple(means),
+        variances=tuple(variances),
+    )
+
+
+def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
+    """Return K of one record; None where it has too few lines, or no noise."""
+    count = at.problem.equations
+    try:
+        errors, noise = _whitened(at, beside, order)
+    except np.linalg.LinAlgError:
+        return None
+    columns = beside.columns.shape[1]
+    half = -(-(max(PER_CHANNEL * count, LEAST) + columns - 1) // 2)
+    width = 2 * half + 1
+    centre = beside.centre
+    chosen = np.flatnonzero((centre >= half) & (centre < len(noise) - half))
+    if len(chosen) < width:
+        return None
+    windows = _Windows(noise, beside, half, count)
+    costs, own, paired = np.zeros(len(chosen)), np.zeros(len(chosen)), windows.nothing()
+    for start in range(0, len(chosen), CHUNK):
+        part = slice(start, start + CHUNK)
+        lines = chosen[part]
+        found = windows.costs(centre[lines], errors[lines], paired)
+        if found is None:
+            return None
+        costs[part], own[part] = found
+    c = at.problem.multiplicity[chosen]
+    n = width - columns
+    gain, twice = n / (n - count), float((np.abs(paired) ** 2).sum())
+    if beside.noise is None:
+        mean = count * (own + (1 - own) * gain)
+        spread = gain**2 * _less_one(paired, centre[chosen], twice)
+        pairs = len(chosen) * count / (3 * width)
+    else:
+        mean = np.full(len(chosen), count * gain)
+        spread = gain**2 * (len(chosen) + twice)
+        pairs = len(chosen) * count * (1 + 4 * width / (3 * n)) / n
+    weight = at.problem.multiplicity.sum() / c.sum()  # lines without a whole window beside them
+    variance = float((c**2).mean()) * count * (spread + pairs)
+    total = Sum(float(c @ costs) * weight, float(c @ mean) * weight, variance * weight**2)
+    return total if total.cost > 0 else None
+
+
+def _less_one(paired: Complexes, centre: Integers, twice: float) -> float:
+    """Return ``tr (1 - T)^2``, 1 on the lines that are centres."""
+    diagonal = paired[centre, paired.shape[1] // 2].real
+    return float(twice + (1 - 2 * diagonal).sum())
+
+
+def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complexes, Complexes]:
+    """Return the errors of the record and those that tell the noise, about one on every line.
+
+    Beside a mode the equations change from line to line, and the size of their errors with them;
+    noise of the channels that is the same on every line says how.
+    """
+    turns = _turns(at)
+    rows, errors = at.columns, at.errors()
+    if at.null_h is not None and turns is not None:
+        rows = turns @ (at.null_h @ rows)
+        errors = (turns @ errors[:, :, None])[:, :, 0]
+    told = np.flatnonzero(beside.ordinary[beside.centre])
+    told = told[:: max(1, len(told) // FEW)]
+    start = (np.abs(at.problem.factor) ** 2).sum(axis=2).mean(axis=0)
+    variance = _channel_noise(rows[told], errors[told], start)
+    lower = np.linalg.cholesky((rows * variance) @ rows.conj().transpose(0, 2, 1))
+    white: Complexes = np.asarray(np.linalg.solve(lower, errors[:, :, None])[:, :, 0])
+    if beside.noise is None:
+        return white, white
+    # The loads of a quiet record are in its errors, and leak into every line: they tell no noise.
+    noise = (rows[beside.where] @ beside.noise[:, order, None])[:, :, 0]
+    return white, np.asarray(np.linalg.solve(lower[beside.where], noise[:, :, None])[:, :, 0])
+
+
+def _channel_noise(rows: Complexes, errors: Complexes, start: Floats) -> Floats:
+    """Return variances of the channels, the same on all lines, of which errors come, (channel,).
+
+    By expectation and maximization (Dempster, Laird, Rubin 1977): what part of each error is that
+    of a channel, given the variances, tells the variances anew.
+    """
+    variance = start
+    for _ in range(ROUNDS):
+        spread = rows * variance
+        matrices = spread @ rows.conj().transpose(0, 2, 1)
+        gains = np.linalg.solve(matrices, spread).conj().transpose(0, 2, 1)
+        parts = (gains @ errors[:, :, None])[:, :, 0]
+        taken = (gains * rows.transpose(0, 2, 1)).sum(axis=2).real
+        found = (np.abs(parts) ** 2 + variance * (1 - taken)).mean(axis=0)
+        variance = np.maximum(found, 1e-6 * start)
+    return variance
+
+
+def _turns(at: Evaluation) -> Complexes | None:
+    """Return the unitary matrices that align N of every line with that of the line before."""
+    if at.null_h is None:
+        return None
+    steps = at.null_h[:-1] @ at.null_h[1:].conj().transpose(0, 2, 1)
+    left, _, right = np.linalg.svd(steps)
+    steps, count = left @ right, at.null_h.shape[1]
+    turns = np.empty((len(steps) + 1, count, count), dtype=np.complex128)
+    turns[0] = np.eye(count)
+    for k, step in enumerate(steps):
+        turns[k + 1] = turns[k] @ step
+    return turns
+
+
+@frozen
+class _Windows:
+    """The regression of equation errors in the window about each line."""
+
+    noise: Complexes
+    beside: Beside
+    half: int
+    equations: int
+
+    def nothing(self) -> Complexes:
+        """Return an empty T, (line, distance), the distance from - 2 half to 2 half."""
+        return np.zeros((len(self.noise), 4 * self.half + 1), dtype=np.complex128)
+
+    def costs(
+        self, centre: Integers, errors: Complexes, paired: Complexes
+    ) -> tuple[Floats, Floats] | None:
+        """Return each line's cost and p_k, and add its P / n to T; None where V is singular."""
+        window = centre[:, None] + np.arange(-self.half, self.half + 1)
+        kept = self.beside.ordinary[window]
+        design = self.beside.columns[window] * kept[:, :, None]
+        size = np.sqrt((np.abs(design) ** 2).sum(axis=1, keepdims=True))
+        orthogonal, _ = np.linalg.qr(design / np.where(size > 0, size, 1.0))
+        data = self.noise[window] * kept[:, :, None]
+        left = data - orthogonal @ (orthogonal.conj().transpose(0, 2, 1) @ data)
+        degrees = np.maximum(kept.sum(axis=1) - design.shape[2], self.equations + 1)
+        matrices = left.transpose(0, 2, 1) @ left.conj() / degrees[:, None, None]
+        scale = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2).real)
+        if not (scale > 0).all():
+            return None
+        scaled = errors / scale
+        matrices = matrices / (scale[:, :, None] * scale[:, None, :])
+        try:
+            solved = np.linalg.solve(matrices, scaled[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            return None
+        projector = -(orthogonal @ orthogonal.conj().transpose(0, 2, 1))
+        each = np.arange(window.shape[1])
+        projector[:, each, each] += kept
+        own = projector[:, self.half, self.half].real.copy()
+        _add(paired, window, projector / degrees[:, None, None])
+        return (scaled.conj() * solved).sum(axis=1).real, own
+
+
+def _add(paired: Complexes, window: Integers, weights: Complexes) -> None:
+    distance = np.arange(window.shape[1])
+    across = distance[None, :] - distance[:, None] + len(distance) - 1
+    flat = (window[:, :, None] * paired.shape[1] + across).ravel()
+    first = int(window.min()) * paired.shape[1]
+    length = (int(window.max()) + 1) * paired.shape[1] - first
+    for view, part in _parts(paired.reshape(-1)[first : first + length], weights):
+        view += np.bincount(flat - first, part.ravel(), length)
+
+
+def _parts(view: Complexes, weights: Complexes) -> Iterator[tuple[Floats, Floats]]:
+    yield view.real, weights.real
+    yield view.imag, weights.imag

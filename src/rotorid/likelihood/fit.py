@@ -1,0 +1,422 @@
+"""From records to the minimum of their likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from typing import Literal, TypedDict
+
+import numpy as np
+
+from rotorid.answer.derived import physical_start
+from rotorid.core.errors import InputError, NotConvergedError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Floats
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.doubts_angle import Creep, creeps
+from rotorid.likelihood.expected_cost import by_equation_errors
+from rotorid.likelihood.inference import Inference, Shared, infer, shared_noise
+from rotorid.likelihood.layout import Layout, physical_factors
+from rotorid.likelihood.other_answers import Doubt, questioned
+from rotorid.likelihood.preparation import Knowledge, Prepared, prepare
+from rotorid.likelihood.problem import Lowest, Problem
+from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
+from rotorid.likelihood.solver import Solution, settle, solve
+from rotorid.likelihood.starts import explained, search, thinned
+from rotorid.likelihood.symmetric_answers import Mirrors
+from rotorid.likelihood.tangent import outside
+from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
+from rotorid.linear.estimators import Batch
+from rotorid.models import Model
+from rotorid.signals.covariance import correlated_covariance, is_correlated
+
+CovarianceChoice = Literal["auto", "white", "correlated"]
+
+
+@frozen
+class Fit:
+    """The minimum and what it tells."""
+
+    prepared: Prepared
+    solution: Solution
+    inference: Inference
+    records: tuple[Observation, ...]  # with the covariance that was chosen
+    doubt: Doubt = field(default_factory=Doubt)  # why the minimum may not be the answer
+    creeps: tuple[Creep | None, ...] = ()  # how the rotation of each record moves against its angle
+    plain: Plain | None = None  # what the search itself came upon that is plainly wrong
+    shared: Shared | None = None  # noise that sensors share, by which deviations were widened
+    signs: tuple[Note, ...] = ()  # which signs no record tells
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.solution.point.problem
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance of all unknowns, zero where they are fixed."""
+        layout, free = self.prepared.layout, self.prepared.layout.free
+        covariance = np.zeros((len(layout.unknowns), len(layout.unknowns)))
+        covariance[np.ix_(free, free)] = self.inference.covariance
+        return covariance
+
+
+FEW = 120
+"""Lines on which a rotor of few shapes is found: six times as many as it has unknowns, usually."""
+NEAR = 500
+"""Lines from which shapes are taken again: all lines move no unknown much further then."""
+ROUGHLY = 1e-4
+"""Share of its cost that is left to gain there: the shapes that it lacks move it further."""
+
+
+@frozen
+class Rough:
+    """The minimum of a simpler problem in the same unknowns, near which that of the whole is."""
+
+    problem: Problem  # the simpler one: ways from other starts are led by it too
+    trail: tuple[Floats, ...]  # sequence of array: of the way to its minimum
+    lowest: Lowest  # its minimum
+    unknowns: Floats  # (unknown,): A better one that was found since
+
+    @classmethod
+    def of(cls, found: Fit, before: Rough | None) -> Rough:
+        """Take the minimum of a fit; the simpler problem stays what it was before."""
+        mine, solution = found.problem, found.solution
+        if before is None:
+            lowest = Lowest(solution.point.unknowns, solution.point.cost)
+            return cls(mine.sketch or mine, solution.trail, lowest, solution.point.unknowns)
+        index, unknowns = found.prepared.layout.index, before.unknowns.copy()
+        for k, unknown in enumerate(before.problem.layout.unknowns):
+            unknowns[k] = solution.point.unknowns[index[unknown.name]]
+        return replace(before, unknowns=unknowns)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The unknowns by name."""
+        names = (u.name for u in self.problem.layout.unknowns)
+        return dict(zip(names, self.unknowns.tolist(), strict=True))
+
+    def leads(self, layout: Layout) -> bool:
+        """Tell whether the unknowns are the same still."""
+        mine = self.problem.layout.unknowns
+        return [u.name for u in mine] == [u.name for u in layout.unknowns]
+
+
+def approached(
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    shapes: Callable[[Mapping[str, float]], Sequence[Observation]],
+) -> Rough | None:
+    """Follow the homotopy once with few shapes on few lines; None where it leads nowhere.
+
+    `shapes` binds all lines to a model with those at the minimum; the last steps take these.
+    """
+    _refuse_silence(records)
+    model, asked = records[0].model, asked_unknowns(records, nuisances)
+    guess = starting_values(model, records, knowledge, base=False)
+
+    def posed(chosen: Sequence[Observation], few: int) -> Problem:
+        chosen = thinned(chosen, few, periodic=True) or chosen
+        prepared = prepare(chosen[0].model, knowledge, asked, False, guess)
+        return replace(_problem(prepared, chosen), sketch=None, tolerance=ROUGHLY)
+
+    try:
+        found = solve(problem := posed(records, FEW), problem.layout.start)
+        if not found.converged:
+            return None
+        lowest = Lowest(found.point.unknowns, found.point.cost)
+        rough = Rough(problem, found.trail, lowest, found.point.unknowns)
+        nearer = settle(posed(shapes(rough.values), NEAR), rough.unknowns)
+    except np.linalg.LinAlgError:
+        return None
+    return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
+
+
+def fit(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    base: bool = False,
+    covariance: CovarianceChoice = "auto",
+    neighbours: int | None = None,
+) -> Fit:
+    """Minimize the likelihood of one record or several."""
+    options: _Options = {"base": base, "covariance": covariance, "neighbours": neighbours}
+    return questioned_fit(located(model, records, knowledge, nuisances, **options))
+
+
+class _Options(TypedDict):
+    """How a fit is made."""
+
+    base: bool
+    covariance: CovarianceChoice
+    neighbours: int | None
+
+
+def located(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    base: bool = False,
+    covariance: CovarianceChoice = "auto",
+    neighbours: int | None = None,
+    rough: Rough | None = None,
+) -> Fit:
+    """Find the minimum, from that of a simpler problem where there is one."""
+    _refuse_silence(records)
+    guess = starting_values(model, records, knowledge, base)
+    prepared = prepare(model, knowledge, asked_unknowns(records, nuisances), base, guess)
+    if covariance == "correlated":
+        records = [_correlated(record, neighbours) for record in records]
+    (solution, inference), plain = _globally(prepared, records, rough)
+    if covariance == "auto" and plain is None:
+        chosen = _chosen(solution, records, neighbours)
+        if any(new is not old for new, old in zip(chosen, records, strict=True)):
+            records = chosen
+            solution, inference = _solve(prepared, records, solution, solution.point.unknowns)
+    crept = creeps(solution.point, records)
+    if any(c is not None and c.creeps for c in crept):
+        records = [_less_sure(record, c) for record, c in zip(records, crept, strict=True)]
+        prepared = prepare(model, knowledge, asked_unknowns(records, nuisances), base, guess)
+        solution, inference = _solve(prepared, records, solution, _carried(prepared, solution))
+    return Fit(prepared, solution, inference, tuple(records), creeps=crept, plain=plain)
+
+
+def questioned_fit(found: Fit) -> Fit:
+    """Ask whether the minimum is the answer, and what its deviations are."""
+    solution, inference, doubt = found.solution, found.inference, Doubt()
+    mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
+    turned = mirrors.best(solution) if found.plain is None else solution
+    if turned is not solution:
+        solution, inference = turned, infer(turned.point, found.problem.exact)
+    # Where noise does not explain the cost, the model is wrong, and its leads come first.
+    if solution.converged and explained(solution, inference):
+        start, problem = found.prepared.layout.start, solution.point.problem
+        solution, inference, doubt = questioned(problem, start, solution, inference, mirrors)
+    inference = by_equation_errors(inference, solution.point, found.records)
+    inference = _by_misfit(solution, inference)
+    common = None
+    if solution.converged and explained(solution, inference):
+        common = shared_noise(solution.point, inference, found.records)
+    if common is not None:
+        inference = replace(inference, covariance=common.covariance)
+    signs = tuple(mirrors.notes(solution, inference)) if solution.converged else ()
+    answered = replace(found, solution=solution, inference=inference, doubt=doubt)
+    return replace(answered, shared=common, signs=signs)
+
+
+def _by_misfit(solution: Solution, inference: Inference) -> Inference:
+    """Widen deviations by a misfit where few periods leave the noise itself unsure.
+
+    The misfit then tells its size as well as the scatter between two or three periods does.
+    """
+    unsure = any(at.problem.noise.shrunk > 0 for at in solution.point.records)
+    mean = inference.expectation.mean
+    if not unsure or not 0 < mean < solution.point.cost:
+        return inference
+    return replace(inference, covariance=inference.covariance * (solution.point.cost / mean))
+
+
+def _carried(prepared: Prepared, solution: Solution) -> Floats:
+    """Return the start of further unknowns, and the minimum found of those that were there."""
+    start, layout = prepared.layout.start.copy(), solution.point.problem.layout
+    for unknown, value in zip(layout.unknowns, solution.point.unknowns, strict=True):
+        start[prepared.layout.index[unknown.name]] = value
+    return start
+
+
+def _less_sure(record: Observation, creep: Creep | None) -> Observation:
+    """Return a record whose angle is known no better than by its creep."""
+    if creep is None or not creep.creeps:
+        return record
+    std = float(np.hypot(record.lines.phase_std, creep.angle))
+    return record.with_lines(replace(record.lines, phase_std=std))
+
+
+def _refuse_silence(records: Sequence[Observation]) -> None:
+    """Refuse records whose sensors read nothing: any machine at rest fits them."""
+    for record in records:
+        columns = [sensor.column for sensor in record.sensors]
+        if not np.abs(record.lines.mean[:, columns]).any():
+            names = ", ".join(sensor.channel.name for sensor in record.sensors)
+            raise InputError(
+                f"zero on every line of {names}",
+                "sensors that read the motion",
+                "check their columns and cables",
+                file=record.lines.source,
+            )
+
+
+def _globally(
+    prepared: Prepared, records: Sequence[Observation], rough: Rough | None
+) -> tuple[tuple[Solution, Inference], Plain | None]:
+    """Look for the minimum from the start, and from others where there is reason.
+
+    And for mistakes that are plain before thousands of lines are searched.
+    """
+    problem = _problem(prepared, records)
+    near = None
+    if rough is not None and rough.leads(prepared.layout):
+        problem = replace(problem, sketch=rough.problem, lowest=rough.lowest)
+        near = _near(problem, rough)
+        if near is not None and explained(*near):
+            return near, None
+    found = by_shown_speed(prepared, records, problem)
+    plain = plainly(prepared, records, problem) if found is None else None
+    if plain is not None:
+        return (plain.solution, plain.inference), plain
+    start = _in_order(problem, prepared.layout.start, records)
+    found = found or search(problem, start)
+    if found is None or not (found[0].converged and explained(*found)):
+        found = _in_other_places(problem, start, records) or found
+    ends = [end for end in (near, found) if end is not None]
+    if not ends:
+        raise NotConvergedError("no minimum was found from this start; give a nearer one")
+    return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost)), None
+
+
+def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -> Floats:
+    """Return the start with hidden parts in the places that the bounds tell."""
+    if not len(outside(problem.bounds, start)):
+        return start
+    mirrors = Mirrors.of(problem, records, start)
+    return next(iter(mirrors.inside(problem.bounds, start)), start)
+
+
+def _in_other_places(
+    problem: Problem, start: Floats, records: Sequence[Observation]
+) -> tuple[Solution, Inference] | None:
+    """Return the answer from a start with hidden parts in other places, if that is one.
+
+    Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.
+    """
+    fixed = [i for i, unknown in enumerate(problem.layout.unknowns) if unknown.fixed]
+    for exchange in Mirrors.of(problem, records, start, as_free=True).exchanges:
+        moved = exchange.of(start)
+        moved[fixed] = start[fixed]
+        found = search(problem, moved)
+        if found is not None and found[0].converged and explained(*found):
+            return found
+    return None
+
+
+def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:
+    try:
+        found = settle(problem, rough.unknowns)
+        found = replace(found, trail=rough.trail)
+        return found, infer(found.point, problem.exact)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
+    """Return the likelihoods of all records with what is known."""
+
+    def posed(chosen: Sequence[Observation]) -> Problem:
+        likelihoods = tuple(
+            assemble(prepared.layout, record, number) for number, record in enumerate(chosen)
+        )
+        known = (prepared.exact, prepared.known, prepared.bounds)
+        return Problem(prepared.layout, likelihoods, *known)
+
+    fewer = thinned(records)
+    return posed(records) if fewer is None else replace(posed(records), sketch=posed(fewer))
+
+
+def _solve(
+    prepared: Prepared, records: Sequence[Observation], before: Solution, start: Floats
+) -> tuple[Solution, Inference]:
+    """Minimize again from near the minimum, with other noise or further unknowns."""
+    problem, old = _problem(prepared, records), before.point.problem
+    same = len(old.layout.unknowns) == len(prepared.layout.unknowns)
+    if old.lowest is not None and same:
+        problem = replace(problem, sketch=old.sketch, lowest=old.lowest)
+    solution = settle(problem, start)
+    if same:
+        solution = replace(solution, trail=before.trail)
+    return solution, infer(solution.point, problem.exact)
+
+
+def _correlated(record: Observation, neighbours: int | None) -> Observation:
+    """Take the covariance from neighbouring lines of the whole record, where there are periods."""
+    scatter = record.lines.scatter
+    if scatter is None:
+        return record
+    covariance = correlated_covariance(scatter, neighbours)
+    return record.with_lines(replace(record.lines, covariance=covariance))
+
+
+def _chosen(
+    solution: Solution, records: Sequence[Observation], neighbours: int | None
+) -> list[Observation]:
+    """Take the correlated covariance where the residual of one period resembles the next."""
+    chosen = []
+    for record, at in zip(records, solution.point.records, strict=True):
+        scatter = record.lines.scatter
+        correlated = False
+        if scatter is not None:
+            residual = at.period_residual(scatter[:, :, at.problem.order])
+            # Whitened rows are independent of one another: each counts as a line of its own.
+            correlated = is_correlated(residual.reshape(len(residual), -1, 1))
+        chosen.append(_correlated(record, neighbours) if correlated else record)
+    return chosen
+
+
+def starting_values(
+    model: Model, records: Sequence[Observation], knowledge: Knowledge, base: bool
+) -> dict[str, float]:
+    """Return starting values by name: from batch where it applies, else the nominal ones.
+
+    What only loads hold, the unbalance, is left to start from zero.
+    """
+    told = {*knowledge.fixed, *knowledge.known, *knowledge.start}
+    physical = model.nominal
+    loads = {
+        model.parameter_names[i]
+        for i in Layout(model, (), physical_factors(model), False).load_only()
+    }
+    if base:
+        held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
+        return _base_guess(model.substitute(held), records, knowledge, physical)
+    if not set(model.parameter_names) - loads <= told:
+        found = _batch(model, records)
+        if found is not None:
+            values = physical_start(*found)
+            for parameter, value in zip(model.parameters, values, strict=True):
+                if np.isfinite(value) and (value > 0 or not parameter.positive):
+                    physical[parameter.name] = float(value)
+    return {name: value for name, value in physical.items() if name not in loads}
+
+
+def _base_guess(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    physical: Mapping[str, float],
+) -> dict[str, float]:
+    if set(model.base.names) <= set(knowledge.start):
+        return {}
+    found = _batch(model, records)
+    if found is not None:
+        return dict(zip(model.base.names, found[1].tolist(), strict=True))
+    known = {**physical, **{n: v for n, v in knowledge.start.items() if n in model.parameter_names}}
+    values = [known.get(name, np.nan) for name in model.parameter_names]
+    return dict(zip(model.base.names, model.base_values(values).tolist(), strict=True))
+
+
+def _batch(model: Model, records: Sequence[Observation]) -> tuple[Model, Floats] | None:
+    """Return the base parameters by batch, or None where it does not apply."""
+    if any(channel.drive is not None for record in records for channel in record.channels):
+        return None
+    try:
+        _, solution = Batch().solve(model, records)
+    except InputError:
+        return None
+    return (model, solution.values) if np.isfinite(solution.values).all() else None

@@ -1,0 +1,391 @@
+"""What the records do not determine, in words, and what would cure it.
+
+The null space of the scaled Jacobian holds the directions in which the unknowns can move without
+changing the likelihood. It is brought to a form with as few members per direction as its pivots
+allow; a direction along which the logarithms of its members keep simple ratios is a change of
+unit or of scale, and is said so. Each cure is tried: it is one if the null space shrinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorid.answer.parts import Value
+from rotorid.core.frozen import frozen
+from rotorid.core.units import multiply_units
+from rotorid.core.values import Floats
+from rotorid.data.lines import PeriodicClock
+from rotorid.data.observation import Observation
+from rotorid.data.record import Channel
+from rotorid.likelihood.inference import Inference
+from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.response import simulated
+from rotorid.models import Model
+
+MEMBER = 1e-5
+"""Least part in a direction, relative to the largest, that counts."""
+OFF = 1e-3
+"""Lines by which the rotation may miss one that is its own: as it leaks there all the same."""
+SHRINKS = 1e-7
+"""Least relative effect of a cure on a direction that counts as determining it."""
+
+
+@frozen
+class Combination:
+    """One direction that the records leave open."""
+
+    names: tuple[str, ...]  # its members; the first is the one that the others are measured by
+    slopes: tuple[float, ...]  # d member / d first
+    # powers of the common factor, where the members scale together
+    exponents: tuple[Fraction, ...] | None
+
+    def __str__(self) -> str:
+        if len(self.names) == 1:
+            return f"{self.names[0]} is not determined"
+        listed = ", ".join(self.names)
+        if self.exponents is None:
+            return f"{listed} are determined only together"
+        powers = dict.fromkeys(self.exponents)
+        if len(powers) == 1:
+            return f"{listed} scale together"
+        groups = []
+        for power in powers:
+            pairs = zip(self.names, self.exponents, strict=True)
+            alike = ", ".join(name for name, e in pairs if e == power)
+            groups.append(f"{alike} as s" + ("" if power == 1 else f"^{power}"))
+        return f"{listed} scale together ({'; '.join(groups)})"
+
+
+def open_combinations(layout: Layout, point: Point, inference: Inference) -> list[Combination]:
+    """Return the directions that the records leave open, few members each."""
+    null = inference.null
+    if not null.shape[1]:
+        return []
+    free = layout.free
+    values = point.unknowns[free]
+    additive = np.array([layout.unknowns[i].additive for i in free])
+    nuisance = np.array([layout.unknowns[i].nuisance for i in free])
+    reduced, pivots = _reduced(null.T, nuisance)
+    found = []
+    for row, pivot in zip(reduced, pivots, strict=True):
+        members = np.flatnonzero(np.abs(row) > MEMBER * np.abs(row).max())
+        change = row[members] * inference.scale[members]
+        exponents = None
+        if not additive[members].any() and (values[members] != 0).all():
+            exponents = _exponents(change / values[members])
+        first = int(np.flatnonzero(members == pivot)[0])
+        if exponents is not None:  # measured by a member of power one
+            ones = [k for k, e in enumerate(exponents) if e == 1]
+            first = ones[0] if ones else first
+        order = [first, *(k for k in range(len(members)) if k != first)]
+        found.append(
+            Combination(
+                tuple(layout.unknowns[free[members[k]]].name for k in order),
+                tuple(float(change[k] / change[first]) for k in order),
+                None if exponents is None else tuple(exponents[k] for k in order),
+            )
+        )
+    return found
+
+
+def _reduced(rows: Floats, nuisance: NDArray[np.bool_]) -> tuple[Floats, list[int]]:
+    """Return a basis of the rows' span with few members per direction, and its pivots.
+
+    A pivot is a member of one direction only. Parameters of the model are preferred; then each
+    pivot gives way to another member if that takes members away.
+    """
+    pivots: list[int] = []
+    for column in np.flatnonzero(np.abs(rows).max(axis=0) > 1e-4).tolist():
+        if len(pivots) < len(rows) and _independent(rows[:, [*pivots, column]]):
+            pivots.append(column)
+
+    def burden(chosen: list[int], basis: Floats) -> float:
+        largest = np.abs(basis).max(axis=1, keepdims=True)
+        members = (np.abs(basis) > MEMBER * largest).sum()
+        return float(members + 5 * nuisance[chosen].sum())
+
+    basis: Floats = np.asarray(np.linalg.solve(rows[:, pivots], rows), dtype=np.float64)
+    improved = True
+    while improved:
+        improved = False
+        for k in range(len(pivots)):
+            for other_column in np.flatnonzero(np.abs(basis[k]) > 1e-3 * np.abs(basis[k]).max()):
+                column = int(other_column)
+                trial = [*pivots[:k], column, *pivots[k + 1 :]]
+                if column in pivots or not _independent(rows[:, trial]):
+                    continue
+                other = np.asarray(np.linalg.solve(rows[:, trial], rows), dtype=np.float64)
+                if burden(trial, other) < burden(pivots, basis):
+                    pivots, basis, improved = trial, other, True
+    return basis, pivots
+
+
+def _independent(columns: Floats) -> bool:
+    values = np.linalg.svd(columns, compute_uv=False)
+    return len(values) == columns.shape[1] and bool(values[-1] > 1e-4 * values[0])
+
+
+def _exponents(relative: Floats) -> list[Fraction] | None:
+    """Return relative changes as simple powers of one factor, or None where they are not."""
+    size = np.abs(relative)
+    if size.min() == 0:  # what does not move is no power of the others' factor
+        return None
+    for reference in (relative[size.argmin()], relative[size.argmax()]):
+        ratios: list[float] = (relative / reference).tolist()
+        powers = [Fraction(r).limit_denominator(4) for r in ratios]
+        if any(abs(float(p) - r) > 1e-4 for p, r in zip(powers, ratios, strict=True)):
+            continue
+        smallest = min(abs(p) for p in powers)
+        if smallest == 0:
+            continue
+        whole = [p / smallest for p in powers]
+        if max(abs(p) for p in whole) <= 6 and all(p.denominator == 1 for p in whole):
+            return whole if whole[0] > 0 else [-p for p in whole]
+    return None
+
+
+def determined_combinations(
+    layout: Layout, point: Point, inference: Inference, combinations: Sequence[Combination]
+) -> list[Value]:
+    """Return what is determined of the members: ratios where they scale, differences elsewhere.
+
+    Each member but the first of its combination gives one quantity that the move along all open
+    directions leaves as it is.
+    """
+    where = {layout.unknowns[i].name: k for k, i in enumerate(layout.free)}
+    firsts = [c.names[0] for c in combinations]
+    found = []
+    for name in dict.fromkeys(n for c in combinations for n in c.names if n not in firsts):
+        involved = [c for c in combinations if name in c.names]
+        unknown = layout.unknowns[layout.index[name]]
+        slopes = {c.names[0]: c.slopes[c.names.index(name)] for c in involved}
+        gradient = np.zeros(len(where))
+        gradient[where[name]] = 1.0
+        for first, slope in slopes.items():
+            gradient[where[first]] -= slope
+        spread = float(np.sqrt(max(float(gradient @ inference.covariance @ gradient), 0.0)))
+        value = float(point.unknowns[layout.index[name]])
+        if all(c.exponents is not None for c in involved):
+            powers = {}
+            for c in involved:
+                assert c.exponents is not None
+                powers[c.names[0]] = -c.exponents[c.names.index(name)] / c.exponents[0]
+            factor = 1.0
+            for first, power in powers.items():
+                factor *= float(point.unknowns[layout.index[first]]) ** float(power)
+            text = _power_text({name: Fraction(1), **powers})
+            factors = [(unknown.unit, 1)]
+            whole = all(p.denominator == 1 for p in powers.values())
+            factors += [
+                (layout.unknowns[layout.index[n]].unit, int(p)) for n, p in powers.items() if whole
+            ]
+            unit = multiply_units(factors) if whole else ""
+            found.append(Value(text, unit, value * factor, spread * abs(factor)))
+        else:
+            text = name
+            for first, slope in slopes.items():
+                text += f" {'-' if slope > 0 else '+'} {abs(slope):.6g}*{first}"
+                value -= slope * float(point.unknowns[layout.index[first]])
+            found.append(Value(text, unknown.unit, value, spread))
+    return found
+
+
+def _power_text(powers: dict[str, Fraction]) -> str:
+    above = [n if p == 1 else f"{n}^{p}" for n, p in powers.items() if p > 0]
+    below = [n if p == -1 else f"{n}^{-p}" for n, p in powers.items() if p < 0]
+    return "/".join(["*".join(above), *below])
+
+
+@frozen
+class Trial:
+    """What the cures are tried on."""
+
+    layout: Layout
+    records: Sequence[Observation]
+    point: Point
+    inference: Inference
+
+    def left_open(self, record: Observation, number: int) -> int:
+        """Return how many directions would stay open with one more record like this."""
+        null, scale, free = self.inference.null, self.inference.scale, self.layout.free
+        nothing = int(null.shape[1])
+        try:  # an answer astray says nothing of other records
+            with np.errstate(all="ignore"):
+                likelihood = simulated(self.layout, record, self.point.unknowns, number)
+                jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
+                size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
+        except np.linalg.LinAlgError:
+            return nothing
+        if size == 0 or not np.isfinite(size):
+            return nothing
+        effect = np.linalg.svd(jacobian @ null / size, compute_uv=False)
+        return nothing - int((effect > SHRINKS).sum())
+
+
+def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Return what would determine the open combinations, best first.
+
+    Tried are: fixing members, a record at another speed, and a sensor of each coordinate.
+    """
+    if not combinations:
+        return []
+    cures = [
+        _fixing(combinations),
+        *_further_modes(trial, combinations),
+        *_total_mass(trial, combinations),
+        *_trial_mass(trial, combinations),
+    ]
+    count = len(combinations)
+    speeds = _other_speeds(trial)
+    helped: list[tuple[int, str]] = []
+    for number, hertz, left in speeds:
+        if left < count:
+            where = f" as record {number + 1}" if len(trial.records) > 1 else ""
+            helped += [(left, text) for text in _rotation_left_out(trial.records[number], where)]
+            helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
+    sensors: dict[int, list[str]] = {}
+    for name, left in _sensors(trial):
+        if left < count:
+            sensors.setdefault(left, []).append(name)
+    for left, names in sensors.items():
+        helped.append((left, f"a sensor of {' or '.join(names)}"))
+    for left, text in sorted(helped, key=lambda pair: pair[0]):
+        rest = "" if left == 0 else f" ({left} of {count} combinations would stay open)"
+        cures.append(text + rest)
+    return cures
+
+
+def _fixing(combinations: Sequence[Combination]) -> str:
+    """Say which members to fix: any one of each combination, its first members at best."""
+    texts = []
+    for combination in combinations:
+        names = combination.names
+        texts.append(names[0] if len(names) == 1 else f"one of {', '.join(names)}")
+    if len(texts) == 1:
+        return f"fix {texts[0]}"
+    firsts = ", ".join(combination.names[0] for combination in combinations)
+    return f"fix {len(texts)} of them, such as {firsts}"
+
+
+def _further_modes(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Say which natural frequencies are missing, where they are all that was measured."""
+    modes = trial.point.problem.known.modes
+    if trial.records or not len(modes):
+        return []
+    unknowns = trial.layout.unknowns
+    held = [
+        {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
+    ]
+    members = {name for combination in combinations for name in combination.names}
+    found = []
+    for name in sorted(name for name in members if all(name in each for each in held)):
+        said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
+        found.append(
+            f"natural frequencies with {name} as it is in service: all that were measured are "
+            f"with {name} = {said} {unknowns[trial.layout.index[name]].unit}"
+        )
+    missing = len(trial.layout.free) - len(trial.point.problem.known)
+    if missing > 0:
+        found.append(
+            f"at least {missing} more measured in [[modes]], frequencies or damping ratios: "
+            f"{len(trial.point.problem.known)} for {len(trial.layout.free)} unknowns are too few"
+        )
+    return found
+
+
+def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Try the sum of the masses, which a scale tells, as an exact constraint."""
+    unknowns, free = trial.layout.unknowns, trial.layout.free
+    weighed = _weighed(trial.layout.model)
+    masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
+    if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
+        return []
+    null = trial.inference.null[masses]
+    along = null.T @ trial.inference.scale[masses]
+    if np.abs(null).max() < MEMBER or not np.abs(along).max() > 0:
+        return []
+    names = " + ".join(unknowns[free[k]].name for k in masses)
+    left = len(combinations) - 1
+    rest = "" if left == 0 else f" ({left} of {len(combinations)} combinations would stay open)"
+    return [f"weigh the rotor: a constraint on {names}{rest}"]
+
+
+def _trial_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+    """Say that a known unbalance sets the scale, where no force is measured and all scales."""
+    forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in trial.records)
+    together = any(
+        c.exponents is not None and len(c.names) > 1 and len(set(c.exponents)) == 1
+        for c in combinations
+    )
+    if forced or not together:
+        return []
+    return [
+        "a further run with a trial mass: write its unbalance into the equations beside the "
+        "rotor's own, 0 kg m in [parameters] and its value in [records.parameters] of that run"
+    ]
+
+
+def _weighed(model: Model) -> set[str]:
+    """Return the parameters that stand alone before the acceleration of a length: masses."""
+    names = set()
+    for term in linear_form(model).stiffness:
+        powers = model.monomials[term.monomial]
+        if (
+            term.order == 2
+            and powers.sum() == 1
+            and model.units[model.coordinates[term.column]] == "m"
+        ):
+            names.add(model.parameter_names[int(powers.argmax())])
+    return names
+
+
+def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
+    """Try each record at the speed of another of its lines."""
+    tried = []
+    for number, record in enumerate(trial.records):
+        speeds, frequency = np.unique(record.lines.speed), record.lines.frequency
+        if len(speeds) > 1:
+            continue
+        hertz = float(speeds[0]) / (2 * np.pi)
+        lines = frequency[frequency > 0]
+        others = lines[np.abs(lines - hertz) > 0.01 * abs(hertz)]
+        if not len(others):
+            continue
+        nearest = float(others[np.abs(others - hertz).argmin()])
+        moved = record.with_lines(record.lines.at_speed(2 * np.pi * nearest))
+        tried.append((number, nearest, trial.left_open(moved, number)))
+    return tried
+
+
+def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
+    """Say that the line of the rotation is not among those of a record, where all turns with it."""
+    lines, clock = record.lines, record.lines.clock
+    hertz = abs(float(lines.speed[0])) / (2 * np.pi)
+    if not isinstance(clock, PeriodicClock) or not hertz:
+        return
+    fundamental = float(lines.frequency[-1] / clock.harmonics[-1])
+    order = round(hertz / fundamental)
+    if abs(hertz - order * fundamental) < OFF * fundamental and order not in clock.harmonics:
+        yield (
+            f"the line of the rotation{where.replace(' as', ' of')}, {hertz:.6g} Hz, on which "
+            f"the unbalance acts: add {order} to harmonics"
+        )
+
+
+def _sensors(trial: Trial) -> list[tuple[str, int]]:
+    """Try a sensor of each coordinate that the first record does not read by itself."""
+    if not trial.records:
+        return []
+    record, model = trial.records[0], trial.layout.model
+    single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
+    read = {model.coordinates[term.coordinate] for term in single}
+    return [
+        (name, trial.left_open(record.with_sensor(Channel(name, model.units[name])), 0))
+        for name in model.measurable
+        if name not in read and name not in record.lines.names
+    ]

@@ -1,0 +1,290 @@
+"""Covariance, null space and expected cost at a minimum.
+
+C is estimated with n complex degrees of freedom, so V is too, and neither is J chi-squared nor
+the inverse information the covariance. Line by line, ``e^H V^-1 e`` is Hotelling's T^2 of the
+t dimensions that the parameters leave free: 2 n t / (n - t + 1) times an F variable with 2 t and
+2 (n - t + 1) degrees of freedom, or half as many on a real line.
+
+A deviation is known no better than the noise of the lines that tell its parameter. With h_k the
+share of line k in its square, it has nu degrees of freedom,
+
+    1 / nu = sum_k h_k^2 / (2 (n - t + 1))
+
+(Satterthwaite), and the error over it is Student's t: damping, which few lines tell, left its 95 %
+in 7.5 % of records of ten periods. So each is widened until 1.96 of it hold what they should. Where
+one size of the noise is shared by many lines, as of whole records, nothing is widened: it is known
+far better than by one line, and the weights hold what it adds.
+
+Deviations and coherences tell the noise of each response, and nothing of what several have in
+common: a force that nobody measured moves all accelerometers of a test. Each line then tells less
+than its sensors do by themselves. By the scores of the lines, u_k what the residual of line k does
+to the unknowns, their covariance is
+
+    sum_k v_k v_k^T,   v_k = (1 - S_k)^-1 u_k,
+
+S_k the share of line k in the information: what it was without line k (White's estimator, a cluster
+for each line, by the jackknife), whatever is common to the rows of a line. It is used where the
+residuals of sensors are alike, and in no direction is anything taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotorid.core.distributions import Expectation, gamma_tail, line_moments, t_limit
+from rotorid.core.frozen import frozen
+from rotorid.core.linalg import leave_out
+from rotorid.core.values import Floats
+from rotorid.data.observation import Observation
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.linear import OPEN
+from rotorid.likelihood.problem import Point
+from rotorid.likelihood.relations import Relations
+
+TAIL, NORMAL = 0.025, 1.959964
+"""Chance beyond either end of an interval, and the deviations to there of a normal distribution."""
+
+
+def shared_variance(mean: Floats, left: Floats, at: Evaluation) -> Floats:
+    """Return the variance of the costs of lines that share an estimate of C, of n degrees.
+
+    Its error is common to them: ``tr(C_est^-1 C)`` scatters by ``1 / sqrt(n e)``, e the equations,
+    and the sum of their costs with it; beside that each line is chi-squared.
+    """
+    noise = at.problem.noise
+    alone = 2 * mean**2 / np.maximum(left, 1e-300)
+    common = noise.shared * mean**2 / (noise.dof * at.problem.equations)
+    return np.where(left > 0, alone + common, 0.0)
+
+
+def effective_dof(at: Evaluation) -> Floats:
+    """Return the degrees of freedom with which V is known on each line, shape (line,).
+
+    Where C was mixed with its diagonal, ``(1 - a) C + a diag(C)``, more than C itself has: a
+    quadratic form of V has the relative variance ``((1 - a)^2 + (1 - (1 - a)^2) kappa) / n``, kappa
+    the sum of the squared shares of the channels in it, averaged over all forms.
+    """
+    noise, count = at.problem.noise, at.problem.equations
+    if noise.shrunk == 0:
+        return np.full(at.problem.lines, noise.dof)
+    share = at.channel_shares()
+    kappa = 2 * (share**2).sum(axis=1) / (count * (count + 1))
+    kept = (1 - noise.shrunk) ** 2
+    return np.asarray(np.maximum(noise.dof / (kept + (1 - kept) * kappa), count + 2.0))
+
+
+@frozen
+class Inference:
+    """Covariance of the free unknowns and expectation of the cost."""
+
+    covariance: Floats  # (free, free): along the directions that the record determines
+    null: Floats  # (free, direction): orthonormal in scaled unknowns: what it does not determine
+    scale: Floats  # (free,): the scale of the unknowns there
+    expectation: Expectation
+    condition_number: float  # of the scaled Jacobian, over the determined directions
+    # sequence of array, shape (line,): expected cost of each line of each record
+    line_means: tuple[Floats, ...]
+    # variance of the cost of each record, and the real equations that parameters leave to it
+    variances: tuple[float, ...] = ()
+    left: tuple[float, ...] = ()
+
+    @property
+    def std(self) -> Floats:
+        """Standard deviations of the free unknowns, shape (free,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
+
+    @property
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Which free unknowns the records do not determine, shape (free,)."""
+        return np.asarray((np.abs(self.null) > OPEN).any(axis=1))
+
+
+def _of_ends(point: Point) -> Floats:
+    """Return what the loose ends of each record take up of every real equation."""
+    parts = [
+        np.zeros(at.problem.lines * 2 * at.problem.equations)
+        if at.ends is None
+        else (at.ends.basis**2).sum(axis=1)
+        for at in point.records
+    ]
+    return np.concatenate([*parts, np.zeros(len(point.known))])
+
+
+def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
+    """Return by how much few periods widen each deviation, shape (free,).
+
+    `shares` of each row in what tells an unknown, shape (free, row); `left` is t.
+    """
+    unsure = np.zeros(len(shares))
+    for at, rows, t in zip(point.records, point.by_line(shares.T), left, strict=True):
+        if at.problem.noise.shared > 1:  # one size for all lines
+            continue
+        freedom = at.problem.multiplicity * np.maximum(effective_dof(at) - t + 1, 1.0)
+        unsure += (rows.sum(axis=1) ** 2 / freedom[:, None]).sum(axis=0)
+    freedom = 1 / np.clip(unsure, 1e-9, 0.5)  # beyond a billion t is normal, and stdtrit imprecise
+    return t_limit(TAIL, freedom) / NORMAL
+
+
+@frozen
+class _Expected:
+    """What noise leaves of the cost, record by record: see `Inference`."""
+
+    # list of array, shape (line,): expected cost of each line, and t
+    means: list[Floats]
+    unused: list[Floats]
+    variances: list[float]
+    left: list[float]
+    # list of array: the share of the information of each real row that few periods leave
+    weights: list[Floats]
+
+
+def _expected(point: Point, leverage: list[Floats]) -> _Expected:
+    """Return what noise leaves of each record's cost; `leverage` is what the unknowns take up."""
+    found = _Expected([], [], [], [], [])
+    for at, taken in zip(point.records, leverage, strict=True):
+        likelihood = at.problem
+        c = likelihood.multiplicity
+        t = likelihood.equations - taken / c
+        mean, variance = line_moments(t, effective_dof(at), c)
+        # What is in a line's own covariance adds its expectation and no scatter: over a window
+        # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
+        apart = likelihood.noise.apart
+        found.means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
+        if likelihood.noise.shared > 1:
+            variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
+        found.variances.append(apart * float(variance.sum()))
+        found.left.append(float((c * np.maximum(t, 0.0)).sum()))
+        ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
+        found.weights.append(np.repeat(ratio, 2 * likelihood.equations))
+        found.unused.append(t)
+    return found
+
+
+def infer(point: Point, exact: Relations) -> Inference:
+    """Return covariance, null space and expected cost at a minimum."""
+    linear = point.linear
+    taken = linear.leverage + _of_ends(point)
+    noise = _expected(point, [rows.sum(axis=1) for rows in point.by_line(taken)])
+    rest = 1 - point.of_known(taken)
+    absorbed = sum(at.absorbed for at in point.records)
+    dof = point.problem.real_equations - linear.rank - absorbed
+    weighted = linear.determined.weighted(np.concatenate([*noise.weights, np.ones(len(rest))]))
+    with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
+        wider = _widening(point, weighted.told_by(), noise.unused)[:, None] * weighted.root
+        along = weighted.directions
+        root = linear.scale[:, None] * (along @ (along.T @ (wider / linear.scale[:, None])))
+        covariance = root @ root.T  # exact relations stay exact
+    return Inference(
+        covariance,
+        linear.null,
+        linear.scale,
+        Expectation(
+            max(float(sum(mean.sum() for mean in noise.means) + rest.sum()), 0.0),
+            sum(noise.variances) + max(2 * float(rest.sum()), 0.0),
+            dof,
+        ),
+        linear.condition_number,
+        tuple(noise.means),
+        tuple(noise.variances),
+        tuple(noise.left),
+    )
+
+
+APART = frozenset({"stated", "coherence"})
+"""Covariances that hold no cross terms between channels."""
+CHANCE = 1e-6
+"""Chance of correlations of independent residuals below which sensors share their noise."""
+ALONE = 0.05
+"""What other lines must tell of every direction beside one line, for it to be left out."""
+TINY = np.finfo(float).tiny
+LEAST = 12
+"""Lines below which their scatter tells deviations no better than to a third."""
+
+
+@frozen
+class Shared:
+    """What shared noise makes of the deviations."""
+
+    covariance: Floats  # (free, free)
+    factor: float  # by which it widens the deviation that it widens most
+    names: tuple[str, ...]  # the sensors that share it
+
+
+def shared_noise(
+    point: Point, inference: Inference, records: Sequence[Observation]
+) -> Shared | None:
+    """Return the covariance that the scatter of the lines shows; None where it shows no more.
+
+    Only lines of records whose noise was stated channel by channel count so; that of other records,
+    and of what is known beforehand, stays what it is.
+    """
+    apart = [r.lines.covariance.kind in APART and len(r.sensors) > 1 for r in records]
+    if not any(apart) or inference.null.shape[1]:
+        return None
+    every = zip(records, point.records, apart, strict=True)
+    if not any(each and _sensors_alike(record, at) for record, at, each in every):
+        return None
+    scores, shares, certain = _by_line(point, apart)
+    free, count = len(certain), len(scores)
+    if not free or count < max(LEAST, free + 2):
+        return None
+    # of the unknowns in units of their deviations: unit covariance
+    parts = [leave_out(*each, ALONE) for each in zip(shares, scores, strict=True)]
+    if any(untold.size for _, untold in parts):
+        return None
+    alone = np.array([change for change, _ in parts])
+    sizes, along = np.linalg.eigh(alone.T @ alone + certain)
+    root = point.linear.root @ along * np.sqrt(np.maximum(sizes, 1.0))
+    covariance = root @ root.T
+    before = np.diag(inference.covariance)
+    widened = np.diag(covariance)[before > 0] / before[before > 0]
+    factor = float(np.sqrt(widened.max(initial=1.0)))
+    told = [r for r, each in zip(records, apart, strict=True) if each]
+    names = tuple(dict.fromkeys(s.channel.name for r in told for s in r.sensors))
+    return Shared(covariance, factor, names)
+
+
+def _sensors_alike(record: Observation, at: Evaluation) -> bool:
+    """Tell whether the residuals of two sensors are correlated, in phase or as the readings are.
+
+    The squares of n independent correlations over as many lines are a gamma variable.
+    """
+    noise = record.lines.covariance.matrices
+    sensors = [s.column for s in record.sensors]
+    if np.abs(noise[:, list(record.input_columns)]).any():
+        return False  # noise of inputs is in all sensors by itself
+    variance = np.einsum("kii->ki", noise).real[:, sensors]
+    data = record.lines.mean[:, sensors]
+    left = (at.problem.data - at.corrected()[0])[:, [at.problem.order.index(c) for c in sensors]]
+    left = left / np.sqrt(variance)
+    turned = left * np.where(data == 0, 1.0, data.conj() / np.maximum(np.abs(data), TINY))
+    pairs = len(sensors) * (len(sensors) - 1) / 2
+    for each in (left, turned):
+        each = each / np.sqrt((np.abs(each) ** 2).mean(axis=0)).clip(TINY)
+        common = np.abs(each.T @ each.conj()) ** 2 / len(each)
+        if gamma_tail(float(np.triu(common, 1).sum()), pairs) < CHANCE:
+            return True
+    return False
+
+
+def _by_line(point: Point, apart: Sequence[bool]) -> tuple[Floats, Floats, Floats]:
+    """Return scores (line, free), shares of the information (line, free, free), and the rest's.
+
+    Of the lines whose noise was stated by channels; the last is what all other rows tell.
+    """
+    told = point.linear.range
+    known = point.of_known(told)
+    scores, shares, certain = [], [], known.T @ known
+    for rows, residual, each in zip(
+        point.by_line(told), point.by_line(point.residual), apart, strict=True
+    ):
+        share = np.einsum("krf,krg->kfg", rows, rows)
+        if each:
+            scores.append(np.einsum("kr,krf->kf", residual, rows))
+            shares.append(share)
+        else:
+            certain += share.sum(axis=0)
+    return np.concatenate(scores), np.concatenate(shares), certain

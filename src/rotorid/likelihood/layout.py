@@ -1,0 +1,159 @@
+"""The unknowns of a likelihood: parameters of the model, then nuisances, in one vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import field, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats, Integers
+from rotorid.data.observation import Observation
+from rotorid.likelihood.effects import E, Reads, Replaces, of_kind
+from rotorid.likelihood.unknowns import Scalar, Unknown
+from rotorid.models import Model
+from rotorid.models.linear import LinearForm
+
+
+def linear_form(model: Model) -> LinearForm:
+    """Return the linear form, found once; a `ModelError` names the term that is not linear."""
+    return model.linear or model.require_linear()
+
+
+@frozen
+class Layout:
+    """Names of the unknowns, and the monomials of the model in their terms."""
+
+    model: Model  # with what is fixed left in (physical) or put in (base)
+    unknowns: tuple[Scalar, ...]  # parameters, then those of the nuisances in order
+    # the unknowns whose product each monomial of the model is; ``None`` where another monomial
+    # stands for it
+    monomial_factors: tuple[tuple[int, ...] | None, ...]
+    base: bool  # the parameters are the base ones
+    # those of parameters that differ between records (`Own`) first
+    nuisances: tuple[Unknown, ...] = ()
+    # of the layout of one record: parameters that it has to itself, and their unknowns
+    own: Mapping[int, int] = field(default_factory=dict)
+    record: int | None = None  # which one it is of, if of one
+    index: Mapping[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        index = {unknown.name: i for i, unknown in enumerate(self.unknowns)}
+        object.__setattr__(self, "index", index)
+
+    @cached_property
+    def start(self) -> Floats:
+        """Starting values, shape (unknown,)."""
+        return np.array([unknown.start for unknown in self.unknowns])
+
+    @cached_property
+    def free(self) -> Integers:
+        """Indices of the unknowns that are not fixed."""
+        return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
+
+    def places(self) -> Iterator[tuple[Unknown, Integers]]:
+        """Yield each nuisance with the indices of its unknowns."""
+        first = self.parameters
+        for nuisance in self.nuisances:
+            last = first + len(nuisance.scalars)
+            yield nuisance, np.arange(first, last)
+            first = last
+
+    def acting(self, kind: type[E]) -> list[tuple[E, Integers]]:
+        """Return the effects of a kind on the record, each with the indices of its scalars."""
+        return [(e, at) for record, e, at in self.wherever(kind) if record in (None, self.record)]
+
+    def wherever(self, kind: type[E]) -> list[tuple[int | None, E, Integers]]:
+        """Return the effects of a kind on any record, behind the record if it is on one alone."""
+        return [
+            (unknown.record, effect, at)
+            for unknown, at in self.places()
+            for effect in of_kind(kind, unknown.effects())
+        ]
+
+    @cached_property
+    def replaced(self) -> tuple[tuple[int, Replaces, int], ...]:
+        """The parameters that single records have to themselves: record, parameter, unknown."""
+        every = self.wherever(Replaces)
+        return tuple((record, e, int(at[0])) for record, e, at in every if record is not None)
+
+    def of_record(self, number: int) -> Layout:
+        """Return the layout with the parameters that a record has to itself in their places."""
+        own = {effect.parameter: at for record, effect, at in self.replaced if record == number}
+        factors = self.monomial_factors
+        if own:
+            factors = tuple(
+                None if f is None else tuple(sorted(own.get(i, i) for i in f)) for f in factors
+            )
+        return replace(self, monomial_factors=factors, own=own, record=number)
+
+    def observed(self, record: Observation) -> Observation:
+        """Return a record with rows of their own for the sensors that read unknown shares."""
+        names = {effect.channel for effect, _ in self.acting(Reads)}
+        return record.reading_apart(names) if names else record
+
+    @property
+    def held(self) -> Integers:
+        """Where the parameters of the model stand among the unknowns, shape (parameter,)."""
+        return np.array([self.own.get(i, i) for i in range(self.parameters)], dtype=np.int64)
+
+    @cached_property
+    def idle(self) -> frozenset[int]:
+        """Parameters that every record has to itself: the common unknown stands for nothing."""
+        return frozenset(effect.parameter for _, effect, _ in self.replaced if effect.alone)
+
+    def load_only(self) -> set[int]:
+        """Return the parameters that only loads hold, each load at most one: the unbalance."""
+        model = self.model
+        linear = linear_form(model)
+        elsewhere = {*linear.stiffness.monomials, *(b.monomial for b in linear.input_terms)}
+        others = {i for m in elsewhere for i in self.monomial_factors[m] or ()}
+        found: set[int] = set()
+        entangled: set[int] = set()
+        for term in linear.load_terms:
+            factors = self.monomial_factors[term.monomial] or ()
+            only = [i for i in factors if i not in others]
+            found |= set(only)
+            if len(only) > 1:
+                entangled |= set(only)
+        alike = found - entangled
+        return alike | {at for _, effect, at in self.replaced if effect.parameter in alike}
+
+    @cached_property
+    def parameters(self) -> int:
+        """Number of parameters of the model; they come first among the unknowns."""
+        return len(self.model.base.names if self.base else self.model.parameters)
+
+    @cached_property
+    def named(self) -> int:
+        """Number of unknowns that are parameters, those of single records included."""
+        return self.parameters + len(self.replaced)
+
+
+def physical_factors(model: Model) -> tuple[tuple[int, ...], ...]:
+    """Return each monomial as a product of physical parameters."""
+    parameters = np.arange(len(model.parameters))
+    return tuple(tuple(np.repeat(parameters, powers).tolist()) for powers in model.monomials)
+
+
+def base_factors(model: Model) -> tuple[tuple[int, ...] | None, ...]:
+    """Return each monomial as a base parameter, nothing (merged into another), or one."""
+    kept = {monomial: base for base, monomial in enumerate(model.base.kept)}
+    factors: list[tuple[int, ...] | None] = []
+    for monomial, powers in enumerate(model.monomials):
+        if not powers.any():
+            factors.append(())
+        else:
+            factors.append((kept[monomial],) if monomial in kept else None)
+    for term in model.input_terms:
+        if model.monomials[term.monomial].any():
+            held = model.parameter_names[int(model.monomials[term.monomial].argmax())]
+            raise InputError(
+                f"{held}, which multiplies an input",
+                "inputs with known factors, where base parameters are asked for",
+                "fix its value, or estimate the physical parameters",
+            )
+    return tuple(factors)

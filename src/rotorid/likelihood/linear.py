@@ -1,0 +1,190 @@
+"""The problem made linear at a point: one factorization, and what is asked of it.
+
+Notation: J the Jacobian of the whitened residual r by the free unknowns, D their scale, N an
+orthonormal basis of the directions along which the exact relations do not change.
+
+    J D N = U S W'                     singular values; those below `RANK` of the largest are none
+    root = D N W S^-1                  of the covariance of the free unknowns, root root'
+    C = U U' C + (1 - U U') C          of columns C beside J: what the unknowns take over, the rest
+
+Freeing what columns C stand for lowers the cost by the squared length of r along the rest of C, to
+first order (a score test). Leaving out rows k lowers it by r_k' (1 - U_k U_k')^-1 r_k. An error v
+of what is taken as exact moves the unknowns by M v deviations and leaves L v in the residual. It is
+unseen where it adds no more than s to the cost: of all v with |v|^2 + |L v|^2 / s <= 1 the worst
+moves unknown i by the root of M_i (1 + L' L / s)^-1 M_i'.
+
+The solver keeps a factorization of its own (`tangent`): it needs a triangle of [J | r] alone, and
+another scale, in which no column is rounding on the way to the minimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.linalg import leave_out, whole_svd
+from rotorid.core.values import Booleans, Floats, Integers
+
+RANK = 1e-10
+"""Singular values below this share of the largest count as zero."""
+IDLE = 1e-6
+"""Deviations by which the residual moves with a parameter's whole value: fewer are rounding."""
+ROUNDING = 1e-12
+"""The same as a share of the largest such effect."""
+OPEN = 1e-6
+"""Part in a direction that is not determined from which on an unknown is not: beyond rounding."""
+DISTINCT = 1e-5
+"""Share of a column, at least, that unknowns do not take over: less is rounding."""
+CERTAIN = 1e-6
+"""What other rows tell of what a row tells, at least: where they tell less, it fits itself."""
+
+
+@frozen
+class Linear:
+    """The residual and its scaled Jacobian along the exact relations, factored."""
+
+    residual: Floats  # (row,): r
+    scale: Floats  # (free,): D
+    left: Floats  # (row, direction): U
+    values: Floats  # (direction,): S, falling
+    directions: Floats  # (free, direction): N W, orthonormal, of the scaled unknowns
+    rank: int  # how many directions, the first, the rows determine
+
+    @classmethod
+    def of(
+        cls,
+        jacobian: Floats,
+        residual: Floats,
+        relations: Floats,
+        typical: Floats,
+        shifts: Booleans,
+    ) -> Linear:
+        """Factor a Jacobian (row, free) where relations (relation, free) of the unknowns hold.
+
+        `typical` are the sizes of the unknowns. A column that is rounding for an unknown of that
+        size is zero: scaled to length one, it would count as information. What `shifts` (a phase,
+        a delay) may well be zero itself; its column counts all the same.
+        """
+        with np.errstate(over="ignore"):
+            size = np.sqrt((jacobian**2).sum(axis=0))
+        if not np.isfinite(size).all():
+            raise np.linalg.LinAlgError("a derivative beyond all bounds")
+        effect = size * typical
+        seen = (effect > IDLE) & (effect > ROUNDING * effect.max(initial=0.0))
+        seen |= shifts & (size > 0)
+        scale = np.where(seen, 1 / np.where(seen, size, 1.0), typical)
+        basis = tangent_basis(relations * scale) if len(relations) else np.eye(len(scale))
+        left, values, right = whole_svd(np.where(seen, jacobian, 0.0) * scale @ basis)
+        found = cls(residual, scale, left, values, basis @ right.T, 0)
+        return found.cut(RANK)
+
+    def cut(self, share: float) -> Linear:
+        """Return the same with the directions below a share of the largest taken for open."""
+        told = self.values > share * self.values.max(initial=0.0)
+        return replace(self, rank=int(told.sum()))
+
+    def weighted(self, weights: Floats) -> Linear:
+        """Return the same with weighted rows; as many directions as before count."""
+        rows = weights[:, None] * (self.left * self.values)
+        left, values, right = whole_svd(rows)
+        residual = weights * self.residual
+        return Linear(residual, self.scale, left, values, self.directions @ right.T, self.rank)
+
+    @property
+    def determined(self) -> Linear:
+        """The same without the directions that are open."""
+        n = self.rank
+        parts = self.left[:, :n], self.values[:n], self.directions[:, :n]
+        return Linear(self.residual, self.scale, *parts, n)
+
+    @property
+    def range(self) -> Floats:
+        """What the unknowns can explain, orthonormal, (row, rank)."""
+        return self.left[:, : self.rank]
+
+    @property
+    def null(self) -> Floats:
+        """Directions of the scaled unknowns that are open, (free, n)."""
+        return self.directions[:, self.rank :]
+
+    @property
+    def undetermined(self) -> Booleans:
+        """Which unknowns are not determined, (free,)."""
+        return np.asarray((np.abs(self.null) > OPEN).any(axis=1))
+
+    @property
+    def condition_number(self) -> float:
+        """Of the scaled Jacobian, over the directions that are determined."""
+        return float(self.values[0] / self.values[self.rank - 1]) if self.rank else np.inf
+
+    @cached_property
+    def root(self) -> Floats:
+        """A root of the covariance of the unknowns, (free, rank): how they answer to `range`."""
+        with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
+            along = self.directions[:, : self.rank] / self.values[: self.rank]
+            return np.asarray(self.scale[:, None] * along)
+
+    @cached_property
+    def leverage(self) -> Floats:
+        """How much of each row its own noise explains, (row,); they sum to the rank."""
+        return np.asarray((self.range**2).sum(axis=1))
+
+    def told_by(self) -> Floats:
+        """Return the share of each row in what tells each unknown, (free, row)."""
+        size = np.linalg.norm(self.root, axis=1, keepdims=True)
+        unit = self.root / np.where(size > 0, size, 1.0)
+        return np.asarray((unit @ self.range.T) ** 2)
+
+    def taken(self, columns: Floats) -> Floats:
+        """Return the change of the unknowns that takes columns over as far as they can."""
+        return np.asarray(self.root @ (self.range.T @ columns))
+
+    def steps(self, residuals: Floats) -> Floats:
+        """Return the Gauss-Newton steps of residuals, (row, ...) -> (free, ...)."""
+        return -self.taken(residuals)
+
+    def rest(self, columns: Floats) -> Floats:
+        """Return what the unknowns do not take over of columns."""
+        for _ in range(2):  # once more, against rounding
+            columns = columns - self.range @ (self.range.T @ columns)
+        return columns
+
+    def score(self, columns: Floats) -> tuple[float, Floats]:
+        """Return the drop of the cost with further columns, and the change of their unknowns."""
+        size = np.sqrt((columns**2).sum(axis=0))
+        unit = np.where(size > 0, size, 1.0)
+        basis, values, right = np.linalg.svd(self.rest(columns / unit), full_matrices=False)
+        kept = values > DISTINCT
+        along = basis[:, kept].T @ self.residual
+        change = -right[kept].T @ (along / values[kept])
+        return float(along @ along), change / unit
+
+    def unseen(self, columns: Floats, std: Floats, excess: float) -> Floats:
+        """Return the deviations by which unseen errors may move each unknown, (free,).
+
+        `columns` are what errors of a plausible size do to the residual; `std` is infinite for
+        unknowns that nobody asks for; `excess` is what may be added to the cost.
+        """
+        moved = self.taken(columns) / std[:, None]
+        _, sizes, ways = np.linalg.svd(np.linalg.qr(self.rest(columns), mode="r"))
+        weight = np.ones(len(ways))
+        weight[: len(sizes)] /= np.sqrt(1 + sizes**2 / excess)
+        return np.asarray(np.sqrt(((moved @ ways.T * weight) ** 2).sum(axis=1)))
+
+    def without(self, rows: Integers) -> float:
+        """Return the drop of the cost without some rows."""
+        own, residual = self.range[rows], self.residual[rows]
+        return float(residual @ leave_out(own @ own.T, residual, CERTAIN)[0])
+
+
+def tangent_basis(normal: Floats) -> Floats:
+    """Return an orthonormal basis of what is orthogonal to the rows, (free, free - relations)."""
+    with np.errstate(over="ignore"):
+        length = np.sqrt((normal**2).sum(axis=1, keepdims=True))
+    if not (np.isfinite(length).all() and length.min() > 0):
+        raise np.linalg.LinAlgError("a relation without a free unknown")
+    orthogonal, _ = np.linalg.qr((normal / length).T, mode="complete")
+    return np.asarray(orthogonal[:, len(normal) :])

@@ -1,0 +1,400 @@
+"""Rows of the residual for measured natural frequencies and damping ratios, and their derivative.
+
+Notation: lambda of ``L = lambda^2 M + lambda (D + Omega G) + K``, with right and left vectors x
+and y; ``d lambda = - y^H dL x / y^H (2 lambda M + D) x``. A row is (value - measured) / std.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rotorid.answer.parts import ModeFit
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.measured_modes import Mode, configurations, number
+from rotorid.likelihood.effects import Terms
+from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.relations import Monomials
+from rotorid.models.linear import speed_factor
+from rotorid.models.modal import Eigenmodes, eigenmodes, parted
+
+GRANTED = 0.3
+"""Relative error granted to a frequency per relaxation, so that records lead until the last stage:
+with a tenth of it one frequency 100 deviations off led every search astray, with 3 none either."""
+
+
+@frozen
+class Pencil:
+    """M, D + Omega G and K of one configuration: sums of ``weight * mu[monomial]``."""
+
+    # (term,)
+    row: Integers
+    column: Integers
+    order: Integers
+    monomial: Integers
+    weight: Floats | Complexes  # (term,): complex with structural damping
+    monomials: Monomials  # of all unknowns
+    held: dict[int, float]  # unknowns that were otherwise in this configuration
+    size: int  # number of coordinates
+
+    def put(self, unknowns: Floats) -> Floats:
+        """Return the unknowns as they were in this configuration."""
+        x = unknowns.copy()
+        x[list(self.held)] = list(self.held.values())
+        return x
+
+    def matrices(self, unknowns: Floats) -> Floats | Complexes:
+        """Return K, D + Omega G and M, shape (3, row, coordinate)."""
+        found: Any = np.zeros((3, self.size, self.size), dtype=self.weight.dtype)
+        values = self.weight * self.monomials.values(self.put(unknowns))[self.monomial]
+        np.add.at(found, (self.order, self.row, self.column), values)
+        return np.asarray(found)
+
+    def slopes(
+        self, value: complex | Complexes, left: Complexes, right: Complexes, at: Floats
+    ) -> Complexes:
+        """Return ``Y^H dL X`` by every unknown, (mode, mode, unknown); vectors as rows.
+
+        Of several groups of modes at once too, each with its value, along further axes in front.
+        """
+        order, starts, live = self._by_monomial
+        weight = self.weight[order] * np.asarray(value)[..., None] ** self.order[order]
+        rows = left.conj()[..., :, None, self.row[order]] * weight[..., None, None, :]
+        terms = rows * right[..., None, :, self.column[order]]
+        jacobian = self.monomials.jacobian(self.put(at))
+        jacobian[:, list(self.held)] = 0.0
+        if not len(live):
+            return np.zeros((*terms.shape[:-1], jacobian.shape[1]), dtype=np.complex128)
+        return np.asarray(np.add.reduceat(terms, starts, axis=-1) @ jacobian[live])
+
+    @cached_property
+    def _by_monomial(self) -> tuple[Integers, Integers, Integers]:
+        """The terms in the order of their monomials, where each of these begins, and which."""
+        order = np.argsort(self.monomial, kind="stable")
+        live, starts = np.unique(self.monomial[order], return_index=True)
+        return order, starts, live
+
+
+@frozen
+class Solved:
+    """The machine of one configuration at one point: M, D + Omega G, its modes, which are one."""
+
+    mass: Floats | Complexes
+    damping: Floats | Complexes
+    modes: Eigenmodes
+    groups: list[Integers]
+
+
+@frozen
+class Configuration:
+    """The modes that were measured in one configuration of the machine."""
+
+    modes: tuple[Mode, ...]  # numbered
+    pencil: Pencil
+    # how many modes each distinct natural frequency has, in ascending order, in general
+    pattern: tuple[int, ...]
+    # (unknown,): the direction in which frequencies that coincide by chance are parted
+    toward: Floats
+    _last: dict[bytes, Solved] = field(default_factory=dict, compare=False, repr=False)
+
+    def groups(self, found: Eigenmodes) -> list[Integers]:
+        """Return which modes make up each distinct natural frequency."""
+        return found.grouped(self.pattern)
+
+    def solved(self, unknowns: Floats) -> Solved:
+        """Return matrices and modes; residual and derivative ask for them one after the other."""
+        key = unknowns.tobytes()
+        if key not in self._last:
+            stiffness, damping, mass = self.pencil.matrices(unknowns)
+            found = eigenmodes(mass, damping, stiffness)
+            self._last.clear()
+            self._last[key] = Solved(mass, damping, found, self.groups(found))
+        return self._last[key]
+
+    def eigenvalues(self, unknowns: Floats) -> Complexes:
+        """Return lambda of each distinct natural frequency, ascending."""
+        at = self.solved(unknowns)
+        return np.array([at.modes.values[group].mean() for group in at.groups])
+
+    def measured(self, unknowns: Floats, slopes: bool) -> tuple[Complexes, Complexes]:
+        """Return lambda of each measured mode, and its derivative by every unknown if asked for.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the machine has fewer natural frequencies than were measured.
+        """
+        at = self.solved(unknowns)
+        if number(self.modes[-1]) > len(at.groups):
+            raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
+        values, jacobian = [], []
+        for mode in self.modes:
+            group = at.groups[number(mode) - 1]
+            value = complex(at.modes.values[group].mean())
+            values.append(value)
+            if slopes:
+                jacobian.append(self._slope(unknowns, at, group, value))
+        return np.array(values), np.array(jacobian)
+
+    def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
+        """Return the derivative of the mean of a group, shape (unknown,)."""
+        together = next(each for each in at.modes.distinct if group[0] in each)
+        cluster = together if len(together) > len(group) else group
+        left, right = at.modes.left[cluster], at.modes.right[cluster]
+        gram = left.conj() @ (2 * value * at.mass + at.damping) @ right.T
+        slopes = self.pencil.slopes(value, left, right, unknowns)
+        of_each = parted(gram, slopes, self.toward)
+        return np.asarray(of_each[np.isin(cluster, group)].mean(axis=0))
+
+
+@frozen
+class ModalRows:
+    """All measured modes as rows of the residual: frequencies, and damping ratios behind each."""
+
+    configurations: tuple[Configuration, ...] = ()
+
+    @property
+    def modes(self) -> list[Mode]:
+        """The modes in the order of their rows."""
+        return [mode for each in self.configurations for mode in each.modes]
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The name of the mode of each row."""
+        return tuple(str(m) for m in self.modes for _ in range(1 if m.damping is None else 2))
+
+    def __len__(self) -> int:
+        return len(self.texts)
+
+    def only(self, text: str) -> ModalRows:
+        """Return the rows of one mode."""
+        kept = (
+            replace(each, modes=tuple(m for m in each.modes if str(m) == text))
+            for each in self.configurations
+        )
+        return ModalRows(tuple(each for each in kept if each.modes))
+
+    def first_hertz(self, unknowns: Floats) -> float:
+        """Return what these unknowns make of the first mode; NaN where they do not have it."""
+        first = self.configurations[0]
+        found = first.eigenvalues(unknowns).imag / (2 * np.pi)
+        at = number(first.modes[0]) - 1
+        return float(found[at]) if at < len(found) else float("nan")
+
+    def without(self, text: str) -> ModalRows:
+        """Return the rows but those of one mode."""
+        kept = (
+            replace(each, modes=tuple(m for m in each.modes if str(m) != text))
+            for each in self.configurations
+        )
+        return ModalRows(tuple(each for each in kept if each.modes))
+
+    def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
+        """Return (value - measured) / std, shape (row,)."""
+        rows: list[float] = []
+        for each in self.configurations:
+            found, _ = each.measured(unknowns, slopes=False)
+            for mode, value in zip(each.modes, found, strict=True):
+                hertz, _, _ = mode.in_si
+                spread = _spreads(mode, relaxation)
+                rows.append((value.imag / (2 * np.pi) - hertz) / spread[0])
+                if mode.damping is not None:
+                    rows.append((-value.real / abs(value) - mode.damping[0]) / spread[1])
+        return np.array(rows)
+
+    def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
+        """Return the derivative of `values`, shape (row, unknown)."""
+        rows: list[Floats] = []
+        for each in self.configurations:
+            found, slopes = each.measured(unknowns, slopes=True)
+            for mode, value, slope in zip(each.modes, found, slopes, strict=True):
+                spread = _spreads(mode, relaxation)
+                rows.append(slope.imag / (2 * np.pi) / spread[0])
+                if mode.damping is not None:
+                    along = (value.conjugate() * slope).real / abs(value) ** 2
+                    rows.append((value.real * along - slope.real) / abs(value) / spread[1])
+        return np.array(rows).reshape(len(rows), len(unknowns))
+
+
+def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
+    """Return the deviations of frequency and damping ratio, with what the relaxation grants."""
+    hertz, std, _ = mode.in_si
+    granted = GRANTED * relaxation
+    ratio = 1.0 if mode.damping is None else mode.damping[1]
+    return float(np.hypot(std, granted * hertz)), float(np.hypot(ratio, granted))
+
+
+def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
+    """Build the rows of measured modes; `generic` are unknowns about the start without symmetry.
+
+    Raises
+    ------
+    InputError
+        For modes that the model does not have, or parameters that it does not have.
+    """
+    return ModalRows(
+        tuple(_configuration(layout, group, generic) for group in configurations(modes))
+    )
+
+
+def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Configuration:
+    """Return one configuration; the pattern of its modes is that of the generic machine."""
+    pencil = _pencil(layout, modes[0])
+    free = Configuration(tuple(modes), pencil, (), generic - layout.start)
+    try:
+        stiffness, damping, mass = pencil.matrices(generic)
+        pattern = tuple(len(group) for group in eigenmodes(mass, damping, stiffness).distinct)
+        there = free.eigenvalues(layout.start)
+    except np.linalg.LinAlgError:
+        pattern, there = (), np.zeros(0, dtype=np.complex128)
+    found = replace(free, pattern=pattern)
+    count = max(len(pattern), len(there))
+    if number(modes[-1]) > count:
+        listed = ", ".join(f"{value.imag / (2 * np.pi):.4g}" for value in there)
+        raise InputError(
+            f"a measured mode that would be number {modes[-1].mode}: {modes[-1]}",
+            f"at most {count}: the distinct natural frequencies of the model"
+            + (f", {listed} Hz at the start" if listed else ""),
+            "leave it out, or say mode = n of those that are measured twice or in two planes",
+            place="modes",
+        )
+    return found
+
+
+def _pencil(layout: Layout, mode: Mode) -> Pencil:
+    linear = linear_form(layout.model)
+    if linear.rows != linear.coordinates:
+        raise InputError(
+            f"{linear.rows} equations for {linear.coordinates} coordinates",
+            "as many of one as of the other, for natural frequencies",
+            "complete the model",
+        )
+    held = _held(layout, mode)
+    pencil = replace(pencil_at(layout, mode.in_si[2]), held=held)
+    used = set(pencil.monomials.factors.ravel().tolist())
+    _refuse_idle(layout, used - held.keys())
+    return pencil
+
+
+def pencil_at(layout: Layout, speed: float) -> Pencil:
+    """Return the pencil of a machine as the layout has it, at a speed in rad/s."""
+    places, products, weights = _entries(layout, speed)
+    distinct = sorted(set(products))
+    exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
+    for row, factors in enumerate(distinct):
+        for unknown in factors:
+            exponents[row, unknown] += 1
+    table = np.array(places, dtype=np.int64).reshape(-1, 3)
+    return Pencil(
+        table[:, 0],
+        table[:, 1],
+        table[:, 2],
+        np.array([distinct.index(factors) for factors in products], dtype=np.int64),
+        np.array(weights),
+        Monomials.from_exponents(exponents),
+        {},
+        linear_form(layout.model).coordinates,
+    )
+
+
+def _refuse_idle(layout: Layout, used: set[int]) -> None:
+    """Refuse a mode of a parameter that every record has to itself: of which is not known."""
+    for i in sorted(used & layout.idle):
+        name = layout.unknowns[i].name
+        raise InputError(
+            f"a mode of {name}, which every record has to itself",
+            f"the value of {name} in the test",
+            f"state it: parameters = {{ {name} = ... }}",
+            place="modes",
+        )
+
+
+def _entries(
+    layout: Layout, speed: float
+) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[complex]]:
+    """Return row, column and order, factors, and weight of each entry, what is freed included."""
+    places, products, weights = [], [], []
+    for t in linear_form(layout.model).stiffness:
+        factors = layout.monomial_factors[t.monomial]
+        if factors is not None:
+            places.append((t.row, t.column, t.order))
+            products.append(tuple(sorted(factors)))
+            real = t.coefficient * speed_factor(t.factor, speed)
+            weights.append(1j * real if t.structural else real)
+    for effect, at in layout.acting(Terms):
+        for e in (e for e in effect.entries if e.order < 3):  # beyond M there is no matrix
+            places.append((e.row, e.column, e.order))
+            products.append((int(at[e.unknown]),))
+            weights.append(e.coefficient * speed**e.speed_power)
+    return places, products, weights
+
+
+def _held(layout: Layout, mode: Mode) -> dict[int, float]:
+    """Return the unknowns that were otherwise in the test, by their index."""
+    for name in mode.parameters:
+        if layout.base:
+            raise InputError(
+                f"{name} of a mode",
+                "a machine as in the records, where base parameters are asked for",
+                "estimate the physical parameters",
+                place="modes",
+            )
+    return {layout.index[name]: float(value) for name, value in mode.parameters.items()}
+
+
+NEAR = 5.0
+"""Deviations of a measured frequency within which another of the model may be the one it is."""
+
+
+def mode_fits(
+    modes: ModalRows, unknowns: Floats, free: Integers, covariance: Floats
+) -> tuple[ModeFit, ...]:
+    """Return what was measured beside what the estimate gives."""
+    found = []
+    for each in modes.configurations:
+        values, slopes = each.measured(unknowns, slopes=True)
+        for mode, value, slope in zip(each.modes, values, slopes, strict=True):
+            hertz, std, speed = mode.in_si
+            along = slope[free].imag / (2 * np.pi)
+            ratio, spread = (None, None) if mode.damping is None else mode.damping
+            found.append(
+                ModeFit(
+                    number(mode),
+                    speed,
+                    hertz,
+                    std,
+                    float(value.imag / (2 * np.pi)),
+                    float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
+                    ratio,
+                    spread,
+                    float(-value.real / abs(value)),
+                    tuple((name, float(v)) for name, v in mode.parameters.items()),
+                )
+            )
+    return tuple(found)
+
+
+def close_modes(modes: ModalRows, unknowns: Floats) -> Iterator[Note]:
+    """Doubt measured modes near which the model has another one that was not."""
+    for each in modes.configurations:
+        hertz = each.eigenvalues(unknowns).imag / (2 * np.pi)
+        taken = {mode.mode for mode in each.modes}
+        for mode in each.modes:
+            own = hertz[number(mode) - 1]
+            for other in (number(mode) - 1, number(mode) + 1):
+                if other in taken or not 1 <= other <= len(hertz):
+                    continue
+                if abs(hertz[other - 1] - own) < NEAR * mode.in_si[1]:
+                    text = (
+                        f"{mode}: mode {other} of the model lies at {hertz[other - 1]:.6g} Hz, "
+                        f"within {NEAR:g} deviations; which of the two was measured its frequency "
+                        "does not tell: hold mode = n against the mode shape"
+                    )
+                    yield Note("modes", "doubts", text)

@@ -1,0 +1,584 @@
+"""Other answers that fit as well: further minima, the profile of the cost.
+
+Where the excitation leaves something at rest, the record fits with more than one answer, and
+neither rank nor condition number at the estimate shows it: noise, or a resonance that the estimate
+puts on a line, fills the Jacobian (theory, section 7). Three questions are asked instead.
+
+- Would the noise-free response to the measured forces give the stated deviations, at the answer
+  and about the start? If they are much smaller, noise was taken for information.
+- Do other starts end at another answer with as low a cost, or do the equations have one?
+- Does the cost rise over the stated deviations as they say? Along the bent valley of a weakly
+  excited rotor other parameters leave their intervals long before the cost does: their deviations
+  are widened to what the cost says.
+
+Further starts cost little where the record informs all unknowns: they join the way of the first
+after one or two stages of the homotopy. Three are always tried, eight where the deviations
+predicted at the start are a tenth of the values or more, and the last question is asked there too;
+eight as well where chance seldom leaves such a cost.
+
+The deviations are those of the curvature at the minimum. Where a record informs some combination
+of the unknowns only weakly, the valley along it bends: other unknowns leave their intervals long
+before the cost rises. So the valley is followed both ways along the weakest directions, each step
+led back to its floor, until the cost has risen as far as chance takes it. Over a parabola an
+unknown moves by no more of its deviations than the root of the rise; one that moves further has a
+deviation that much wider (profile likelihood).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.linalg import whole_svd
+from rotorid.core.notes import Note
+from rotorid.core.values import Booleans, Floats
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.response import response, responses
+from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settle
+from rotorid.likelihood.starts import AGREE, further_starts
+from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchanged
+
+OTHERS = "other answers"
+"""What the notes are about."""
+WEAKEST = 2
+"""Directions along which the valley is followed."""
+STRIDE = 0.5
+"""Length of a step, in deviations of its direction."""
+STEEP = 4.0
+"""Rise of the cost over one step from which on it has left the floor, or the valley its bend."""
+SHORTEST = 1 / 64
+"""Share of the stride below which a wall ends the valley."""
+STRIDES = 40
+"""Steps one way: three deviations take 6; those that a bend shortens took up to 37."""
+HALF = 0.5
+"""Share of its value by which an unknown may move in one step."""
+RISEN = 9.0
+"""Rise up to which the valley is followed: chance goes further in 3 of 1000 records. A rotor driven
+on one axis at rest had k1 off by 8 deviations of the interval that a rise of 4 gives."""
+LIKELY = 4.0
+"""Rise up to which the size of loads is asked: that of the interval of 95 %."""
+BEGUN = 1.0
+"""Rise of one deviation. Below it its root says nothing of the width: rounding, and a floor not
+quite reached."""
+ENDLESS = 8.0
+"""Deviations wider by this factor are none: the cost hardly tells where the unknown ends. Of
+records that inform every parameter to a quarter the widest was 7."""
+
+
+@frozen
+class Valley:
+    """What lies along a valley, in stated deviations of the free unknowns, (free,)."""
+
+    # by how much deviations are wider than those of the curvature, 1 where they are not
+    wider: Floats
+    lowest: Point  # the lowest point on the way, that of the minimum where none is lower
+    falls: bool = False  # whether one is
+
+
+def explore(point: Point, inference: Inference, told: Booleans) -> Valley:
+    """Follow the valley of a minimum along its weakest directions, both ways."""
+    free = point.problem.layout.free
+    unit = np.where(told, inference.std, 1.0)
+    size, along = np.linalg.eigh(inference.covariance / np.outer(unit, unit) * np.outer(told, told))
+    wider, lowest = np.ones(len(free)), point
+    for k in range(max(0, len(size) - WEAKEST), len(size)):
+        for sign in (-STRIDE, STRIDE):
+            change = sign * np.sqrt(max(size[k], 0.0)) * along[:, k] * unit
+            end = point
+            for at in _floor(point, change, unit):
+                rise = at.cost - point.cost
+                if rise > RISEN:
+                    break
+                end = at if rise <= LIKELY else end
+                lowest = at if at.cost < lowest.cost else lowest
+                moved = np.abs(at.unknowns - point.unknowns)[free] / unit * told
+                wider = np.maximum(wider, moved / np.sqrt(max(rise, BEGUN)))
+                if (moved > 2 * ENDLESS).any():
+                    break
+            risen = np.sqrt(max(end.cost - point.cost, BEGUN))
+            wider = np.maximum(wider, _of_loads(end, unit) * told / risen)
+    return Valley(wider, lowest, lowest is not point)
+
+
+def _of_loads(end: Point, unit: Floats) -> Floats:
+    """Return the deviations of loads at another point, (free,), zero for what is no load.
+
+    A load may come with a factor of its own, as (I_t - I_p) mu: where that nears zero, the same
+    load has another size, and another deviation.
+    """
+    loads = np.isin(end.problem.layout.free, end.problem.affine)
+    try:
+        found = infer(end, end.problem.exact).std
+    except np.linalg.LinAlgError:
+        return np.zeros(len(unit))
+    return np.where(loads & np.isfinite(found), found / unit, 0.0)
+
+
+def _floor(point: Point, change: Floats, unit: Floats) -> Iterator[Point]:
+    """Yield points of the floor that begins with a change of the free unknowns."""
+    free, stride = point.problem.layout.free, float(np.linalg.norm(change / unit))
+    at, step = point, change
+    for _ in range(STRIDES):
+        step = _shortened(step, at)
+        found = beside(at, step)
+        if found is None or found.cost > at.cost + STEEP:
+            step = step / 4
+            if np.linalg.norm(step / unit) < SHORTEST * stride:
+                return
+            continue
+        yield found
+        onward = (found.unknowns - at.unknowns)[free]
+        length = float(np.linalg.norm(onward / unit))
+        if length == 0:
+            return
+        step = onward / length * min(2 * float(np.linalg.norm(step / unit)), stride)
+        at = found
+
+
+def _shortened(step: Floats, at: Point) -> Floats:
+    """Shorten a step that moves an unknown, other than a load or a shift, by too much of itself."""
+    layout, affine = at.problem.layout, set(at.problem.affine.tolist())
+    scaling = [i not in affine and not layout.unknowns[i].additive for i in layout.free]
+    asked = np.array(scaling, dtype=bool) & (at.unknowns[layout.free] != 0)
+    share = np.abs(step[asked] / at.unknowns[layout.free][asked])
+    return step * min(1.0, HALF / max(float(share.max(initial=0.0)), 1e-300))
+
+
+TAKEN = 3.0
+"""Stated deviations so many times smaller than the noise-free response gives are noise."""
+TAKEN_ABOUT = 10.0
+"""The same about the start, where a machine that differs may be that much less informed."""
+SLIGHT = 0.01
+"""Predicted deviation, as a share of the value, up to which `TAKEN_ABOUT` is asked instead."""
+BY_NOISE = 0.3
+"""Part of the information along a direction that the noise of the inputs accounts for on average,
+from which on it may as well be all of it: of a dozen lines chance makes it three times as much."""
+OWED = 0.1
+"""Share of an unknown's variance along such directions from which on it is one of theirs."""
+LOOSE = 0.1
+"""Predicted deviation, as a share of the value, from which other answers are looked for."""
+UNLIKELY = 0.01
+"""Below this p-value a minimum may be one of several: of a hundred good records, one is asked."""
+ALWAYS = 3
+"""Further starts that are always tried: those of an informed record join the first way soon."""
+LATE = STAGES[-3:]
+"""Stages of the starts beyond those: with large errors granted every way may lead to one minimum
+(of a record with a hundred times the noise 27 of 28 did), and the lowest be found without them."""
+FAR = 3.0
+"""A start off by more than this factor says nothing of the machine: the answer stands for it."""
+NOTHING = 1e-14
+"""Share of the largest singular value that a direction of no information has: so that what it gives
+is a deviation beyond all others, and no cut decides which has none."""
+AROUND = 8
+"""Starts about the given one at which the noise-free response is asked, beside it."""
+
+
+@frozen
+class Doubt:
+    """Why a minimum is not the answer."""
+
+    noise: tuple[str, ...] = ()  # unknowns whose stated deviations are noise taken for information
+    # unknowns whose stated deviations do not hold: the cost is no parabola over them
+    bent: tuple[str, ...] = ()
+    alternatives: tuple[Point, ...] = ()  # other minima that fit as well
+    # which parts change places in some of them, and what would tell them apart
+    exchanges: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.noise or self.bent or self.alternatives)
+
+
+def noise_free(point: Point) -> Point:
+    """Return the problem at a point where the sensors read just what the forces make of it."""
+    silent = []
+    for at in point.records:
+        clean = copy.copy(at.problem)
+        clean.data = response(at)
+        silent.append(at.with_data(clean))
+    quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
+    return Point(quiet, point.unknowns, silent, point.known)
+
+
+def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
+    """Return the deviations that the noise-free response gives, infinite where it gives none."""
+    try:
+        return _deviations_of(_predicted_root(problem.at(unknowns)))
+    except np.linalg.LinAlgError:
+        return np.full(len(problem.layout.free), np.inf)
+
+
+def _deviations_of(root: Floats) -> Floats:
+    """Return the deviations of a root of the covariance, infinite where it is beyond numbers."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = np.sqrt((root**2).sum(axis=1))
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def _predicted_root(point: Point, weights: Sequence[Floats] = ()) -> Floats:
+    """Return a root of the covariance that the noise-free response gives, of all directions.
+
+    `weights`: of the rows of each record, 1 without them.
+    """
+    linear = noise_free(point).linear
+    if weights:
+        linear = linear.weighted(np.concatenate([*weights, np.ones(len(point.known))]))
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        least = NOTHING * linear.values.max(initial=0.0)
+        spread = linear.directions / np.maximum(linear.values, least)
+        return np.asarray(linear.scale[:, None] * spread)
+
+
+def informed_by_noise(point: Point) -> tuple[Floats, Booleans]:
+    """Return predicted deviations, and tell which owe to noise that drives nothing, (free,).
+
+    Information is quadratic in the inputs: that of the measured ones is that of the true ones and,
+    on average, that of their noise by itself. Where it seems to be noise it is asked again with as
+    much of each line as the readings bear out.
+    """
+    none = np.zeros(len(point.problem.layout.free), dtype=bool)
+    try:
+        root = _predicted_root(point)
+    except np.linalg.LinAlgError:
+        return np.full(len(none), np.inf), none
+    predicted = _deviations_of(root)
+    try:
+        noise = _by_noise(point)
+        told = _owed(noise, root)
+        if told.any():
+            weights = _borne_out(point)
+            weighed = [n * w[:, None] for n, w in zip(noise, weights, strict=True)]
+            told &= _owed(weighed, _predicted_root(point, weights))
+    except np.linalg.LinAlgError:
+        return predicted, none
+    return predicted, told
+
+
+def _owed(noise: Sequence[Floats], root: Floats) -> Booleans:
+    """Tell which deviations owe to some noise, its Jacobian given for each record, (free,)."""
+    if not np.isfinite(root).all():
+        return np.zeros(len(root), dtype=bool)
+    rows = [part.reshape(-1, len(root)) for part in noise]
+    _, share, along = whole_svd(np.concatenate([np.zeros((0, len(root))), *rows]) @ root)
+    power = (root @ along.T) ** 2
+    owed = power[:, share**2 > BY_NOISE].sum(axis=1)
+    return np.asarray(owed > OWED * power.sum(axis=1))
+
+
+def _borne_out(point: Point) -> list[Floats]:
+    """Return for each record the measured readings over the predicted ones, at most 1, (row,).
+
+    Forces measured with noise, on a line beside a resonance without damping, predict a thousand
+    times the motion that was there. That informs of nothing, for or against: nobody read it.
+    """
+    found = []
+    for at in point.records:
+        likelihood = at.problem
+        first = likelihood.inputs - likelihood.indirect
+        noise = np.maximum(np.linalg.norm(likelihood.factor, axis=2), 1e-300)
+        measured, predicted = (
+            np.linalg.norm((data / noise)[:, first:], axis=1)
+            for data in (likelihood.data, response(at))
+        )
+        share = measured / np.maximum(np.maximum(predicted, measured), 1e-300)
+        found.append(np.repeat(share, 2 * likelihood.equations))
+    return found
+
+
+def _by_noise(point: Point) -> list[Floats]:
+    """Return the Jacobians that the noise of the inputs would make by itself, (input, row, free).
+
+    Information is quadratic in the inputs: that of true inputs and their noise is the sum of both.
+    """
+    free, affine = point.problem.layout.free, point.problem.affine
+    still = point.unknowns.copy()
+    still[affine] = 0.0  # what turns is no noise
+    found = []
+    for at in point.records:
+        likelihood, count = at.problem, at.forces
+        driven = copy.copy(likelihood)
+        driven.load = np.zeros_like(likelihood.load)
+        # What laws with other constants add comes of the samples, not of this noise.
+        driven.calibration = replace(likelihood.calibration, reread=())
+        quiet, idle = driven.evaluate(still, like=at), _idle_share(at, count)
+        every = []
+        for column in range(count):
+            driven = copy.copy(driven)
+            driven.data = np.zeros_like(likelihood.data)
+            driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
+            every.append(quiet.with_data(driven))
+        parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
+        for part, pushed, data in zip(parts, every, responses(every), strict=True):
+            driven = copy.copy(pushed.problem)
+            driven.data = data
+            part[:] = quiet.with_data(driven).jacobian()[:, free]
+        parts[:, :, np.isin(free, affine)] = 0.0
+        found.append(parts)
+    return found
+
+
+def _idle_share(at: Evaluation, count: int) -> Floats:
+    """Return the deviation of what drives nothing over that of the inputs' noise, (line, input).
+
+    In closed loop most of it drives the machine like any force, and informs. What does not drive is
+    in the equation errors, so that it is no more than V allows: ``V - s^2 b b^H`` stays positive,
+    b the input's column, up to ``s^2 = 1 / (b^H V^-1 b)``.
+    """
+    columns = at.whitened_columns()[:, :, :count]
+    allowed = 1 / np.maximum((np.abs(columns) ** 2).sum(axis=1), 1e-300)
+    noise = (np.abs(at.problem.factor[:, :count]) ** 2).sum(axis=2)
+    return np.asarray(np.sqrt(allowed / np.maximum(np.maximum(noise, allowed), 1e-300)))
+
+
+def questioned(
+    problem: Problem,
+    start: Floats,
+    solution: Solution,
+    inference: Inference,
+    mirrors: Mirrors | None = None,
+) -> tuple[Solution, Inference, Doubt]:
+    """Return the lowest minimum that is found, how far it may be off, and whether it is the answer.
+
+    Further starts and the valley of the minimum itself may lead to a lower one, and so may the
+    other places of hidden parts, where a prior tells them.
+    """
+    mirrors = mirrors or Mirrors(problem.layout)
+    at = _Minimum(problem, start, solution, inference)
+    others = [mirrors.as_started(end) for end in at.minima()]
+    others += [image.solution for image in mirrors.images(solution)]
+    lower = _lower(others, solution)
+    if lower is not None:
+        others = [*(o for o in others if o is not lower), solution]
+        at = at.moved(lower)
+    lower = _lower([mirrors.as_started(end) for end in _bottom(at.valley)], at.solution)
+    if lower is not None:
+        others.append(at.solution)
+        at = at.moved(lower)
+    apart = other_answers(mirrors, at.solution, at.inference, others)
+    doubt = replace(at.doubt(), alternatives=apart.alternatives, exchanges=apart.exchanges)
+    covariance = at.inference.covariance * np.outer(at.valley.wider, at.valley.wider)
+    return at.solution, replace(at.inference, covariance=covariance), doubt
+
+
+def other_answers(
+    mirrors: Mirrors, solution: Solution, inference: Inference, others: Sequence[Solution] = ()
+) -> Doubt:
+    """Return which mirror images of a minimum, and which other ends, are other answers.
+
+    Over a parabola a cost that is higher by `CLOSE` is less than four deviations away: a point
+    that fits as well from further off belies the deviations, be it a minimum or not.
+    """
+    point, images = solution.point, mirrors.images(solution)
+    std = inference.std
+    told = ~inference.undetermined & (std > 0)
+
+    def apart(one: Point, other: Point) -> bool:
+        away = np.abs(one.unknowns - other.unknowns)[point.problem.layout.free]
+        return bool((away[told] > APART * std[told]).any())
+
+    answers = [point]
+    ends = [end.point for end in (*(image.solution for image in images), *others)]
+    for end in sorted(ends, key=lambda end: end.cost):
+        fits = end.cost <= point.cost + CLOSE
+        if fits and all(apart(end, answer) for answer in answers):
+            answers.append(end)
+    parts = tuple(
+        exchanged(mirrors.layout, image.exchange, point.unknowns)
+        for image in images
+        if len(answers) > 1 and image.exchange and apart(image.solution.point, point)
+    )
+    return Doubt(alternatives=tuple(answers[1:]), exchanges=parts)
+
+
+def _bottom(valley: Valley) -> list[Solution]:
+    """Return the minimum near the lowest point of a valley."""
+    lowest = valley.lowest
+    try:
+        return [settle(lowest.problem, lowest.unknowns)] if valley.falls else []
+    except np.linalg.LinAlgError:
+        return []
+
+
+def _lower(others: Sequence[Solution], solution: Solution) -> Solution | None:
+    cost = solution.point.cost
+    below = [o for o in others if o.converged and o.point.cost < cost * (1 - AGREE) - 1e-3]
+    return min(below, key=lambda o: o.point.cost, default=None)
+
+
+@frozen
+class _Minimum:
+    """A minimum with what its deviations are held against; arrays of shape (free,).
+
+    `told`: unknowns with a stated deviation; `rigid`: those among them on which more depends than a
+    load; `loose`: those whose deviation, stated or expected of the start, is a tenth of the value.
+    """
+
+    problem: Problem
+    start: Floats
+    solution: Solution
+    inference: Inference
+
+    def moved(self, lower: Solution) -> _Minimum:
+        inference = infer(lower.point, self.problem.exact)
+        return _Minimum(self.problem, self.start, lower, inference)
+
+    @cached_property
+    def stated(self) -> Floats:
+        return self.inference.std
+
+    @cached_property
+    def told(self) -> Booleans:
+        return ~self.inference.undetermined & (self.stated > 0)
+
+    @cached_property
+    def value(self) -> Floats:
+        return np.abs(self.solution.point.unknowns[self.problem.layout.free])
+
+    @cached_property
+    def rigid(self) -> Booleans:
+        loads = np.isin(self.problem.layout.free, self.problem.affine)
+        return self.told & ~loads & (self.value > 0)
+
+    @cached_property
+    def loose(self) -> Booleans:
+        (about,) = self.about(0)
+        expected = predicted_deviations(self.problem, about)
+        wide = expected > LOOSE * np.abs(about[self.problem.layout.free])
+        return self.rigid & (wide | (self.stated > LOOSE * self.value))
+
+    @cached_property
+    def valley(self) -> Valley:
+        """How far the answer may be off, where the record informs it loosely."""
+        if not self.loose.any():
+            return Valley(np.ones(len(self.stated)), self.solution.point)
+        return explore(self.solution.point, self.inference, self.told)
+
+    def minima(self) -> list[Solution]:
+        """Return where further starts end, other than on the way that led here.
+
+        All of them where one of the first ended elsewhere at nearly as low a cost, where chance
+        seldom leaves such a cost, or where something is loose.
+        """
+        cost, found = self.solution.point.cost, list[Solution]()
+        every = self.inference.expectation.p_value(cost) < UNLIKELY or bool(self.loose.any())
+        for number, start in enumerate(further_starts(self.problem, self.start)):
+            if number >= ALWAYS and not every:
+                break
+            try:
+                stages = STAGES if number < ALWAYS else LATE
+                end = elsewhere(self.problem, start, self.solution, stages)
+            except np.linalg.LinAlgError:
+                continue
+            if end is not None:
+                above = end.point.cost - cost
+                every |= abs(above) > AGREE * cost + 1e-3 and above < 10 * CLOSE
+                found.append(end)
+        return found
+
+    def doubt(self) -> Doubt:
+        """Ask whether noise was taken for information, and whether the deviations have an end."""
+        predicted, taken = informed_by_noise(self.solution.point)
+        # A resonance beside a line may well be seen sharper than from the measured forces alone.
+        slight = self.rigid & (predicted < SLIGHT * self.value)
+        taken = taken | (predicted > np.where(slight, TAKEN_ABOUT, TAKEN) * self.stated)
+        if not self.loose.any():
+            return Doubt(self._names(self.told & taken))
+        bent = self.rigid & (self.valley.wider > ENDLESS)
+        taken |= self.taken_about()
+        return Doubt(self._names(self.rigid & taken), self._names(bent))
+
+    def _names(self, which: Booleans) -> tuple[str, ...]:
+        layout = self.problem.layout
+        return tuple(layout.unknowns[i].name for i in layout.free[which])
+
+    def taken_about(self) -> Booleans:
+        """Tell which deviations no plausible machine would give with these forces."""
+        taken = np.ones(len(self.stated), dtype=bool)
+        for x in self.about(AROUND):
+            # A resonance that happens to lie beside a line informs more than those of all others.
+            value = np.abs(x[self.problem.layout.free])
+            least = np.maximum(TAKEN_ABOUT * self.stated, LOOSE * value)
+            taken &= predicted_deviations(self.problem, x) > least
+        return taken
+
+    def about(self, count: int) -> list[Floats]:
+        """Return the start and others about it, with what is linear (unbalance) as it was found.
+
+        A start that is far off is no plausible machine; those about the answer serve then.
+        """
+        start, unknowns, affine = self.start, self.solution.point.unknowns, self.problem.affine
+        rigid = np.setdiff1d(self.problem.layout.free, affine)
+        a, b = np.abs(start[rigid]), np.abs(unknowns[rigid])
+        if (np.maximum(a, b) > FAR * np.minimum(a, b)).any():
+            start = unknowns
+        points = [start.copy(), *further_starts(self.problem, start, count)]
+        for x in points:
+            x[affine] = unknowns[affine]
+        return points
+
+
+def doubt_notes(problem: Problem, start: Floats, doubt: Doubt) -> Iterator[Note]:
+    """Say what is doubtful, and what would cure it."""
+    if doubt.noise:
+        text = (
+            f"{', '.join(doubt.noise)}: their stated deviations are noise taken "
+            "for information; the noise-free response to the measured forces gives more than "
+            f"{TAKEN:g} times as much"
+        )
+        yield Note(OTHERS, "open", text, on=doubt.noise)
+    if doubt.alternatives:
+        costs = ", ".join(f"{other.cost:.4g}" for other in doubt.alternatives)
+        text = f"other answers fit as well (misfit {costs}); see the alternatives"
+        yield Note(OTHERS, "open", text)
+    if doubt.bent:
+        text = (
+            f"{', '.join(doubt.bent)}: they move together much further than their stated "
+            "deviations before the misfit rises"
+        )
+        yield Note(OTHERS, "open", text, on=doubt.bent)
+    if doubt:
+        for exchange in doubt.exchanges:
+            yield Note(OTHERS, "open", cure=exchange)
+        if doubt.noise or doubt.bent or not doubt.exchanges:
+            yield Note(OTHERS, "open", cure=_cure(problem, start, doubt))
+
+
+def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
+    """Say which other excitation would inform the doubtful unknowns, tried on the start."""
+    if not problem.likelihoods:
+        return (
+            "natural frequencies of another configuration, with other parameters that are known "
+            "([[modes]] parameters), a record with a measured force, a known value, or a bound"
+        )
+    layout = problem.layout
+    named = set(doubt.noise or doubt.bent)
+    asked = [k for k, i in enumerate(layout.free) if layout.unknowns[i].name in named]
+    before = predicted_deviations(problem, start)
+    helped = []
+    for j, name in enumerate(layout.model.inputs):
+        after = predicted_deviations(_turned(problem, j), start)
+        if asked and (after[asked] * TAKEN < before[asked]).any():
+            helped.append(name)
+    if helped:
+        return f"drive {' or '.join(helped)} against the other inputs, not with them"
+    return (
+        "excite what is at rest: unequal forces on the inputs, lines nearer to the resonances, "
+        "another speed, more amplitude, or a sensor of a hidden coordinate"
+    )
+
+
+def _turned(problem: Problem, column: int) -> Problem:
+    """Return the problem with one input of the other sign."""
+    turned = []
+    for likelihood in problem.likelihoods:
+        other = copy.copy(likelihood)
+        other.data = likelihood.data.copy()
+        other.data[:, column] *= -1
+        turned.append(other)
+    return replace(problem, likelihoods=tuple(turned))

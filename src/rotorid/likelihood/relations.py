@@ -1,0 +1,159 @@
+"""Monomials of the unknowns, and polynomial relations between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats, Integers
+
+
+@frozen
+class Monomials:
+    """Products of unknowns, ``mu_m = prod_j x_j^(n_mj)``.
+
+    Examples
+    --------
+    >>> mu = Monomials.from_exponents([[1, 0], [1, 2]])
+    >>> mu.values([2.0, 3.0])
+    array([ 2., 18.])
+    >>> mu.jacobian([2.0, 3.0])
+    array([[ 1.,  0.],
+           [ 9., 12.]])
+    """
+
+    # (monomial, factor): indices of the unknowns of each product, repeated for powers; the number
+    # of unknowns stands for the factor one
+    factors: Integers
+    unknowns: int
+
+    @classmethod
+    def from_exponents(cls, exponents: ArrayLike) -> Monomials:
+        """Build from the exponents of each product, int array, shape (monomial, unknown)."""
+        table = np.asarray(exponents, dtype=np.int64)
+        count, unknowns = table.shape
+        longest = int(table.sum(axis=1).max(initial=1))
+        factors = np.full((count, longest), unknowns, dtype=np.int64)
+        for row, powers in enumerate(table):
+            flat = np.repeat(np.arange(unknowns), powers)
+            factors[row, : len(flat)] = flat
+        return cls(factors, unknowns)
+
+    @cached_property
+    def _columns(self) -> Integers:
+        """Factors as rows of columns, shape (factor, monomial)."""
+        return np.ascontiguousarray(self.factors.T)
+
+    @cached_property
+    def _flat(self) -> Integers:
+        """Place of each factor's derivative in the flattened Jacobian."""
+        rows = np.arange(len(self.factors)) * (self.unknowns + 1)
+        return (rows + self._columns).ravel()
+
+    def _held(self, x: ArrayLike) -> Floats:
+        padded = np.empty(self.unknowns + 1)
+        padded[:-1], padded[-1] = x, 1.0
+        return np.asarray(padded[self._columns])
+
+    def values(self, x: ArrayLike) -> Floats:
+        """Return mu, shape (monomial,)."""
+        return np.asarray(np.multiply.reduce(self._held(x), axis=0))
+
+    def jacobian(self, x: ArrayLike) -> Floats:
+        """Return d mu / d x, shape (monomial, unknown); exact where unknowns are zero."""
+        held = self._held(x)
+        others = np.ones_like(held)
+        for j in range(len(held)):
+            others[:j] *= held[j]
+            others[j + 1 :] *= held[j]
+        width = self.unknowns + 1
+        size = len(self.factors) * width
+        flat = np.bincount(self._flat, weights=others.ravel(), minlength=size)
+        return np.asarray(flat.reshape(-1, width)[:, :-1])
+
+
+Polynomial = Mapping[tuple[int, ...], float]
+"""``{exponents of the unknowns: coefficient}``."""
+
+
+@frozen
+class Relations:
+    """Polynomials ``h(x)`` of the unknowns.
+
+    An exact relation is h = 0; one with a deviation is a residual h, scaled to deviation one; a
+    bound is h >= 0.
+
+    Examples
+    --------
+    >>> product = Relations.build([({(1, 1): 1.0, (0, 0): -6.0}, 1.0, "a*b = 6")], 2)
+    >>> product.values(np.array([2.0, 3.0])), product.jacobian(np.array([2.0, 3.0]))
+    (array([0.]), array([[3., 2.]]))
+    """
+
+    monomials: Monomials
+    matrix: Floats  # (relation, monomial)
+    texts: tuple[str, ...]  # for messages
+
+    @classmethod
+    def build(
+        cls, polynomials: Sequence[tuple[Polynomial, float, str]], unknowns: int
+    ) -> Relations:
+        """Build from (polynomial, divisor, text) of each relation."""
+        distinct = sorted({m for polynomial, _, _ in polynomials for m in polynomial})
+        where = {m: i for i, m in enumerate(distinct)}
+        matrix = np.zeros((len(polynomials), len(distinct)))
+        for row, (polynomial, divisor, _) in enumerate(polynomials):
+            for monomial, coefficient in polynomial.items():
+                matrix[row, where[monomial]] += coefficient / divisor
+        table = np.array(distinct, dtype=np.int64).reshape(len(distinct), unknowns)
+        return cls(
+            Monomials.from_exponents(table), matrix, tuple(text for _, _, text in polynomials)
+        )
+
+    def __len__(self) -> int:
+        return len(self.matrix)
+
+    def subset(self, which: Integers) -> Relations:
+        """Return some of the relations."""
+        return Relations(self.monomials, self.matrix[which], tuple(self.texts[i] for i in which))
+
+    def joined(self, other: Relations) -> Relations:
+        """Return these relations and those of another set."""
+        factors = (self.monomials.factors, other.monomials.factors)
+        width = max(f.shape[1] for f in factors)
+        padded = [
+            np.pad(f, ((0, 0), (0, width - f.shape[1])), constant_values=self.monomials.unknowns)
+            for f in factors
+        ]
+        matrix = np.zeros((len(self) + len(other), sum(len(f) for f in factors)))
+        matrix[: len(self), : len(factors[0])] = self.matrix
+        matrix[len(self) :, len(factors[0]) :] = other.matrix
+        table = Monomials(np.concatenate(padded), self.monomials.unknowns)
+        return Relations(table, matrix, self.texts + other.texts)
+
+    def values(self, x: Floats) -> Floats:
+        """Return h, shape (relation,)."""
+        if not len(self.matrix):
+            return np.zeros(0)
+        return np.asarray(self.matrix @ self.monomials.values(x))
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Return dh/dx, shape (relation, unknown)."""
+        if not len(self.matrix):
+            return np.zeros((0, self.monomials.unknowns))
+        return np.asarray(self.matrix @ self.monomials.jacobian(x))
+
+    def linear_in(self) -> list[int]:
+        """Return the unknowns on which no relation depends but linearly, each by itself."""
+        unknowns = self.monomials.unknowns
+        products = [row[row < unknowns] for row in self.monomials.factors]
+        entangled = {int(i) for row in products if len(row) > 1 for i in row}
+        return [i for i in range(unknowns) if i not in entangled]
+
+    def sizes(self, x: Floats) -> Floats:
+        """Return the size of each relation's terms, shape (relation,); rounding scales with it."""
+        return np.asarray(np.abs(self.matrix) @ np.abs(self.monomials.values(x)))

@@ -1,0 +1,146 @@
+"""What a machine at a point of the search reads and needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.cost import Evaluation, Likelihood
+from rotorid.likelihood.layout import Layout
+from rotorid.linear.equations import Predicted, lay_to_inputs
+
+SINGULAR = 1e10
+"""|Z| |q| / |f| from which on a line is taken for singular, as at DC where the rotor floats: the
+sharpest resonance of a machine with damping gives 1e4 or so, rounding leaves 1e16."""
+
+
+def respond(likelihood: Likelihood, unknowns: Floats) -> Complexes:
+    """Return the lines that the channels would hold without noise, shape (line, channel).
+
+    The measured inputs are kept; the sensors read what the equations of motion make of them,
+    through the calibration that the unknowns say.
+    """
+    return response(likelihood.evaluate(unknowns))
+
+
+def response(at: Evaluation) -> Complexes:
+    """Return the same as `respond`, from the machine at a point."""
+    return responses([at])[0]
+
+
+def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
+    """Return the same for machines that differ in what drives them, and is read, alone."""
+    found: list[Complexes] = []
+    if not alike:
+        return found
+    stiffness = -alike[0].stiffness[:, : alike[0].equations]
+    motions = _motion(stiffness, np.stack([_pushed(at) for at in alike], axis=2))
+    for at, motion in zip(alike, np.moveaxis(motions, 2, 0), strict=True):
+        lines, sensors = at.problem.data.copy(), slice(at.forces, None)
+        lines[:, sensors] = _readings(at, motion) / at.state.factors[:, sensors]
+        found.append(lines)
+    return found
+
+
+def predicted_readings(at: Evaluation) -> Complexes:
+    """Return what the sensors should read, ``y = C Z^-1 (B u + g) + r``, (line, sensor)."""
+    motion = _motion(-at.stiffness[:, : at.equations], _pushed(at)[:, :, None])
+    return _readings(at, motion[:, :, 0])
+
+
+def _pushed(at: Evaluation) -> Complexes:
+    """Return what acts on the equations of motion, (line, equation)."""
+    equations, forces = at.equations, at.forces
+    true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
+    true -= at.state.readings[:, :forces]
+    right = (at.inputs[:, :equations, :forces] @ true[:, :, None])[:, :, 0]
+    right += at.loads[:, :equations]
+    return np.asarray(right if at.ends is None else right + at.loose[:, :equations])
+
+
+def _readings(at: Evaluation, motion: Complexes) -> Complexes:
+    """Return what sensors read of a motion, (line, sensor)."""
+    p, equations, forces = at.problem, at.equations, at.forces
+    indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
+    own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are
+    indirect /= at.inputs[:, equations + own, forces + own]
+    reads = np.concatenate([indirect, motion @ p.sensing.reads.T], axis=1)
+    return np.asarray(reads + at.state.readings[:, forces:])
+
+
+def _motion(stiffness: Complexes, right: Complexes) -> Complexes:
+    """Solve ``Z q = f`` on each line, (line, coordinate, f); the least q where Z is singular."""
+    shape = (len(right), stiffness.shape[2], right.shape[2])
+    found: Complexes = np.full(shape, np.nan, dtype=np.complex128)
+    if stiffness.shape[1] == stiffness.shape[2]:
+        with suppress(np.linalg.LinAlgError):
+            found = np.asarray(np.linalg.solve(stiffness, right), dtype=complex)
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion beyond all numbers is none
+        size = _length(stiffness.reshape(len(stiffness), -1, 1)) * _length(found)
+    for line, column in np.argwhere(~(size <= SINGULAR * _length(right))):
+        least = np.linalg.lstsq(stiffness[line], right[line, :, column], rcond=None)[0]
+        found[line, :, column] = least
+    return found
+
+
+def _length(columns: Complexes) -> Floats:
+    parts = np.ascontiguousarray(columns).view(float).reshape(*columns.shape, 2)
+    return np.asarray(np.sqrt(np.einsum("krcp,krcp->kc", parts, parts)))
+
+
+def simulated(
+    layout: Layout, observation: Observation, unknowns: Floats, number: int = 0
+) -> Likelihood:
+    """Return the likelihood of a record whose sensors read exactly what the unknowns say.
+
+    Its inputs, lines, rotor angle and covariance are kept.
+    """
+    lines = observation.lines
+    mean = np.empty_like(lines.mean)
+    likelihood = assemble(layout, observation, number)
+    mean[:, likelihood.order] = respond(likelihood, unknowns)
+    return assemble(layout, observation.with_lines(replace(lines, mean=mean)), number)
+
+
+def by_likelihood(
+    records: Sequence[Observation], evaluations: Sequence[Evaluation]
+) -> list[Predicted]:
+    """Predict inputs, or readings where a record hides a coordinate; linear models."""
+    hidden = any(r.hidden or not r.inputs or r.lines.passive for r in records)
+    return [
+        (_predicted_readings if hidden else _inputs)(record, at)
+        for record, at in zip(records, evaluations, strict=True)
+    ]
+
+
+def _inputs(record: Observation, at: Evaluation) -> Predicted:
+    p, equations, forces = at.problem, at.equations, at.forces
+    true = at.state.factors * p.data - at.state.readings
+    motion = true[:, p.inputs :] @ p.sensing.right.T
+    left = (at.stiffness[:, :equations] @ motion[:, :, None])[:, :, 0]
+    left += at.loads[:, :equations]
+    if at.ends is not None:
+        left += at.loose[:, :equations]
+    matrix = at.inputs[:, :equations, :forces]
+    names = record.model.inputs
+    units = tuple(channel.unit for channel in record.inputs)  # A, where a law makes the force
+    predicted = lay_to_inputs(-left, matrix) if np.abs(matrix).any() else true[:, :forces]
+    return Predicted(names, units, true[:, :forces], predicted, p.multiplicity)
+
+
+def _predicted_readings(record: Observation, at: Evaluation) -> Predicted:
+    channels = [record.lines.channels[column] for column in at.problem.order[at.forces :]]
+    measured = (at.state.factors * at.problem.data)[:, at.forces :]
+    return Predicted(
+        tuple(c.name for c in channels),
+        tuple(c.unit for c in channels),
+        measured,
+        predicted_readings(at),
+        at.problem.multiplicity,
+    )

@@ -1,0 +1,564 @@
+"""Rival hypotheses where the data reject the model: tried, ranked, told.
+
+All of them are one thing: change the case, minimize again, compare the cost, tell. They differ in
+what they change, and each kind is an entry of the catalogue (`rivals_channels`, `rivals_terms`,
+`rivals_stated`, `rivals_tables`). One runner tries them, before the search on a hundred lines of
+each record, after it, and where natural frequencies alone were measured.
+
+A small change adds columns D to the Jacobian J of the whitened residual r. With what J can explain
+taken out of them, D' = (1 - J J^+) D, freeing it lowers the cost by the squared length of r along
+D', to first order (a score test): no further fit is needed, so that all can be scored. The best are
+then freed in earnest. A mistake that is no small change - a sign, a swap, a unit, a speed - is
+screened: the cost after a few steps with errors granted to the equations; the best are followed to
+the minimum.
+
+With a gross mistake nothing fits, and thousands of lines would be gone through from a dozen starts,
+for minutes, to say so. A hundred lines of each record tell as much: where the way to the minimum
+ends on them at several times what noise explains, single mistakes are tried on these lines first,
+and the speed that the lines themselves show before all others. Where none explains the records, and
+the cost is hopeless, the ways from other starts are gone on the few lines too, and the best of them
+alone is followed on more.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.answer.parts import EXPLAINS, Suspect
+from rotorid.core.frozen import frozen
+from rotorid.data.observation import Observation
+from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
+from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
+from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.preparation import Prepared
+from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.rivals_channels import shown_speed
+from rotorid.likelihood.rivals_terms import BENDS
+from rotorid.likelihood.solver import HOPELESS, Solution, solve
+from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, search
+from rotorid.likelihood.symmetric_answers import CLOSE
+from rotorid.likelihood.watch import watch
+from rotorid.models import Model
+from rotorid.models.rotor import RotorModel
+from rotorid.models.rotor.elements import PLANES
+
+ENTRIES = (rivals_channels, rivals_stated, rivals_tables, rivals_terms)
+"""The modules that fill the catalogue."""
+SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
+"""Stages of small changes, in the order in which they stand where the data cannot tell them."""
+LARGE = ("drawn far", "angle far", "single", "factor", "several")
+"""Stages of changes that are screened, the likeliest first."""
+KEPT = 12
+"""Rivals that an estimate names."""
+FIRST = 3
+"""Small changes that are freed before mistakes that are none are thought of: where one of these
+explains the data, no such mistake was made."""
+REFITTED = 8
+"""Small changes that are freed in earnest: the score test errs by less than eight ranks where the
+misfit is small, and where it is large the screening finds them."""
+SCREENED = 5
+"""Mistakes that are followed to the minimum after the screening."""
+STANDS_OUT = 1e-2
+"""A screened cost below this share of that of the records as they are is followed at once: the
+right one leaves a hundred thousandth, wrong ones a tenth and more."""
+LIKELY = 2.0
+"""Before the search, mistakes are followed whose screened cost is within this factor of the lowest.
+"""
+FOLLOWED = 4
+"""Of these the first. A wrong one takes seconds, the right one tenths."""
+PLAIN = 1.5
+"""Cost over its expectation from which on 400 lines of a record tell rivals apart as well as
+thousands: of 3200 real equations a half is 20 deviations, and 100 times what `CLOSE` needs."""
+EVEN = 1.0
+"""Rivals whose costs differ by less stand in the order in which channels and places are listed,
+inputs first: so little says nothing (likelihoods alike to a factor of 1.6), and where the minima
+are the same by theory it is the rounding of a processor that differs."""
+LARGEST = 4e7
+"""Lines times the cube of the coordinates with which the whole of a reduced rotor is searched: each
+of some hundred refits takes some tenths of a second."""
+FEWEST = 20
+"""Lines that tell one mistake of a drawing from another, at the least."""
+SAME_SPEED = 1e-3
+"""Speeds that differ by less are one, as it is stated and as a line shows it."""
+LOOK_FOR_THE_SPEED = (
+    "give the speed at which the machine ran: look at the checks, and with rotorid inspect at the "
+    "lines that the record shows"
+)
+"""What to do about a speed that is wrong where no line tells the right one."""
+EXACT_INPUTS = (
+    "; but the inputs were taken as free of noise, and in closed loop that alone gives such a "
+    "misfit: give references or a quiet record first"
+)
+"""What is said of whole records without references."""
+STANDING = {"known": 0, "bound": 2, "lag": 2, "omission": 3}
+"""Order of kinds that the data cannot tell apart, 1 for all others: known values are no new terms;
+a bandwidth comes after the delay that it looks like, a bound that would be far off after what may
+have led there, a sign or a unit; data left out explain nothing."""
+
+
+@frozen
+class Finding:
+    """A rival that was tried, or scored: what it leaves of the cost."""
+
+    rival: Rival
+    left: float
+    drop: float
+    share: float  # of the excess misfit
+    value: float | None
+    tried: bool = True
+    likely: bool = False  # a bound that is a little too narrow
+
+    @property
+    def exact(self) -> bool:
+        """Whether it needs no further unknown."""
+        return self.rival.kind in ("mistake", "unit", "speed")
+
+    @property
+    def told(self) -> tuple[str, str]:
+        """What is said of it, and what to do about it."""
+        told = self.rival.told
+        return told(self.value) if callable(told) else told
+
+
+@frozen
+class Suspicion:
+    """What is suspected, and the sentence about it."""
+
+    suspects: tuple[Suspect, ...] = ()
+    sentence: str = ""
+
+
+def tell(case: Case, tried: frozenset[str] = frozenset()) -> Suspicion:
+    """Rank what may be wrong, what explains most first, and say what to do about it.
+
+    `tried` are terms of mistakes that are known to explain nothing.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
+        search = _Search(case, tried)
+        found = search.findings()
+    which = "" if case.records else _which_end(case.model, found, case.expected)
+    return _told(case, found, which)
+
+
+def _told(case: Case, found: Sequence[Finding], which: str = "") -> Suspicion:
+    suspects = tuple(
+        Suspect(f.rival.term, f.drop, f.share, f.value, f.rival.unit) for f in found[:KEPT]
+    )
+    return Suspicion(suspects, sentence(case, found, which))
+
+
+@frozen
+class _Search:
+    """Tries the rivals of one case."""
+
+    case: Case
+    tried: frozenset[str] = frozenset()
+
+    def findings(self) -> list[Finding]:
+        """Return what was found, what leaves the least cost first."""
+        small = self.entered(*SMALL)
+        scored = self.scored(small)
+        found = self.at("bound")
+        found += [] if self.any_explains(found) else self.at("bounds")
+        # Of a table first: a negative damping may explain as well that phases count backward. Of
+        # responses likewise, which are too far off for screening at the values that were found.
+        found += self.at("table")
+        found += self.freed(scored[:FIRST])
+        found += self.likeliest("modes")
+        found += self.at("trial")
+        settled = any(self.explains(f) and (f.likely or f.rival.likely is None) for f in found)
+        if settled or not self.case.gross:
+            found += self.freed(scored[FIRST:REFITTED]) + scored[REFITTED:]
+        else:
+            found += self.screened()
+            if not self.any_explains(found):
+                found += scored[FIRST:]
+        # Another unit may explain anything: it is as if there were more noise.
+        if not self.any_explains([f for f in found if f.rival.kind != "unit"]):
+            found += [f for f in self.at("line") if self.explains(f)]
+        places: dict[tuple[str, ...], int] = {}
+        for number, rival in enumerate(small):
+            places.setdefault(rival.on, number)
+        return ranked(_one_speed(found, self.case.expected), self.case.expected, places)
+
+    def entered(self, *stages: str) -> list[Rival]:
+        """Return the rivals of some stages, in order."""
+        return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
+
+    def at(self, stage: str) -> list[Finding]:
+        """Try all rivals of a stage."""
+        return [f for rival in self.entered(stage) for f in self.followed(rival)]
+
+    def explains(self, finding: Finding) -> bool:
+        """Tell whether a finding leaves no more than noise does, or little more."""
+        return finding.left < GROSS * max(self.case.expected, 1.0)
+
+    def any_explains(self, found: Sequence[Finding]) -> bool:
+        """Tell whether one of some findings explains the data."""
+        return any(self.explains(finding) for finding in found)
+
+    def scored(self, small: Sequence[Rival]) -> list[Finding]:
+        """Return small changes by the score test, the largest drop of the cost first."""
+        slopes, point = Slopes.of(self.case, small), self.case.point
+        found = []
+        for rival in small:
+            assert rival.small is not None
+            drop, step = point.linear.score(rival.small.columns(slopes))
+            if drop > 0:
+                share, value = self.share(drop), rival.small.value(step)
+                found.append(Finding(rival, point.cost - drop, drop, share, value, tried=False))
+        return sorted(found, key=lambda f: -f.drop)
+
+    def freed(self, scored: Sequence[Finding]) -> list[Finding]:
+        """Try small changes that were scored."""
+        return [f for each in scored for f in self.followed(each.rival)]
+
+    def followed(self, rival: Rival) -> list[Finding]:
+        """Minimize with a rival, and with what says the same more exactly."""
+        changed = rival.change(self.case)
+        point = None if changed is None else getattr(changed, rival.way)()
+        if changed is None or point is None:
+            return []
+        found = [self.finding(rival, changed, point)]
+        for sharper in rival.sharper(self.case, point) if rival.sharper else ():
+            found += self.followed(sharper)
+        return found
+
+    def finding(self, rival: Rival, changed: Case, point: Point) -> Finding:
+        """Return what a rival leaves at the minimum with it."""
+        likely = rival.likely is not None and rival.likely(point)
+        drop = self.case.point.cost - point.cost
+        value = rival.value_at(changed, point)
+        return Finding(rival, point.cost, drop, self.share(drop), value, likely=likely)
+
+    def share(self, drop: float) -> float:
+        """Return the share of the excess misfit that a drop of the cost is."""
+        excess = self.case.point.cost - self.case.expected
+        return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
+
+    def screened(self) -> list[Finding]:
+        """Screen mistakes that are no small changes, and follow the best to the minimum.
+
+        Whatever stands out is followed at once, and where it explains the data the search ends with
+        those of its kind: a sensor upside down may look like its actuator upside down.
+        """
+        if not self.case.records:
+            return []
+        found: list[Finding] = []
+        waiting: list[tuple[float, Rival]] = []
+        level = self.case.screened()
+        for stage in LARGE:
+            stages = [r for r in self.entered(stage) if r.term not in self.tried]
+            for number, rival in enumerate(stages):
+                watch("trying possible mistakes", number, len(stages))
+                cost = _screened(self.case, rival)
+                if cost < STANDS_OUT * level:
+                    found += self.followed(rival)
+                else:
+                    waiting.append((cost, rival))
+            if self.any_explains(found):
+                return found
+        for _, rival in sorted(waiting, key=lambda pair: pair[0])[:SCREENED]:
+            found += self.followed(rival)
+        return found
+
+    def likeliest(self, stage: str) -> list[Finding]:
+        """Follow the best of a stage after screening."""
+        entered = self.entered(stage)
+        best = min(entered, key=lambda rival: _screened(self.case, rival), default=None)
+        return [] if best is None else self.followed(best)
+
+
+def _screened(case: Case, rival: Rival) -> float:
+    changed = rival.change(case)
+    return np.inf if changed is None else changed.screened()
+
+
+def ranked(
+    found: Sequence[Finding], expected: float, places: Mapping[tuple[str, ...], int]
+) -> list[Finding]:
+    """Order findings by the cost that is left, one for each term.
+
+    Those that were tried come first, and of those that the data cannot tell apart a bound that is
+    a little too narrow, then the ones that need no further unknown, then known values, which are no
+    new terms. A sign and a gain of one channel say the same.
+    """
+    best: dict[str, Finding] = {}
+    for finding in _in_order(found, expected, places):
+        if finding.drop > 0:
+            best.setdefault(finding.rival.term, finding)
+    ordered = list(best.values())
+    group = alike(ordered, expected)
+    exact = {f.rival.on for f in group if f.exact}
+    told = [f for f in group if f.likely]
+    told += [f for f in group if f.exact]
+    rest = [f for f in group if f not in told and f.rival.on not in exact]
+    told += sorted(rest, key=lambda f: STANDING.get(f.rival.kind, 1))
+    return [*told, *(f for f in ordered if f not in group)]
+
+
+def _one_speed(found: Sequence[Finding], expected: float) -> list[Finding]:
+    """Return findings with the speeds of a record that fit alike as one of no value.
+
+    Without a line at the right speed, any speed between the lines explains the data.
+    """
+    kept = list(found)
+    for term in {f.rival.term: None for f in found if f.rival.kind == "speed"}:
+        group = alike([f for f in kept if f.rival.term == term], expected)
+        values = np.array([f.value for f in group], dtype=float)
+        if np.ptp(values) > SAME_SPEED * np.abs(values).max():
+            where = f" of {group[0].rival.on[0]}" if group[0].rival.on else ""
+            said = f"another speed{where} than the one given, which one no line tells"
+            told = (said, LOOK_FOR_THE_SPEED)
+            any_speed = replace(group[0].rival, told=told, unit="")
+            one = replace(group[0], rival=any_speed, value=None)
+            kept = [one, *(f for f in kept if f.rival.term != term)]
+    return kept
+
+
+def _in_order(
+    found: Sequence[Finding], expected: float, places: Mapping[tuple[str, ...], int]
+) -> list[Finding]:
+    """Order findings by the cost that is left, and where it is even by what they act on.
+
+    There a channel that reads too little, as dead ones do, comes before too much.
+    """
+
+    def even(finding: Finding) -> tuple[bool, int, str]:
+        rival, value = finding.rival, finding.value
+        too_much = rival.kind == "gain" and value is not None and abs(value) > 1
+        return too_much, places.get(rival.on, len(places)), rival.term
+
+    ordered: list[Finding] = []
+    for tried in (True, False):
+        rest = sorted((f for f in found if f.tried == tried), key=lambda f: f.left)
+        while rest:
+            least = rest[0].left
+            margin = EVEN * max(1.0, least / max(expected, 1.0))
+            count = sum(f.left - least < margin for f in rest)
+            ordered += sorted(rest[:count], key=even)
+            rest = rest[count:]
+    return ordered
+
+
+def alike(found: Sequence[Finding], expected: float) -> list[Finding]:
+    """Return the best finding and those that the data cannot tell from it.
+
+    Their costs differ by no more than those of alternatives do (theory, 7), times the cost over its
+    expectation where even the best leaves a misfit.
+    """
+    tried = [f for f in found if f.tried]
+    if not tried:
+        return list(found[:1])
+    least = min(f.left for f in tried)
+    margin = CLOSE * max(1.0, least / max(expected, 1.0))
+    return [f for f in tried if f.left - least < margin]
+
+
+def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
+    """Say that either end of the shaft may carry what the first finding is, where that is so."""
+    if not isinstance(model, RotorModel) or not found:
+        return ""
+    left, right = model.coordinates[:PLANES], model.coordinates[-PLANES:]
+    first, *others = (finding.rival.term for finding in alike(found, expected))
+    for here, there in ((left, right), (right, left)):
+        swapped = first
+        for one, other in zip(here, there, strict=True):
+            swapped = re.sub(rf"\b{one}\b", other, swapped)
+        if swapped != first and swapped in others:
+            return "; which end carries it is not determined by these frequencies"
+    return ""
+
+
+def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
+    """Say which rival is best, and what to do about it; `which` of a group it may be not told."""
+    if not found or found[0].share < EXPLAINS:
+        best = f"; the best, {found[0].rival.term}, {100 * found[0].share:.2g} %" if found else ""
+        return (
+            f"the data reject the model, and none of the {len(found)} suspects explains "
+            f"more than a fifth of it{best}: look at the misfit by line, or for two mistakes"
+        )
+    first, (said, cure) = found[0], found[0].told
+    others = [f.rival.term for f in alike(found, case.expected)[1:]]
+    group = f" (the data cannot tell it from {', '.join(others[:4])}{which})" if others else ""
+    rest = ""
+    # Far from its first bending frequency alone is a shaft that bends all that it is taken for.
+    if first.left >= GROSS * max(case.expected, 1.0) and first.rival.term != BENDS:
+        rest = (
+            "; by itself it is not enough, so there is a second mistake or another one in its place"
+        )
+    return (
+        f"the data reject the model; first suspect: {said}, with which the misfit falls from "
+        f"{case.point.cost:.4g} to {first.left:.4g} where {case.expected:.4g} is expected{group}: "
+        f"{cure}{rest}"
+    )
+
+
+def suspected(case: Case, plain: Plain | None) -> Suspicion:
+    """Look for what is wrong: with what the search came upon, then on as many lines as it needs."""
+    told = _shown(case, plain)
+    if told is not None:
+        return told
+    few = _on_whole_rotor(_on_fewer_lines(case))
+    told = tell(few, plain.tried if plain else frozenset())
+    exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
+    besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
+    return replace(told, sentence=told.sentence + besides)
+
+
+def _on_fewer_lines(case: Case) -> Case:
+    """Return a case on some of the lines of whole records, where the misfit is plain.
+
+    It shows on a few hundred lines of each record as well as on thousands, a hopeless one on a
+    hundred, and dozens of rivals are tried on them.
+    """
+    few = case.on_lines(PLAIN_LINES if case.costs(HOPELESS) else FEW)
+    if few is None or not case.costs(PLAIN):
+        return case
+    there = few.at(few.near())
+    return there if there is not None and there.costs(PLAIN) else case
+
+
+def _on_whole_rotor(case: Case) -> Case:
+    """Return a case on the whole rotor where it was reduced, as there are places on that alone.
+
+    On as many lines as that bears; a rotor of more coordinates stays as it is.
+    """
+    whole = case.model.whole if isinstance(case.model, RotorModel) else None
+    if whole is None or (cubed := len(whole.coordinates) ** 3) > LARGEST / FEWEST:
+        return case
+    there = case.on_model(whole)
+    there = there.on_lines(int(LARGEST / cubed)) or there
+    return there.at(there.near()) or case
+
+
+def _shown(case: Case, plain: Plain | None) -> Suspicion | None:
+    """Return the suspicion of what the search came upon: a speed that lines show, a mistake.
+
+    None where there is none, or where a misfit is left without it.
+    """
+    speed = shown_speed(case.records)
+    leads = (plain.rivals if plain else ()) if speed is None else (speed,)
+    if not leads:
+        return None
+    few = case.on_lines(FEW) or case
+    # The best here is that of the search, with the unbalance at its best for these lines.
+    here = replace(few, found=few.problem.best_at(case.unknowns))
+    found, expected = list[Finding](), np.inf
+    for rival in leads:
+        changed = rival.change(few)
+        there = None if changed is None else changed.at(changed.near())
+        if changed is None or there is None:
+            continue
+        search = _Search(replace(here, expected=there.expected))
+        finding = search.finding(rival, changed, there.point)
+        if search.explains(finding):
+            found, expected = [*found, finding], min(expected, there.expected)
+    if not found:
+        return None
+    here = replace(here, expected=expected)
+    told = _told(here, ranked(found, expected, {}))
+    return replace(told, sentence=told.sentence + _by_lines(here, case))
+
+
+def _by_lines(few: Case, every: Case) -> str:
+    """Say how many lines of records were looked at."""
+    some, whole = (sum(len(r.lines.frequency) for r in c.records) for c in (few, every))
+    return "" if some == whole else f" (by {some} of the {whole} lines)"
+
+
+@frozen
+class Plain:
+    """Where the search ended on few lines, what explains the records, and what does not."""
+
+    solution: Solution
+    inference: Inference
+    rivals: tuple[Rival, ...] = ()
+    tried: frozenset[str] = frozenset()
+
+
+def plainly(prepared: Prepared, records: Sequence[Observation], problem: Problem) -> Plain | None:
+    """Return what is plainly wrong with records of many lines; None where nothing is.
+
+    The unknowns are those of the records without the mistake, the unbalance the best with it.
+    """
+    few = Case(prepared, tuple(records), prepared.layout.start).on_lines(PLAIN_LINES)
+    there = None if problem.sketch is None or few is None else few.at(few.from_start())
+    if few is None or there is None or not there.gross:
+        return None
+    mistakes = _Search(few).entered("single")
+    right = _without_a_mistake(few, mistakes)
+    if right:
+        # The start may have been bad, and nothing else: from there the records as they are.
+        there = replace(few, unknowns=right[0][0].unknowns)
+        near = there.at(there.near())
+        if near is not None and not near.gross:
+            return None
+        return _on_all_lines(problem, right[0][0], tuple(rival for _, rival in right))
+    ended = _searched(few, problem) if there.costs(HOPELESS) else None
+    plain = None if ended is None else _on_all_lines(problem, ended, ())
+    return plain and replace(plain, tried=frozenset(rival.term for rival in mistakes))
+
+
+def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Point, Rival]]:
+    """Return the mistakes without which noise explains the records, the best first."""
+    costs = [_screened(case, rival) for rival in mistakes]
+    order = np.argsort(costs, kind="stable")[:FOLLOWED]
+    found = []
+    for rival in [mistakes[k] for k in order if costs[k] <= LIKELY * costs[order[0]]]:
+        changed = rival.change(case)
+        there = None if changed is None else changed.at(changed.from_start())
+        if there is not None and not there.gross:
+            found.append((there.point, rival))
+    return sorted(found, key=lambda pair: pair[0].cost)
+
+
+def _searched(few: Case, problem: Problem) -> Point | None:
+    """Return where the best of all ways on few lines leads on more; None where one is not bad."""
+    found = search(few.problem, few.prepared.layout.start)
+    if found is None or not found[0].converged:
+        return None
+    there = few.at(found[0].point)
+    if there is None or not there.costs(HOPELESS):
+        return None
+    try:
+        return solve(problem, there.unknowns, (0.0,)).point
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...]) -> Plain | None:
+    """Return what a minimum on few lines is on all; None where noise explains it there."""
+    try:
+        found = Solution(problem.best_at(point.unknowns), converged=True, iterations=0)
+        inference = infer(found.point, problem.exact)
+    except np.linalg.LinAlgError:
+        return None
+    return None if explained(found, inference) else Plain(found, inference, rivals)
+
+
+def by_shown_speed(
+    prepared: Prepared, records: Sequence[Observation], problem: Problem
+) -> tuple[Solution, Inference] | None:
+    """Return what the records are at the speed stated, the rotor that they show at their own.
+
+    Its unbalance is the best at the speed stated. None where the records show no other speed, or
+    where that does not explain them, or the one stated does.
+    """
+    speed = shown_speed(records)
+    if speed is None:
+        return None
+    case = Case(prepared, tuple(records), prepared.layout.start)
+    turned = speed.change(case.on_lines(FEW) or case)
+    point = None if turned is None else turned.from_start()
+    try:
+        if point is None or not explained(Solution(point, True, 0), infer(point, prepared.exact)):
+            return None
+    except np.linalg.LinAlgError:
+        return None
+    there = _on_all_lines(problem, point, ())
+    return None if there is None else (there.solution, there.inference)

@@ -1,0 +1,371 @@
+"""Where the search starts: fewer lines, fewer shapes, several starting points.
+
+The stages of the homotopy only lead into the right valley, for which a few hundred lines do; a
+whole record has thousands.
+
+On each line the whole rotor's other coordinates follow exactly from those that are kept. What the
+forces on the kept coordinates then differ by, whitened, is a change of the residual, and moves the
+estimate like any other: to first order by ``-C J^T dr``.
+
+The homotopy from the given start finds the minimum of nearly every record that informs all
+unknowns, and its cost says so. Where it does not (the iteration ended nowhere, or at a cost that
+noise does not explain), the next ways are taken: the start with the bounds kept all the way, then
+starts spread about the given one, and from each the homotopy. A cost that noise does not explain
+is believed, and put down to the model or to the data, once two different starts have led to it;
+where a mass has vanished on the way, only once all ways have been tried; and where unknowns are
+open that the start would tell, never: a mass that is hidden behind its spring, say, may vanish with
+it, and their ratio is all that is left. There a further way keeps every unknown within a factor of
+ten of its start, until it is settled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lazy_time import changed
+from rotorid.data.lines import Clock, PeriodicClock, WholeClock
+from rotorid.data.measured_modes import Mode
+from rotorid.data.observation import Observation, bind, combined
+from rotorid.likelihood.cost import Evaluation
+from rotorid.likelihood.inference import Inference, infer
+from rotorid.likelihood.layout import linear_form
+from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
+from rotorid.likelihood.tangent import outside
+from rotorid.models import Model
+from rotorid.models.rotor.model import RotorModel
+from rotorid.models.rotor.reduction import Banded
+
+FEW = 400
+"""Lines that lead to the minimum: half of them the strongest, where the machine shows, half evenly
+spaced. Against a hundred unknowns and the ends of the window they are many."""
+PLAIN_LINES = 100
+"""Lines of a record on which such a mistake shows. Of four records of 13 s with two sensors
+exchanged, 60 and 120 put the right pair first, at half of the next cost or less; 30 do not."""
+WORTH = 2
+"""Times as many lines from which on some are left out."""
+
+
+def thinned(
+    records: Sequence[Observation], few: int = FEW, *, periodic: bool = False
+) -> list[Observation] | None:
+    """Return the records with fewer lines, those of periods on demand; None where they have few."""
+    found = [_thinned(record, few, periodic) for record in records]
+    same = all(new is old for new, old in zip(found, records, strict=True))
+    return None if same else found
+
+
+def _thinned(record: Observation, few: int, periodic: bool) -> Observation:
+    lines, clock = record.lines, record.lines.clock
+    if len(lines.frequency) <= WORTH * few:
+        return record
+    chosen = _chosen(record, few)
+    fewer: Clock
+    if isinstance(clock, WholeClock):
+        fewer = replace(clock, lines_kept=clock.lines_kept[chosen])
+    elif isinstance(clock, PeriodicClock) and periodic:
+        fewer = changed(clock, harmonics=clock.harmonics[chosen])
+    else:
+        return record
+    covariance = replace(lines.covariance, matrices=lines.covariance.matrices[chosen])
+    samples = lines.samples
+    if samples is not None:
+        samples = replace(samples, lines_kept=samples.lines_kept[chosen])
+    return record.with_lines(
+        replace(
+            lines,
+            frequency=lines.frequency[chosen],
+            speed=lines.speed[chosen],
+            mean=lines.mean[chosen],
+            covariance=covariance,
+            multiplicity=lines.multiplicity[chosen],
+            clock=fewer,
+            samples=samples,
+            scatter=None,
+            beside=None,
+        )
+    )
+
+
+def _chosen(record: Observation, few: int) -> Integers:
+    """Return the strongest lines, in units of their noise, and others evenly spaced."""
+    lines = record.lines
+    noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real
+    power = np.abs(lines.mean) ** 2
+    strength = (power / np.where(noise > 0, noise, 1.0)).sum(axis=1)
+    strongest = np.argsort(-strength, kind="stable")[: few // 2]
+    spaced = np.linspace(0, len(strength) - 1, few - few // 2).round().astype(np.int64)
+    return np.unique(np.concatenate([strongest, spaced]))
+
+
+ROUGH = 1e-4
+"""Shapes that come to less of the largest are left out on the way to the minimum."""
+SHARE = 1e-6
+"""The same at the minimum, at first: records tell no more digits."""
+FINER = 1e-2
+"""By how much smaller shapes are taken too, where those at the minimum are not near enough."""
+SMALLEST = 1e-13
+"""Shapes below are rounding: where these do not do, the whole rotor is solved."""
+NEGLIGIBLE = 0.01
+"""Deviations that the reduction may move any parameter by: nothing that is printed shows it."""
+LINES = 200
+"""Lines on which the whole rotor is solved: they stand for the others."""
+
+
+def reduced(
+    records: Sequence[Observation],
+    values: Mapping[str, float],
+    modes: Sequence[Mode] = (),
+    share: float = SHARE,
+) -> tuple[Observation, ...]:
+    """Bind records to a model with fewer coordinates, where that pays; `modes` were measured."""
+    model = records[0].model
+    if modes:  # of other configurations, and beyond the band
+        return tuple(records)
+    reads = {model.coordinates[t.coordinate] for r in records for s in r.sensors for t in s.terms}
+    for record in records:
+        for channel in record.inputs:
+            position = {} if channel.drive is None else channel.drive.position
+            terms = combined(position, model, "a force law at", channel.name)
+            reads |= {model.coordinates[t.coordinate] for t in terms}
+    omega, speed = (
+        np.concatenate([getattr(r.lines, name) for r in records]) for name in ("omega", "speed")
+    )
+    smaller = model.reduced(reads, omega, speed, values, share if share > SMALLEST else 0.0)
+    return tuple(records) if smaller is model else tuple(moved(r, smaller) for r in records)
+
+
+def moved(record: Observation, model: Model) -> Observation:
+    """Return a record bound to a model with the same channels and other coordinates."""
+    return replace(bind(model, record.lines), periodic=record.periodic, own=record.own)
+
+
+def shift_by_reduction(point: Point, covariance: Floats, records: Sequence[Observation]) -> float:
+    """Return the deviations by which the whole rotor would move the parameter that it moves most.
+
+    `covariance` is that of the free unknowns.
+    """
+    pairs = zip(point.records, records, strict=True)
+    parts = [_change(at, record, point, number) for number, (at, record) in enumerate(pairs)]
+    known = np.zeros(len(point.known))
+    change = point.jacobian.T @ np.concatenate([*parts, known])
+    std = np.sqrt(np.diag(covariance).clip(0))
+    shift = covariance @ change
+    return float(np.max(np.abs(shift[std > 0]) / std[std > 0], initial=0.0))
+
+
+def _change(at: Evaluation, record: Observation, point: Point, number: int) -> Floats:
+    """Return what the whitened residual of a record changes by, as if all lines were solved."""
+    rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
+    model = record.model
+    if isinstance(model, RotorModel) and model.whole is not None and model.reduction is not None:
+        held = point.problem.layout.of_record(number).held
+        count, kept = at.problem.lines, model.reduction.kept
+        chosen = np.unique(np.linspace(0, count - 1, min(count, LINES)).round().astype(np.int64))
+        motion = at.corrected()[1][chosen] * at.problem.scales.coordinates
+        values, lines = point.unknowns[held], record.lines
+        named = dict(zip(model.parameter_names, values.tolist(), strict=True))
+        whole, missing = (
+            Banded.of(model.whole.pieces, named),
+            _force(record, values, chosen, motion),
+        )
+        for k, line in enumerate(chosen.tolist()):
+            omega, speed = float(lines.omega[line]), float(lines.speed[line])
+            missing[k] = whole.force(kept, motion[k, : len(kept)], omega, speed) - missing[k]
+        scaled = missing / at.problem.scales.rows[: len(kept)]
+        rows[chosen, : len(kept), 0] = -scaled * (count / len(chosen))
+    return at.whiten(rows)[:, 0]
+
+
+def _force(record: Observation, values: Floats, chosen: Integers, motion: Complexes) -> Complexes:
+    """Return the forces on the kept coordinates by which a reduced rotor moves so, (line, kept)."""
+    model, lines = record.model, record.lines
+    assert isinstance(model, RotorModel)
+    assert model.reduction is not None
+    count = len(model.reduction.kept)
+    found = np.zeros((len(chosen), count), dtype=np.complex128)
+    for speed in np.unique(lines.speed[chosen]):
+        here = lines.speed[chosen] == speed
+        omega = lines.omega[chosen[here]]
+        stiffness = linear_form(model).dynamic_stiffness(omega, values, float(speed))
+        found[here] = (stiffness[:, :count] @ motion[here][:, :, None])[:, :, 0]
+    return found
+
+
+FINE_STAGES = (*(10.0 ** (2 - j / 2) for j in range(13)), 0.0)
+"""A homotopy from further off and in smaller steps: for starts a thousand times off."""
+SUSPICIOUS = 1e-6
+"""Below this p-value a minimum may be a local one."""
+STARTS = 8
+"""Further starts. Of random rotors from +-60 % one of two leads to the minimum at worst: 8 fail
+together in less than 1 in 200 of the few that fail at first."""
+SPREAD = 1.4
+"""Further starts lie within this factor of the given one, log-uniform."""
+GENERATOR = 20260
+"""The fixed number from which the further starts are drawn: the same records, the same answer."""
+AGREE = 1e-6
+"""Two starts led to the same cost if it differs by no more than this share, or a thousandth."""
+WITHIN = 10.0
+"""Factor of its start within which each unknown is held where others went astray. Starts are off by
+less; 3 and 100 lead to the same minima."""
+ALIKE = 0.01
+"""Or by this much with the deviations that the misfit makes of the stated ones, which is a tenth of
+such a deviation: the cost of a rotor of many coordinates is rounded to some millionths of it."""
+
+VANISHED = 1e-9
+"""An unknown below this share of its start, no bound holding it there, has left the equations:
+no noise brings a value so near to zero. A mass that vanishes beside an unbalance without end, say,
+is where many ways end, and no machine."""
+
+
+def further_starts(problem: Problem, start: Floats, count: int = STARTS) -> Iterator[Floats]:
+    """Yield starts spread about the given one; what starts from zero stays there."""
+    layout, rng = problem.layout, np.random.default_rng(GENERATOR)
+    moved = [i for i in layout.free if not layout.unknowns[i].nuisance]
+    for _ in range(count):
+        factor = np.ones(len(start))
+        factor[moved] = SPREAD ** rng.uniform(-1, 1, len(moved))
+        yield start * factor
+
+
+@frozen
+class _Way:
+    """A way to look for the minimum: the number of its start, its stages, bounds kept or not."""
+
+    number: int
+    start: Floats
+    stages: Sequence[float] = STAGES
+    bounded: bool = False
+    held: bool = False
+
+
+def _ways(problem: Problem, start: Floats) -> Iterator[_Way]:
+    """Yield the ways to look for the minimum, in the order in which they are tried."""
+    yield _Way(0, start)
+    if len(problem.bounds):
+        yield _Way(0, start, bounded=True)
+    for number, other in enumerate(further_starts(problem, start), 1):
+        yield _Way(number, other, bounded=bool(number % 2 and len(problem.bounds)))
+        if number == 2:  # two starts beside the given one failed: that one may be far off
+            yield _Way(0, start, FINE_STAGES)
+
+
+def _and_held(ways: Iterator[_Way], start: Floats, astray: Callable[[], bool]) -> Iterator[_Way]:
+    """Yield ways, and one with each unknown held near its start once one has led astray."""
+    held = False
+    for way in ways:
+        yield way
+        if astray() and not held:
+            held = True
+            yield _Way(0, start, held=True)
+
+
+def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None:
+    """Return the lowest minimum found and what it tells; None where there is none at all."""
+    best: tuple[Solution, Inference] | None = None
+    costs: list[tuple[int, float]] = []
+    lost: list[tuple[int, float]] = []
+    opened: list[tuple[int, float]] = []
+    first: Solution | None = None
+    kept = False
+    for way in _and_held(_ways(problem, start), start, lambda: bool(lost or opened)):
+        kept = kept or way.held
+        if first is not None and _known(problem, way, first):
+            costs.append((way.number, first.point.cost))
+            if best is not None and _agreed(costs, best):
+                break
+            continue
+        try:
+            solution = _gone(problem, way)
+            found = solution, infer(solution.point, problem.exact)
+        except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
+            continue
+        if best is None or solution.point.cost < best[0].point.cost:
+            best = found
+        if solution.converged:
+            if _opened(problem, start, found[1]):
+                opened.append((way.number, solution.point.cost))
+            elif vanished(problem, start, solution):
+                lost.append((way.number, solution.point.cost))
+            else:
+                costs.append((way.number, solution.point.cost))
+                first = first or solution
+        if best[0].converged and (
+            explained(*best) or any(_agreed(c, best) for c in (costs, opened))
+        ):
+            break
+    if best is not None and not explained(*best) and not _agreed(costs + lost, best):
+        return replace(best[0], converged=False), best[1]
+    return best
+
+
+def _gone(problem: Problem, way: _Way) -> Solution:
+    if not way.held:
+        return solve(problem, way.start, way.stages, way.bounded)
+    within = solve(_within(problem, way.start), way.start, way.stages, True)
+    return settle(problem, within.point.unknowns)
+
+
+def _within(problem: Problem, start: Floats) -> Problem:
+    layout, count = problem.layout, len(start)
+    rows: list[tuple[Polynomial, float, str]] = []
+    linear, nothing = set(problem.affine.tolist()), (0,) * count
+    for i in layout.free.tolist():
+        unknown = layout.unknowns[i]
+        if start[i] == 0 or i in linear or unknown.nuisance:
+            continue
+        alone = tuple(int(k == i) for k in range(count))
+        rows.append(({alone: 1 / start[i], nothing: -1 / WITHIN}, 1.0, unknown.name))
+        rows.append(({alone: -1 / start[i], nothing: WITHIN}, 1.0, unknown.name))
+    bounds = problem.bounds.joined(Relations.build(rows, count))
+    sketch = None if problem.sketch is None else replace(problem.sketch, bounds=bounds)
+    return replace(problem, bounds=bounds, sketch=sketch)
+
+
+def _opened(problem: Problem, start: Floats, inference: Inference) -> bool:
+    """Tell whether a minimum leaves more open than the start does: that is no lack of the records.
+
+    Where a mass and its spring have vanished together any of their size will do.
+    """
+    if not inference.null.shape[1]:
+        return False
+    there = infer(problem.best_at(start), problem.exact)
+    return bool(inference.null.shape[1] > there.null.shape[1])
+
+
+def vanished(problem: Problem, start: Floats, solution: Solution) -> bool:
+    """Tell whether an unknown has come to nothing without a bound that holds it there."""
+    free = problem.layout.free
+    small = np.abs(solution.point.unknowns[free]) < VANISHED * np.abs(start[free])
+    return bool(small.any()) and not solution.active
+
+
+def _known(problem: Problem, way: _Way, first: Solution) -> bool:
+    """Tell whether a way on thousands of lines would only be the first one again."""
+    if problem.sketch is None or way.held or way.stages is not STAGES:
+        return False
+    if len(outside(problem.bounds, first.point.unknowns)):
+        return False
+    return joins(problem, way.start, first.trail, way.bounded)
+
+
+def explained(solution: Solution, inference: Inference) -> bool:
+    """Tell whether noise alone explains the cost."""
+    return inference.expectation.p_value(solution.point.cost) >= SUSPICIOUS
+
+
+def _agreed(costs: list[tuple[int, float]], best: tuple[Solution, Inference]) -> bool:
+    """Tell whether two different starts led to the lowest cost."""
+    most = _as_low(best[0].point.cost, best[1].expectation.mean)
+    return len({number for number, cost in costs if cost <= most}) > 1
+
+
+def _as_low(lowest: float, expected: float) -> float:
+    """Return the highest cost that is the lowest one, to rounding."""
+    return lowest * (1 + max(AGREE, ALIKE / max(expected, 1.0))) + 1e-3

@@ -1,0 +1,304 @@
+"""From a fit to its `Estimate`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from rotorid.answer.derived import base_from_physical, physical_from_base, physical_start
+from rotorid.answer.estimate import Estimate
+from rotorid.answer.judge import OPEN, SUSPECTS, judge
+from rotorid.answer.machine_checks import REJECTED
+from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, ModeFit, Value
+from rotorid.core.notes import Note, remarks
+from rotorid.core.values import Floats
+from rotorid.data.observation import Observation
+from rotorid.likelihood.case import Case
+from rotorid.likelihood.fit import Fit
+from rotorid.likelihood.identifiability import (
+    Trial,
+    determined_combinations,
+    find_cures,
+    open_combinations,
+)
+from rotorid.likelihood.modal import close_modes, mode_fits
+from rotorid.likelihood.other_answers import doubt_notes
+from rotorid.likelihood.response import by_likelihood
+from rotorid.likelihood.rivals import Suspicion, suspected
+from rotorid.linear.equations import relative_errors
+from rotorid.models import Model
+
+
+def summarize(model: Model, fit: Fit) -> Estimate:
+    """Return the estimate of a fit."""
+    layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
+    records = fit.records
+    cost, expectation = point.cost, inference.expectation
+    p_value = expectation.p_value(cost)
+    inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
+    values, held = _values(fit, inflation), _held(model, fit)
+    suspicion = _suspicion(model, fit, p_value)
+    # Where a search failed, nothing follows of what the records determine.
+    arrived = fit.solution.converged
+    combinations = open_combinations(layout, point, inference) if arrived else []
+    cures = find_cures(Trial(layout, records, point, inference), combinations)
+    notes = (
+        *_causes(suspicion),
+        *(Note("units", "doubts", fault) for fault in model.unit_faults),
+        *_notes(fit, p_value),
+        *(Note(OPEN, "open", str(found), on=found.names) for found in combinations),
+        *(Note(OPEN, "open", cure=cure) for cure in cures),
+    )
+    count = layout.named
+    kept = [v for i, v in enumerate(values[:count]) if i not in layout.idle]
+    return Estimate(
+        model=model.name,
+        method="ml",
+        status=judge(notes),
+        parameters=(*kept, *held),
+        nuisance=tuple(v for v in values[count:] if not v.fixed),
+        derived=(
+            *_derived(model, fit),
+            *determined_combinations(layout, point, inference, combinations),
+        ),
+        covariance=inference.covariance,
+        misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
+        prediction=relative_errors(by_likelihood(records, point.records)),
+        lines_hz=_lines(records),
+        periods=min((r.lines.periods for r in records), default=0),
+        notes=notes,
+        condition_number=inference.condition_number,
+        line_misfit=tuple(_line_misfits(fit)),
+        modes=_mode_fits(fit),
+        alternatives=tuple(_alternatives(fit)),
+    )
+
+
+def _values(fit: Fit, inflation: float) -> list[Value]:
+    """Return every unknown with its deviations; NaN where the records do not determine it."""
+    std = _deviations(fit)
+    return [
+        Value(
+            u.name,
+            u.unit,
+            float(x) if np.isfinite(s) else np.nan,
+            float(s),
+            float(s * inflation),
+            u.fixed,
+        )
+        for u, x, s in zip(
+            fit.prepared.layout.unknowns, fit.solution.point.unknowns, std, strict=True
+        )
+    ]
+
+
+def _held(model: Model, fit: Fit) -> list[Value]:
+    """Return the parameters that were replaced by numbers."""
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    held = fit.prepared.substituted.items()
+    return [Value(name, units[name], value, 0.0, 0.0, True) for name, value in held]
+
+
+def _alternatives(fit: Fit) -> Iterator[Alternative]:
+    layout = fit.prepared.layout
+    for other in fit.doubt.alternatives:
+        named = ((layout.unknowns[i].name, float(other.unknowns[i])) for i in layout.free)
+        yield Alternative(other.cost, tuple(named))
+
+
+def _lines(records: Sequence[Observation]) -> tuple[float, ...]:
+    return tuple(sorted({float(f) for r in records for f in r.lines.frequency}))
+
+
+def nothing_found(
+    model: Model, records: Sequence[Observation], fixed: Mapping[str, float], message: str
+) -> Estimate:
+    """Return the result of an iteration that ended nowhere: no values, and why."""
+    told = remarks("record", (w for r in records for w in r.lines.warnings))
+    notes = (*told, Note("search", "unfinished", message))
+    return Estimate(
+        model=model.name,
+        method="ml",
+        status=judge(notes),
+        parameters=tuple(
+            Value(p.name, p.unit, fixed[p.name], 0.0, 0.0, True)
+            if p.name in fixed
+            else Value(p.name, p.unit, np.nan, np.nan, np.nan)
+            for p in model.parameters
+        ),
+        lines_hz=_lines(records),
+        periods=min((r.lines.periods for r in records), default=0),
+        notes=notes,
+    )
+
+
+def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
+    """Look for what is wrong where the data reject the model; where they do not, nothing is."""
+    if p_value >= REJECTED:
+        return Suspicion()
+    point, expected = fit.solution.point, fit.inference.expectation.mean
+    values = physical_at(model, fit)
+    case = Case(fit.prepared, fit.records, point.unknowns, expected, values, point)
+    return suspected(case, fit.plain)
+
+
+def _deviations(fit: Fit) -> Floats:
+    """Deviation of every unknown: 0 where fixed, NaN where the records do not determine it."""
+    layout, inference = fit.prepared.layout, fit.inference
+    std = np.zeros(len(layout.unknowns))
+    spread = inference.std
+    spread[inference.undetermined] = np.nan
+    std[layout.free] = spread
+    return std
+
+
+def physical_at(model: Model, fit: Fit) -> Floats:
+    """Return the physical parameters at the minimum, NaN where base parameters leave them open."""
+    layout, point = fit.prepared.layout, fit.solution.point
+    if not layout.base:
+        return point.unknowns[layout.of_record(0).held]
+    values = physical_start(layout.model, point.unknowns[: layout.parameters])
+    known = {**dict(zip(layout.model.parameter_names, values.tolist(), strict=True))}
+    known |= fit.prepared.substituted
+    return np.array([known[name] for name in model.parameter_names])
+
+
+def _line_misfits(fit: Fit) -> list[LineMisfit]:
+    found = []
+    for number, (record, at, expected) in enumerate(
+        zip(fit.records, fit.solution.point.records, fit.inference.line_means, strict=True)
+    ):
+        for hz, cost, mean in zip(record.lines.frequency, at.line_costs, expected, strict=True):
+            found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
+    return found
+
+
+def _mode_fits(fit: Fit) -> tuple[ModeFit, ...]:
+    """Return the measured modes beside those of the estimate."""
+    free, covariance = fit.prepared.layout.free, fit.inference.covariance
+    return mode_fits(fit.problem.known.modes, fit.solution.point.unknowns, free, covariance)
+
+
+def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
+    """Return base parameters from physical ones, or the other way round."""
+    layout, inference = fit.prepared.layout, fit.inference
+    if layout.base:
+        inner = layout.free < layout.parameters
+        if inference.undetermined[inner].any():
+            return ()
+        held = layout.held
+        values = fit.solution.point.unknowns[held]
+        return physical_from_base(layout.model, values, fit.covariance[np.ix_(held, held)])
+    found: dict[str, Value] = {}
+    for number in range(max(1, len(fit.records))):  # measured modes need no record
+        for value in _base_of(model, fit, number):
+            found.setdefault(value.name, value)
+    return tuple(found.values())
+
+
+def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
+    """Return the base parameters of one record, under the names of what it has to itself."""
+    layout, inference = fit.prepared.layout.of_record(number), fit.inference
+    held, free = layout.held, layout.free
+    values, covariance = fit.solution.point.unknowns[held], fit.covariance
+    names = [layout.unknowns[i].name for i in held]
+    found = base_from_physical(model, values, covariance[np.ix_(held, held)], names)
+    every = np.zeros((len(found), len(layout.unknowns)))
+    every[:, held] = model.base_jacobian(values)
+    slopes = every[:, free] * inference.scale
+    largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
+    slopes = slopes / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
+    length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
+    along = slopes / np.where(length > 0, length, 1.0) @ inference.null
+    unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
+    return tuple(
+        Value(v.name, v.unit, np.nan, np.nan) if lost else v
+        for v, lost in zip(found, unknown, strict=True)
+    )
+
+
+def _causes(suspicion: Suspicion) -> Iterator[Note]:
+    """Return what may explain a misfit: the sentence about it, and each possible cause."""
+    if suspicion.sentence:
+        yield Note(SUSPECTS, "rejects", suspicion.sentence)
+    for s in suspicion.suspects:
+        yield Note(s.term, "doubts", value=s.value, unit=s.unit, drop=s.drop, share=s.share)
+
+
+def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
+    """Return what is said of the data, the search and the misfit."""
+    point, inference = fit.solution.point, fit.inference
+    yield from remarks("record", (w for record in fit.records for w in record.lines.warnings))
+    yield from _mixed(fit)
+    for bound in fit.solution.active:
+        text = f"the bound {fit.problem.bounds.texts[bound]} holds with equality"
+        yield Note("bound", "doubts", f"{text}; deviations are those without it")
+    if not fit.solution.converged:
+        text = (
+            "the search did not arrive at a minimum from this start and others about it, so "
+            "nothing is known of what the records determine"
+        )
+        cure = (
+            "give a nearer start (nominal, start), and what is known of it: positive = true, min, "
+            "max"
+        )
+        yield Note("search", "unfinished", text, cure)
+    if not fit.records and not inference.expectation.dof and not inference.null.shape[1]:
+        text = (
+            "as many unknowns as were measured in [[modes]]: nothing is left over that could "
+            "contradict the model"
+        )
+        yield Note("modes", "doubts", text, "measure a further natural frequency")
+    yield from close_modes(fit.problem.known.modes, point.unknowns)
+    yield from doubt_notes(fit.problem, fit.prepared.layout.start, fit.doubt)
+    yield from fit.signs
+    yield from _on_misfit(fit, p_value)
+
+
+def _mixed(fit: Fit) -> Iterator[Note]:
+    """Say of which records the covariance was mixed with its diagonal."""
+    for number, at in enumerate(fit.solution.point.records):
+        noise = at.problem.noise
+        told = fit.records[number].lines.covariance.kind != "coherence"
+        if noise.shrunk > 0 and told:
+            where = f"record {number + 1}: " if len(fit.records) > 1 else ""
+            text = (
+                f"{where}too few periods for the covariance of {at.problem.equations} equations "
+                f"per line ({noise.dof:g} degrees of freedom, {2 * at.problem.equations} needed): "
+                f"it was mixed with its diagonal ({100 * noise.shrunk:.0f} %); deviations and "
+                "p-value are rough"
+            )
+            yield Note("noise", "doubts", text, "record more periods")
+
+
+def _on_misfit(fit: Fit, p_value: float) -> Iterator[Note]:
+    """Say what the misfit says of the model, or of the noise."""
+    point, expected = fit.solution.point, fit.inference.expectation.mean
+    kinds = {record.lines.covariance.kind for record in fit.records}
+    if p_value < REJECTED:
+        text = (
+            f"the data reject the model: misfit {point.cost:.4g} where {expected:.4g} is expected "
+            f"(p = {p_value:.1g})"
+        )
+        cure = (
+            "see the suspects; until the cause is found neither std nor std_inflated covers the "
+            "error"
+        )
+        yield Note("misfit", "rejects", text, cure, value=point.cost, unit="1")
+    elif 1 - p_value < REJECTED and "references" in kinds:
+        text = (
+            f"the misfit, {point.cost:.6g}, is far below the {expected:.6g} that is expected: what "
+            "counts as noise is not all noise, as where references are late or do not hold all "
+            "that was added, or where a channel is cut at a limit; until that is found the "
+            "deviations are not sure"
+        )
+        yield Note("misfit", "doubts", text, value=point.cost, unit="1")
+    elif p_value < DOUBTFUL:
+        text = (
+            f"the model is doubtful: misfit {point.cost:.4g} where {expected:.4g} is expected "
+            f"(p = {p_value:.1g}); where that is not chance, values may be off by more than "
+            "std_inflated says: record more periods, or declare gains and delays of the channels "
+            "as known with a deviation"
+        )
+        yield Note("misfit", "doubts", text, value=point.cost, unit="1")

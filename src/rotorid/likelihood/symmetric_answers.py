@@ -1,0 +1,444 @@
+"""Answers that fit as well because the machine has a symmetry that no record tells.
+
+Hidden coordinates may turn their signs together with some parameters, and two hidden parts may
+change places. Both follow from the equations (`rotorid.models.symmetry`); what else is known,
+bounds, priors, measured modes, is asked by what the other answer costs.
+
+Signs are taken from the start, which says how the machine was drawn: an overhung disc bends its
+shaft one way. Nothing says which of two hidden wings is which, so both answers stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
+from rotorid.core.values import Floats
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import Stiffness, every_load, other_terms
+from rotorid.likelihood.inference import Inference
+from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.relations import Relations
+from rotorid.likelihood.solver import Solution, settle
+from rotorid.likelihood.tangent import outside
+from rotorid.models.linear import Kind
+from rotorid.models.symmetry import Bits, Link, Web
+
+CLOSE = 15.0
+"""What costs more by no more than this fits as well, other minima and other suspects: 15 has a
+chance of 1e-4."""
+APART = 5.0
+"""Minima further apart than this many deviations are different answers."""
+SAME = 1e-9
+"""Share of its cost by which a mirror image may miss it by rounding."""
+MOST = 6
+"""Independent changes of sign that are combined: 64 answers; more are tried one by one."""
+LARGE = 3000
+"""Links up to which exchanges are looked for, in the first records that have no more: a second or
+two. Matrices from a drawing, whose shapes have no names that could change places, have more."""
+
+MOVING = {"row", "coordinate"}
+"""Nodes that may turn and change places, beside parameters; inputs, loads and sensors stay."""
+
+Place = tuple[str, Hashable]
+"""What a node is, and which of its kind."""
+Entry = tuple[Hashable, Place, Place, tuple[int, ...]]
+"""A kind of term, its row, its column, and the unknowns that multiply it."""
+
+
+@frozen
+class Turn:
+    """Unknowns that may turn their signs together, and the hidden coordinates that turn with them.
+
+    Without such coordinates every term of the equations stays what it is: a lever in squares.
+    """
+
+    unknowns: tuple[int, ...]
+    coordinates: tuple[str, ...] = ()
+
+    def of(self, values: Floats) -> Floats:
+        """Return unknowns with their signs turned."""
+        turned = values.copy()
+        turned[list(self.unknowns)] *= -1
+        return turned
+
+
+@frozen
+class Exchange:
+    """Unknowns that go to other places, each multiplied, and the coordinates that go with them."""
+
+    places: tuple[int, ...]
+    factors: Floats
+    coordinates: tuple[tuple[str, str], ...]
+
+    def of(self, values: Floats) -> Floats:
+        """Return unknowns that have changed places."""
+        moved = values.copy()
+        moved[list(self.places)] = values * self.factors
+        return moved
+
+
+@frozen
+class Image:
+    """Another answer, and what makes it one."""
+
+    solution: Solution
+    exchange: Exchange | None = None
+
+
+@frozen
+class Mirrors:
+    """Which other answers the symmetries of a machine make of one."""
+
+    layout: Layout
+    turns: tuple[Turn, ...] = ()
+    exchanges: tuple[Exchange, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        records: Sequence[Observation],
+        unknowns: Floats,
+        *,
+        as_free: bool = False,
+    ) -> Mirrors:
+        """Find the symmetries of a machine at an answer; `as_free`: as if nothing were fixed."""
+        layout = problem.layout
+        if as_free:
+            loose = (replace(u, std=None) if u.fixed else u for u in layout.unknowns)
+            layout = replace(layout, unknowns=tuple(loose))
+        names, links = _links(layout, records, unknowns)
+        web = _web(problem, layout, names, links, unknowns)
+        turns = tuple(_turns(web, names, layout))
+        if len(links) > LARGE:  # what some records do not tell, all are asked by the cost
+            names, links = _links(layout, records, unknowns, LARGE)
+            web = _web(problem, layout, names, links, unknowns)
+        return cls(layout, turns, tuple(_exchanges(web, names, layout, unknowns)))
+
+    def as_started(self, solution: Solution) -> Solution:
+        """Return the one of its mirror images whose signs are those of the start."""
+        if not self.turns:
+            return solution
+        score, identity = self._agreement(solution.point.unknowns), Turn(())
+        for turn in sorted(self._every_turn(), key=lambda turn: -score(turn)):
+            if score(turn) <= score(identity):
+                break
+            image = self._image(solution, turn)
+            if image is not None:
+                return image
+        return solution
+
+    def best(self, solution: Solution) -> Solution:
+        """Return the lowest of its mirror images, where a prior tells them, with these signs."""
+        images = (self._image(solution, exchange) for exchange in self.exchanges)
+        found = [solution, *(image for image in images if image is not None)]
+        lowest = min(found, key=lambda image: image.point.cost)
+        told = lowest.point.cost < solution.point.cost * (1 - SAME) - SAME
+        return self.as_started(lowest if told else solution)
+
+    def inside(self, bounds: Relations, unknowns: Floats) -> list[Floats]:
+        """Return the answers in other places that keep bounds."""
+        moved = (exchange.of(unknowns) for exchange in self.exchanges)
+        return [x for x in moved if not len(outside(bounds, x))]
+
+    def images(self, solution: Solution) -> list[Image]:
+        """Return the answers that fit as well and between which no start decides."""
+        if not (self.turns or self.exchanges):
+            return []
+        score = self._agreement(solution.point.unknowns)
+        found = []
+        for turn in self.turns:
+            if turn.coordinates and score(turn) == score(Turn(())):
+                image = self._image(solution, turn)
+                found += [Image(image)] if image else []
+        for exchange in self.exchanges:
+            image = self._image(solution, exchange)
+            found += [Image(self.as_started(image), exchange)] if image else []
+        return found
+
+    def notes(self, solution: Solution, inference: Inference) -> list[Note]:
+        """Say of which parameters no record tells the sign."""
+        free, x = self.layout.free, solution.point.unknowns
+        std = np.zeros(len(x))
+        std[free] = inference.std
+        std[free[inference.undetermined]] = np.inf
+        found = []
+        for turn in self.turns:
+            where = list(turn.unknowns)
+            apart = (2 * np.abs(x[where]) > APART * std[where]).all()
+            if turn.coordinates and apart and self._image(solution, turn) is not None:
+                found.append(_told(self.layout, turn))
+        return found
+
+    def _agreement(self, values: Floats) -> Callable[[Turn], int]:
+        """Return a count of the signs that are those of the start once some are turned."""
+        start = self.layout.start
+        agree = np.sign(start) * np.sign(values)
+        return lambda turn: -2 * int(agree[list(turn.unknowns)].sum())
+
+    def _every_turn(self) -> Iterator[Turn]:
+        """Yield all combinations of turns."""
+        most = len(self.turns) if len(self.turns) <= MOST else 1
+        for count in range(1, most + 1):
+            for chosen in combinations(self.turns, count):
+                odd: set[int] = set()
+                for turn in chosen:
+                    odd ^= set(turn.unknowns)
+                yield Turn(tuple(sorted(odd)))
+
+    def _image(self, solution: Solution, change: Turn | Exchange) -> Solution | None:
+        """Return the mirror image of an answer, where what else is known allows it."""
+        point = solution.point
+        problem, x = point.problem, change.of(point.unknowns)
+        if len(outside(problem.bounds, x)) or _broken(problem.exact, x):
+            return None
+        image = problem.at(x)
+        above = image.cost - point.cost
+        if not np.isfinite(above) or above > 10 * CLOSE:
+            return None
+        trail = tuple(change.of(at) for at in solution.trail)
+        if abs(above) <= SAME * point.cost + SAME:
+            return replace(solution, point=image, trail=trail)
+        try:  # a prior draws the others after it
+            settled = settle(problem, x)
+        except np.linalg.LinAlgError:
+            return None
+        return replace(settled, trail=trail) if settled.point.cost <= point.cost + CLOSE else None
+
+
+def _broken(exact: Relations, unknowns: Floats) -> bool:
+    """Tell whether an exact relation does not hold."""
+    return bool((np.abs(exact.values(unknowns)) > SAME * exact.sizes(unknowns)).any())
+
+
+def _links(
+    layout: Layout, records: Sequence[Observation], unknowns: Floats, most: float = np.inf
+) -> tuple[list[Place], list[Link]]:
+    """Return the nodes and the terms of all records, those of records that are alike once.
+
+    `most`: of the first records only that have no more terms.
+    """
+    nodes: dict[Place, int] = {("unknown", i): i for i in range(len(layout.unknowns))}
+    gone = {i for i, u in enumerate(layout.unknowns) if u.fixed and not unknowns[i]}
+    links: list[Link] = []
+    seen: set[Hashable] = set()
+    every = [_terms_of(layout.of_record(k), record) for k, record in enumerate(records)]
+    for number, terms in enumerate(every or [_unread(layout)]):
+        signature = tuple(terms.items())
+        if signature in seen:
+            continue
+        seen.add(signature)
+        if len(links) + len(terms) > most:
+            break
+        for (kind, row, column, factors), coefficient in terms.items():
+            if coefficient == 0 or gone & set(factors):
+                continue
+            one, other = (
+                nodes.setdefault((what, (number, name)), len(nodes)) for what, name in (row, column)
+            )
+            links.append(Link(kind, one, other, factors, coefficient))
+    return list(nodes), links
+
+
+def _unread(layout: Layout) -> dict[Entry, float]:
+    """Return the terms of a machine of which natural frequencies alone are known."""
+    found: dict[Entry, float] = {}
+    for term in linear_form(layout.model).stiffness:
+        factors = layout.monomial_factors[term.monomial]
+        if factors is not None:
+            kind = Kind(term.order, term.factor, term.structural)
+            ends = ("row", term.row), ("coordinate", term.column)
+            key = kind, *ends, tuple(sorted(factors))
+            found[key] = found.get(key, 0.0) + term.coefficient
+    return found
+
+
+def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
+    """Return the coefficient of each kind, row, column and product of unknowns."""
+    n, rows = len(layout.model.coordinates), len(layout.model.texts)
+    record = layout.observed(record)
+    found: dict[Entry, float] = {}
+
+    def add(kind: Hashable, row: Place, column: Place, factors: Sequence[int], size: float) -> None:
+        key = kind, row, column, tuple(sorted(factors))
+        found[key] = found.get(key, 0.0) + size
+
+    table = Stiffness.of(layout, record.lines)
+    kinds = linear_form(layout.model).stiffness.kinds
+    columns = (table.row, table.column, table.place, table.monomial, table.coefficient)
+    for row, column, place, monomial, size in zip(*(c.tolist() for c in columns), strict=True):
+        factors = layout.monomial_factors[monomial] or ()
+        add(kinds[place], ("row", row), ("coordinate", column), factors, size)
+    idle = {n + k for k, c in enumerate(record.input_columns) if not record.lines.mean[:, c].any()}
+    for t in other_terms(layout, record):
+        if t.column in idle:
+            continue
+        row, column = ("row", t.row), ("coordinate", t.column)
+        if t.row >= rows:
+            row = ("sensor row", t.row)
+        add(
+            ("other", t.order),
+            row,
+            column if t.column < n else ("input", t.column),
+            t.factors,
+            t.coefficient,
+        )
+    for load in every_load(layout):
+        add("load", ("row", load.row), ("load", load.signal), load.factors, load.coefficient)
+    for number, reads in enumerate(record.reads):
+        for column in np.flatnonzero(reads).tolist():
+            add("reads", ("sensor", number), ("coordinate", column), (), float(reads[column]))
+    return found
+
+
+def _web(
+    problem: Problem,
+    layout: Layout,
+    names: Sequence[Place],
+    links: Sequence[Link],
+    unknowns: Floats,
+) -> Web:
+    """Say which nodes may turn their signs, and which may change places."""
+    used = {f for link in links for f in link.factors}
+    movable = {i for i in used if i < layout.named} - layout.idle
+    colours: list[Hashable] = []
+    still = set()
+    for node, (what, name) in enumerate(names):
+        if what == "unknown" and node in movable:
+            unknown = layout.unknowns[node]
+            colours.append((what, unknown.unit, unknown.fixed))
+            if unknown.fixed or unknown.positive or _priors(problem, node, unknowns) > CLOSE:
+                still.add(node)
+        elif what in MOVING:
+            assert isinstance(name, tuple)
+            colours.append((what, name[0]))
+        else:
+            colours.append(("alone", node))
+            still.add(node)
+    alike = [
+        *_alike(problem.exact, ()),
+        *_alike(problem.known.relations, [u.name for u in layout.unknowns]),
+    ]
+    return Web(tuple(links), tuple(colours), still, alike)
+
+
+def _priors(problem: Problem, node: int, unknowns: Floats) -> float:
+    """Return by how much the sign of an unknown alone would raise the cost of its prior."""
+    unknown = problem.layout.unknowns[node]
+    if not unknown.std:
+        return 0.0
+    return float(4 * unknowns[node] * unknown.prior / unknown.std**2)
+
+
+def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[int]]:
+    """Yield sets of unknowns whose signs must multiply to one for relations to hold."""
+    factors, count = relations.monomials.factors, relations.monomials.unknowns
+    for row, text in zip(relations.matrix, relations.texts, strict=True):
+        if text in priors:
+            continue
+        odd = []
+        for monomial in np.flatnonzero(row):
+            nodes: set[int] = set()
+            for f in factors[monomial].tolist():
+                nodes ^= {f} if f < count else set()
+            odd.append(nodes)
+        yield from (frozenset(odd[0] ^ nodes) for nodes in odd[1:])
+
+
+def _turns(web: Web, names: Sequence[Place], layout: Layout) -> Iterator[Turn]:
+    """Yield independent changes of sign: those of unknowns alone, then those with coordinates."""
+    ends = [node for node, (what, _) in enumerate(names) if what in MOVING]
+    own = (1 << len(layout.unknowns)) - 1
+    pivots: dict[int, Bits] = {}
+    for alone, basis in ((True, web.turns(ends)), (False, web.turns())):
+        for turned in basis:
+            for pivot, row in pivots.items():
+                if turned >> pivot & 1:
+                    turned ^= row
+            if not turned & own:
+                continue
+            pivots[((turned & own) & -(turned & own)).bit_length() - 1] = turned
+            which = [node for node in range(len(names)) if turned >> node & 1]
+            unknowns = tuple(node for node in which if node < len(layout.unknowns))
+            yield Turn(unknowns, () if alone else _coordinates(layout, names, which))
+
+
+def _coordinates(layout: Layout, names: Sequence[Place], nodes: Sequence[int]) -> tuple[str, ...]:
+    found = [names[node][1] for node in nodes if names[node][0] == "coordinate"]
+    every = layout.model.coordinates
+    return tuple(dict.fromkeys(every[name[1]] for name in found if isinstance(name, tuple)))
+
+
+def _exchanges(
+    web: Web, names: Sequence[Place], layout: Layout, unknowns: Floats
+) -> Iterator[Exchange]:
+    """Yield the ways in which free parameters may change places."""
+    count = len(layout.unknowns)
+    used = {f for link in web.links for f in link.factors}
+    free = [int(i) for i in layout.free if i < layout.named and i in used]
+    for places in web.exchanges(free):
+        known = {i: 1.0 for i, (what, _) in enumerate(names) if what not in MOVING}
+        for i in free:
+            del known[i]
+        for i in range(count):
+            if layout.unknowns[i].fixed and places[i] != i:
+                known[i] = float(unknowns[places[i]] / unknowns[i])
+        factors = web.followed(places, known)
+        if factors is None:
+            continue
+        nodes = [node for node in range(len(names)) if places[node] > node]
+        pairs = [
+            (_coordinates(layout, names, [node]), _coordinates(layout, names, [places[node]]))
+            for node in nodes
+            if names[node][0] == "coordinate"
+        ]
+        ends = tuple(dict.fromkeys((a[0], b[0]) for a, b in pairs))
+        yield Exchange(tuple(places[:count]), factors[:count], ends)
+
+
+def _told(layout: Layout, turn: Turn) -> Note:
+    """Say that no record tells some signs."""
+    names = tuple(layout.unknowns[i].name for i in turn.unknowns)
+    model = layout.model
+    sensors = [q for q in model.measurable if q in turn.coordinates]
+    one = "no record tells the sign of {}: that of its start is taken"
+    more = "no record tells the signs of {}, which turn together: those of their starts are taken"
+    cures = [f"a sensor of {' or '.join(sensors)} would tell"] if sensors else []
+    cures.append("where physics tells, positive = true in the model says so")
+    text = (more if turn.unknowns[1:] else one).format(_listed(names))
+    return Note("sign", "doubts", text, "; ".join(cures), on=names)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def exchanged(layout: Layout, exchange: Exchange, values: Floats) -> str:
+    """Say which parts may change places, and what would tell them apart."""
+    pairs = [
+        (i, j) for i, j in enumerate(exchange.places) if j > i and not layout.unknowns[i].fixed
+    ]
+    names = [[layout.unknowns[k].name for k in side] for side in zip(*pairs, strict=True)]
+
+    def unlike(pair: tuple[int, int]) -> float:
+        one, other = values[pair[0]], exchange.factors[pair[1]] * values[pair[1]]
+        return round(float(abs(one - other) / max(abs(one), abs(other), 1e-300)), 3)
+
+    i, j = max(pairs, key=unlike)
+    factor = "" if np.isclose(exchange.factors[j], 1) else f"{exchange.factors[j]:.6g}*"
+    difference = f"{layout.unknowns[i].name} - {factor}{layout.unknowns[j].name}"
+    zero = f"0 {layout.unknowns[i].unit}".removesuffix(" 1")
+    ways = [f"a bound ([[constraints]] expression = '{difference}', min or max = '{zero}')"]
+    sensors = " or ".join(dict.fromkeys(name for pair in exchange.coordinates for name in pair))
+    ways += [f"a sensor of {sensors}"] if sensors else []
+    return (
+        f"{_listed(names[0])} may change places with {_listed(names[1])}: tell which is which, by "
+        f"a value of one with its deviation, or {', or '.join(ways)}"
+    )

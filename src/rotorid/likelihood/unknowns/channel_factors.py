@@ -1,0 +1,307 @@
+"""Unknown factors of channels: gain, free factor, delay, bandwidth."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import field, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.observation import Observation
+from rotorid.data.record import Channel
+from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
+from rotorid.likelihood.effects import Effect, Scales
+from rotorid.likelihood.unknowns.base import (
+    Nuisances,
+    Plausible,
+    Scalar,
+    Unknown,
+    all_channels,
+    all_inputs,
+    all_sensors,
+)
+
+FACTORS = {
+    "mil instead of um, um instead of mil, or inches instead of mm": 25.4,
+    "mm instead of um, or mA instead of A": 1e3,
+    "m instead of um, or uA instead of A": 1e6,
+    "degrees instead of radians": 180 / np.pi,
+    "rms instead of amplitude": np.sqrt(2),
+    "peak to peak instead of amplitude": 2.0,
+    "inches instead of m": 1 / 0.0254,
+    "pounds-force instead of N": 1 / 4.4482216152605,
+    "kilograms-force instead of N": 1 / 9.80665,
+    "ten times": 10.0,
+}
+"""Factors by which a reading is off where a unit was mistaken; each may be its inverse."""
+SNAP = 0.03
+"""A free factor this close to that of a unit is taken for it: calibrations are off by less."""
+
+
+def factor_name(gain: float) -> str:
+    """Say which unit was mistaken where a gain is that of one, and whether it is upside down."""
+    name, _ = _nearest(abs(gain)) or ("", 1.0)
+    told = [name] if name else []
+    if gain < 0:
+        told.append("upside down")
+    return f" ({', '.join(told)})" if told else ""
+
+
+def snap(gain: float) -> float | None:
+    """Return the sign and unit factor that a gain is close to, or None."""
+    near = _nearest(abs(gain))
+    return None if near is None else float(np.copysign(near[1], gain))
+
+
+def _nearest(size: float) -> tuple[str, float] | None:
+    """Return the unit whose factor is nearest to a size, with that factor; None where none is."""
+    factors = [("", 1.0), *((n, way) for n, f in FACTORS.items() for way in (f, 1 / f))]
+    name, exact = min(factors, key=lambda known: abs(size / known[1] - 1))
+    return (name, exact) if abs(size / exact - 1) < SNAP else None
+
+
+@frozen
+class Factor(Unknown):
+    """Multiplies the lines of channels: true line = factor * corrected line."""
+
+    cure: str = field(default="check the channel, or declare it unknown", kw_only=True)
+
+    def effects(self) -> Sequence[Effect]:
+        """Scale the lines."""
+        return (Scales(self.on, self.factor, self.slopes),)
+
+    @abstractmethod
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """Return true line over corrected line, shape (line,), at the values of its scalars."""
+
+    @abstractmethod
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """Return the derivative of the logarithm of `factor`, shape (line, scalar)."""
+
+
+class Gain(Factor):
+    """Reading = gain * quantity."""
+
+    setting = "gain_std"
+    # What calibrating by hand reaches.
+    plausible = Plausible(
+        "gain",
+        "1",
+        0.01,
+        "taken as exact: 1 % of it",
+        "gain_std says how well it is known",
+        in_scale=True,
+    )
+
+    @classmethod
+    def of(cls, channel: Channel, std: float | None) -> Self:
+        """Return the gain of one channel, known to `std`."""
+        unknown = Scalar(
+            f"gain[{channel.name}]", "1", 1.0, std, 1.0, nuisance=True, positive=True, anchored=True
+        )
+        return cls((unknown,), frozenset([channel.name]))
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return the gains that are known with a deviation."""
+        return [cls.of(c, c.gain_std) for c in all_channels(records) if c.gain_std > 0]
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return the gain of each channel."""
+        return [cls.of(c, None) for c in all_channels(records)]
+
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """1 / g."""
+        return np.full(len(omega), 1 / values[0], dtype=np.complex128)
+
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """-1 / g."""
+        return np.full((len(omega), 1), -1 / values[0], dtype=np.complex128)
+
+
+class Multiplier(Factor):
+    """Quantity = s * reading: linear in s, so that a search may pass through zero."""
+
+    @classmethod
+    def of(cls, name: str, channels: Iterable[str], start: float = 1.0) -> Self:
+        """Return the common factor of some channels, under the name of their gain."""
+        unknown = Scalar(f"gain[{name}]", "1", start, nuisance=True, additive=True)
+        cure = "check the unit, the sign and the calibration of the channel"
+        return cls((unknown,), frozenset(channels), cure=cure)
+
+    def size(self, values: Floats) -> float:
+        """Return the gain, which is 1 / s."""
+        return float(1 / values[0]) if values[0] else np.nan
+
+    def told(self, value: float | None) -> tuple[str, str]:
+        """Say the gain, and whose factor it is near to."""
+        said, cure = super().told(value)
+        return said + ("" if value is None else factor_name(value)), cure
+
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """S."""
+        return np.full(len(omega), values[0], dtype=np.complex128)
+
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """1 / s."""
+        return np.full((len(omega), 1), 1 / (values[0] or 1e-300), dtype=np.complex128)
+
+
+@frozen
+class Delay(Factor):
+    """The channels lag the quantity by tau; the lines are corrected for `known` already."""
+
+    setting = "delay"
+    rival = "term"
+    # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
+    plausible: ClassVar[Plausible | None] = Plausible(
+        "delay",
+        "s",
+        10e-6,
+        "taken as exact: 10 us of it",
+        'delay = { std = ".." } says how well it is known',
+    )
+
+    known: float = 0.0
+
+    @classmethod
+    def _late(cls, label: str, channels: frozenset[str], start: float, std: float | None) -> Self:
+        unknown = Scalar(f"delay[{label}]", "s", start, std, start, nuisance=True, additive=True)
+        cure = f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]'
+        return cls((unknown,), channels, start, cure=cure)
+
+    @classmethod
+    def of(cls, channel: Channel, std: float | None) -> Self:
+        """Return the delay of one channel, known to `std`."""
+        return cls._late(channel.name, frozenset([channel.name]), channel.delay, std)
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return the delays that are known with a deviation."""
+        return [cls.of(c, c.delay_std) for c in all_channels(records) if c.delay_std > 0]
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return the delay of each channel."""
+        return [cls.of(c, None) for c in all_channels(records)]
+
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """``exp(i omega (tau - known))``."""
+        return np.asarray(np.exp(1j * omega * (values[0] - self.known)))
+
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """``i omega``."""
+        return np.asarray(1j * omega[:, None])
+
+    def instead(self, value: float, inputs: Collection[str]) -> Unknown | None:
+        """Return a bandwidth, where the channels lag and do not lead: at first they look alike."""
+        actuator, label = self.on <= {*inputs}, next(iter(self.on))
+        late = value < 0 if actuator else value > 0 and not self.on & {*inputs}
+        if len(self.on) > 1:
+            label = "force" if actuator else "position"
+        return Response.undeclared(label, self.on, value, actuator=actuator) if late else None
+
+
+class CommonDelay(Delay):
+    """One delay of all inputs, ``delay[force]``, or of all sensors, ``delay[position]``."""
+
+    setting = "delays"
+    plausible = None
+
+    @classmethod
+    def common(cls, kind: str, records: Sequence[Observation]) -> Self:
+        """Return the common delay of a kind of channel."""
+        which = all_inputs(records) if kind == "force" else all_sensors(records)
+        return cls._late(kind, frozenset(which), 0.0, None)
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return those of the settings."""
+        return [cls.common(kind, records) for kind in wanted.delays]
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return both."""
+        return [cls.common(kind, records) for kind in ("force", "position")]
+
+
+FLAT = 1e15
+"""Bandwidth in Hz of what has none: of light."""
+
+
+@frozen
+class Response(Factor):
+    """Dynamics whose constants are not known exactly; lines are corrected with the given ones."""
+
+    setting = "dynamics"
+    rival = "lag"
+
+    dynamics: Dynamics
+
+    @classmethod
+    def of(cls, channels: Sequence[Channel], dynamics: Dynamics) -> Self:
+        """Return the constants that some channels share."""
+        label = dynamics.shared or channels[0].name
+        unknowns = tuple(
+            Scalar(
+                f"{constant.name}[{label}]",
+                constant.unit,
+                constant.value,
+                None if constant.std == UNKNOWN else constant.std,
+                constant.value,
+                nuisance=True,
+                positive=True,
+            )
+            for constant in dynamics.constants
+        )
+        return cls(unknowns, frozenset(c.name for c in channels), dynamics)
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        """Return the dynamics with a constant that is not known exactly."""
+        groups: dict[str, list[Channel]] = {}
+        for channel in all_channels(records):
+            dynamics = channel.dynamics
+            if dynamics is not None and any(c.std for c in dynamics.constants):
+                groups.setdefault(dynamics.shared or channel.name, []).append(channel)
+        return [
+            cls.of(channels, channels[0].dynamics)
+            for channels in groups.values()
+            if channels[0].dynamics is not None
+        ]
+
+    @classmethod
+    def every(cls, records: Sequence[Observation]) -> list[Self]:
+        """Return the dynamics that channels have, their constants free."""
+        return [
+            replace(found, scalars=tuple(replace(u, std=None) for u in found.scalars))
+            for found in cls.asked(records, Nuisances())
+        ]
+
+    @classmethod
+    def undeclared(
+        cls, label: str, channels: frozenset[str], lag: float, *, actuator: bool
+    ) -> Self:
+        """Return the bandwidth of channels that are said to have none, from a delay alike in s."""
+        dynamics = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
+        start = 1 / (2 * np.pi * abs(lag))
+        unknown = Scalar(f"bandwidth[{label}]", "Hz", start, nuisance=True, positive=True)
+        cure = "declare it: dynamics = { bandwidth = .. } of the channels"
+        return cls((unknown,), channels, dynamics, cure=cure)
+
+    def factor(self, values: Floats, omega: Floats) -> Complexes:
+        """H over the H that the lines are corrected for, or one over it for a sensor."""
+        ratio = self.dynamics.response(omega, values) / self.dynamics.response(
+            omega, self.dynamics.values
+        )
+        return np.asarray(ratio if self.dynamics.actuator else 1 / ratio)
+
+    def slopes(self, values: Floats, omega: Floats) -> Complexes:
+        """D ln H, its sign turned for a sensor."""
+        slopes = self.dynamics.slopes(omega, values)
+        return np.asarray(slopes if self.dynamics.actuator else -slopes)

@@ -1,0 +1,200 @@
+"""Noise factors, scales of rows and coordinates, and the transient of a window.
+
+Everything after it is free of units: a row divided by its scale, a coordinate by its own, are
+numbers about one, whatever units they were written in.
+
+``s = .. + sum_p tau_p (i omega / omega_0)^p``, tau real, one for each power of each equation and
+record. They enter linearly, so that at each point they are at their best for all the others: the
+whitened residual and its derivatives are taken orthogonal to their whitened columns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.signals.covariance import FLOOR, LineCovariance
+
+NOTHING = 1e-20
+"""Size of channels that are all exactly zero, forces in passive bearings, in SI: with a floor that
+any machine would notice, one of a vanishing scale would fit best."""
+
+
+@frozen
+class Noise:
+    """Covariance C = F F^H of the mean lines."""
+
+    factor: Complexes  # (line, channel, factor)
+    dof: float  # complex degrees of freedom of the estimate of C; infinite where C is known
+    shrunk: float = 0.0  # share of the diagonal that was mixed in, 0 where the periods suffice
+    apart: float = 1.0  # share of a line's noise that is not in its own covariance
+    shared: int = 1  # how many lines have their covariance from one estimate
+
+
+def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equations: int) -> Noise:
+    """Factor the covariance of mean lines.
+
+    Below ``2 * equations`` degrees of freedom V would be estimated too badly to whiten with: C is
+    mixed with its own diagonal, ``(1 - a) C + a diag(C)``, with a = 1 - dof / (2 * equations).
+    """
+    dof = float(covariance.dof)
+    share = max(0.0, 1.0 - dof / (2 * equations))
+    if covariance.kind == "coherence":  # variances alone were estimated, each by itself
+        share = 1.0
+    matrices = covariance.matrices
+    if share > 0:
+        diagonal = matrices * np.eye(matrices.shape[1])
+        matrices = (1 - share) * matrices + share * diagonal
+    factor = _factor(matrices, _floor(data, inputs))
+    return Noise(factor, dof, share, covariance.apart, covariance.shared)
+
+
+def _floor(data: Complexes, inputs: int) -> Floats:
+    """Least deviation of each channel; a channel without signal gets that of its kind."""
+    size = np.sqrt((np.abs(data) ** 2).mean(axis=0))
+    for part in (slice(0, inputs), slice(inputs, None)):
+        kind = size[part]
+        kind[kind < 1e-6 * kind.max(initial=0.0)] = kind.max(initial=0.0)
+    return FLOOR * np.where(size > 0, size, NOTHING)
+
+
+def _factor(matrices: Complexes, floor: Floats) -> Complexes:
+    variance = np.einsum("kii->ki", matrices).real + floor**2
+    deviation = np.sqrt(variance)
+    correlation = matrices / (deviation[:, :, None] * deviation[:, None, :])
+    diagonal = np.arange(matrices.shape[1])
+    correlation[:, diagonal, diagonal] = 1.0
+    values, vectors = np.linalg.eigh(correlation)
+    root = np.sqrt(np.maximum(values, 1e-14))
+    return np.asarray(deviation[:, :, None] * vectors * root[:, None, :])
+
+
+@frozen
+class Sizes:
+    """Typical size of each equation's terms and of each coordinate."""
+
+    rows: Floats
+    coordinates: Floats
+
+
+SEEN = 3.0
+"""Size, in deviations of its noise, from which a row's force or a reading counts as a signal."""
+BORROWED = 1e-3
+"""Weight of a size that is borrowed: it decides only where nothing else does."""
+
+
+def find_scales(
+    stiffness: Complexes,
+    forces: Complexes,
+    sensors: Floats,
+    readings: Complexes,
+    force_noise: Floats | None = None,
+    reading_noise: Floats | None = None,
+) -> Sizes:
+    """Fit ``|Z_rc| ~ row_r / coordinate_c`` in the logarithms, tied to what was measured.
+
+    The tie: rows with a force are as large as the force, and a coordinate that a sensor reads by
+    itself is as large as its reading. The fit follows every change of units exactly.
+
+    A force or a reading that does not rise above its noise, ``force_noise`` of each row and
+    ``reading_noise`` of each sensor (rms over the lines), ties nothing. A row without excitation
+    would else be scaled by its own noise, and be granted errors no larger than that: it would
+    join the regression with a signal that is noise, whose best fit is a rotor without mass. Where
+    it is all that a part of the machine has, the row is taken to be as large as the largest that
+    is driven.
+    """
+    rows, coordinates = stiffness.shape[1:]
+    top = np.abs(stiffness).max(axis=0, initial=0.0)
+    shares = np.abs(stiffness) / np.where(top > 0, top, 1.0)  # squares of which cannot overflow
+    size = top * np.sqrt((shares**2).mean(axis=0))
+    r, c = np.nonzero(size)
+    fit = np.zeros((len(r), rows + coordinates))
+    fit[np.arange(len(r)), r] = 1.0
+    fit[np.arange(len(r)), rows + c] = -1.0
+    tied: list[tuple[int, float, float]] = []
+    amounts = _rms(forces)
+    noise = np.zeros(rows) if force_noise is None else force_noise
+    for row in np.flatnonzero(amounts > 0).tolist():
+        seen = amounts[row] > SEEN * noise[row]
+        tied.append((row, amounts[row], 1.0) if seen else (row, amounts.max(), BORROWED))
+    amounts = _rms(readings)
+    noise = np.zeros(len(sensors)) if reading_noise is None else reading_noise
+    for s, row in enumerate(sensors):
+        if (row != 0).sum() == 1 and amounts[s] > SEEN * noise[s]:
+            coordinate = int(row.nonzero()[0][0])
+            tied.append((rows + coordinate, amounts[s] / abs(row[coordinate]), 1.0))
+    tie, values = np.zeros((len(tied), rows + coordinates)), np.zeros(len(tied))
+    for k, (unknown, amount, weight) in enumerate(tied):
+        tie[k, unknown], values[k] = weight, weight * np.log(amount)
+    # The shortest solution serves what nothing ties (a rotor at rest without any force).
+    logs = np.linalg.lstsq(
+        np.concatenate([fit, tie]), np.concatenate([np.log(size[r, c]), values]), rcond=1e-10
+    )[0]
+    return Sizes(np.exp(logs[:rows]), np.exp(logs[rows:]))
+
+
+def _rms(lines: Complexes) -> Floats:
+    return np.asarray(np.sqrt((np.abs(lines) ** 2).mean(axis=0)))
+
+
+RANK = 1e-8
+"""Whitened columns below this share of the largest are combinations of others: what ends do to a
+hidden coordinate is partly that of other rows (20 of 24 count for the rotor of three masses)."""
+
+
+@frozen
+class Transient:
+    """The columns of the loose ends of one record."""
+
+    # (term,)
+    row: Integers
+    power: Integers
+    powers: Complexes  # (line, power): ``(i omega / omega_0)^p``
+
+    @classmethod
+    def of(cls, orders: Integers, omega: Floats) -> Transient:
+        """Build from the order of the polynomial of each row, -1 for none."""
+        pairs = [(row, p) for row, order in enumerate(orders) for p in range(order + 1)]
+        row, power = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        reach = omega / max(float(omega.max(initial=0.0)), 1e-300)
+        powers = (1j * reach[:, None]) ** np.arange(max(int(orders.max(initial=0)), 0) + 1)
+        return cls(row, power, np.asarray(powers))
+
+    def columns(self, unit_rows: Complexes) -> Complexes:
+        """Return the columns, given what stands for a one in each row, (line, any, row)."""
+        return np.asarray(unit_rows[:, :, self.row] * self.powers[:, None, self.power])
+
+    def rows(self, tau: Floats, count: int) -> Complexes:
+        """Return ``sum tau (i omega / omega_0)^p`` in each row, (line, row) or more behind."""
+        total = np.zeros((len(self.powers), count, *tau.shape[1:]), dtype=np.complex128)
+        for row, power, value in zip(self.row, self.power, tau, strict=True):
+            total[:, row] += np.multiply.outer(self.powers[:, power], value)
+        return total
+
+
+@frozen
+class Ends:
+    """The whitened columns of a transient at one point."""
+
+    basis: Floats  # (real equation, rank): orthonormal
+    solve: Floats  # (term, rank): from parts along the basis to tau
+
+    @classmethod
+    def of(cls, columns: Floats) -> Ends:
+        """Build from whitened columns, shape (real equation, term)."""
+        size = np.sqrt((columns**2).sum(axis=0))
+        scale = 1 / np.where(size > 0, size, 1.0)
+        orthogonal, triangle = np.linalg.qr(columns * scale)
+        left, values, right = np.linalg.svd(triangle)
+        kept = values > RANK * values.max(initial=0.0)
+        solve = scale[:, None] * (right[kept].T / values[kept])
+        return cls(np.asarray(orthogonal @ left[:, kept]), np.asarray(solve))
+
+    def tau(self, rows: Floats) -> Floats:
+        """Return the tau that take most of some whitened columns away, (term, column)."""
+        return np.asarray(-self.solve @ (self.basis.T @ rows))
+
+    def rest(self, rows: Floats) -> Floats:
+        """Return what no tau can take away."""
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))

@@ -1,0 +1,1 @@
+"""Least squares on the equations of motion: ordinary, weighted, sequential."""

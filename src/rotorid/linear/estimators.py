@@ -1,0 +1,304 @@
+"""Least squares, batch and sequential: three weightings of one solve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.answer.estimate import Estimate
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.data.observation import Data, bind_all
+from rotorid.linear.by_samples import estimate_by_samples, filtered_records, refuse_filtered
+from rotorid.linear.equations import Regression, driven_rows
+from rotorid.linear.family import LinearEstimator, Problem, force_variance, pose
+from rotorid.linear.solve import Block, Solution, pooled, solve
+from rotorid.models import Model
+from rotorid.signals.spectrum import synthesize
+
+
+@frozen
+class LeastSquares(LinearEstimator):
+    """``min |F theta - b|^2`` over all rows and samples alike.
+
+    The derivatives in F are taken as free of noise. They are not: noise in the regressors
+    attenuates the estimates, most in rows whose right side is zero, and on the paper's rotor this
+    bias is nearly all of the error. The stated deviations cover the scatter, not the bias.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+
+    References
+    ----------
+    Levy and Arogeti, equations (2) and (3).
+
+    Examples
+    --------
+    >>> LeastSquares(fixed={"L1": 0.3}).fixed
+    {'L1': 0.3}
+    """
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        bound = bind_all(model, records)
+        if filtered_records(bound):
+            return estimate_by_samples("ls", bound, self.fixed, self.constraints)
+        return pose(bound, self.fixed, self.constraints).summarize("ls", _solved)
+
+
+def _solved(problem: Problem) -> Solution:
+    """Solve with all equations alike."""
+    return solve(
+        [
+            Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
+            for r in problem.regressions
+        ]
+    )
+
+
+@frozen
+class Batch(LinearEstimator):
+    """``min (F theta - b)' Sigma^-1 (F theta - b)``, Sigma diagonal, all rows at once.
+
+    A row with a measured force has that force's variance at each sample; a row without has
+    `free_weight` times the largest of them. The paper calls the free weight k and alpha. A large
+    one takes bias away and adds variance.
+
+    Parameters
+    ----------
+    free_weight : float
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+
+    References
+    ----------
+    Levy and Arogeti, equations (3), (4), (8) and (9). What (9) calls sigma is a variance.
+
+    Examples
+    --------
+    >>> Batch(free_weight=10.0).free_weight
+    10.0
+    """
+
+    free_weight: float = 100.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.free_weight) and self.free_weight > 0):
+            raise InputError(
+                f"free_weight {self.free_weight}",
+                "a positive number",
+                "take 100, as the paper does",
+            )
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        bound = bind_all(model, records)
+        if filtered_records(bound):
+            return estimate_by_samples(
+                "batch", bound, self.fixed, self.constraints, self.free_weight
+            )
+        return pose(bound, self.fixed, self.constraints).summarize("batch", self._solved)
+
+    def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:
+        """Return the regression and its solution, without statistics.
+
+        Raises
+        ------
+        InputError
+            As `estimate`.
+        """
+        problem = pose(bind_all(model, records), self.fixed, self.constraints)
+        return problem, self._solved(problem)
+
+    def _solved(self, problem: Problem) -> Solution:
+        return solve(
+            [
+                Block(r.record, *problem.free_equations(r), self._variance(r))
+                for r in problem.regressions
+            ]
+        )
+
+    def _variance(self, regression: Regression) -> Floats:
+        variance = force_variance(regression)
+        largest = variance.max(axis=1, keepdims=True)
+        free = ~regression.model.input_matrix.any(axis=1)
+        return np.where(free, self.free_weight * np.where(largest > 0, largest, 1.0), variance)
+
+
+@frozen
+class Stage:
+    """Rows that are solved together, and the unknowns that they determine."""
+
+    rows: tuple[int, ...]
+    unknowns: tuple[int, ...]
+
+
+@frozen
+class Sequential(LinearEstimator):
+    """Weighted least squares in stages, no weight to choose.
+
+    The first stage takes the rows with a measured input, ``D_1 theta_1 = b_1``; each later one the
+    rows that share parameters with what is known, ``D_i theta_i = b_i - D_ij theta_j``, the right
+    side being forces that the shaft transmits. Each stage is weighted by the variance over
+    periods of its right side at each sample.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float
+        Physical parameters (SI) that are substituted.
+    constraints : sequence of Constraint
+        Exact ones, linear in the base parameters.
+
+    Notes
+    -----
+    The paper's (5) and (6) lack an inverse; its (10) has x2'' where x3'' belongs, its (11) I_p in
+    the column of I_p. The stages here are derived from the model, whatever it is.
+
+    References
+    ----------
+    Levy and Arogeti, equations (5), (6), (10) and (11).
+
+    Examples
+    --------
+    >>> Sequential().fixed
+    {}
+    """
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        bound = bind_all(model, records)
+        refuse_filtered(bound, "sequential")
+        problem = pose(bound, self.fixed, self.constraints)
+        stages = plan_stages(problem)
+        return problem.summarize("sequential", lambda part: _solve_stages(part, stages))
+
+
+def plan_stages(problem: Problem) -> list[Stage]:
+    """Derive the stages from which row holds which unknown.
+
+    A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
+    """
+    first = problem.regressions[0]
+    structure = problem.structure
+    holds: Booleans = np.asarray((structure != 0).any(axis=0))  # (row, unknown)
+    known: Booleans = np.zeros(holds.shape[1], dtype=bool)
+    rows, left = driven_rows(problem.model), set(range(first.rows))
+    stages = []
+    while rows:
+        unknowns = holds[rows].any(axis=0) & ~known
+        while unknowns.any() and (more := _rows_that_help(structure, rows, unknowns, left)):
+            rows = sorted({*rows, *more})
+            unknowns = holds[rows].any(axis=0) & ~known
+        if unknowns.any():
+            stages.append(Stage(tuple(rows), tuple(int(u) for u in np.flatnonzero(unknowns))))
+        left -= set(rows)
+        known |= unknowns
+        rows = sorted(r for r in left if (holds[r] & known).any())
+    return stages
+
+
+def _rows_that_help(
+    structure: Floats, rows: Sequence[int], unknowns: Booleans, left: set[int]
+) -> list[int]:
+    """Return further rows with unknowns that the columns of these rows do not tell apart."""
+    columns = structure[:, list(rows)][:, :, unknowns].reshape(-1, int(unknowns.sum()))
+    _, singular, directions = np.linalg.svd(columns)
+    rank = int((singular > 1e-12 * singular.max(initial=0.0)).sum())
+    tangled = np.flatnonzero(unknowns)[(np.abs(directions[rank:]) > 1e-9).any(axis=0)]
+    further = left - set(rows)
+    return sorted(r for r in further if structure[:, r][:, tangled].any())
+
+
+def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
+    """Solve stage by stage; the gains carry the error of each stage into the next."""
+    names, holds = problem.names, (problem.structure != 0).any(axis=0)
+    values = np.full(len(names), np.nan)
+    equations = [problem.free_equations(r) for r in problem.regressions]
+    gains = [np.zeros((len(names), *target.shape), dtype=complex) for _, target in equations]
+    condition, directions = 1.0, np.zeros((len(names), 0))
+    waiting: tuple[int, ...] = ()
+    for planned in stages:
+        # Rows whose unknowns the stage before left open wait for the rows of this one.
+        rows = [*waiting, *planned.rows]
+        own = [int(u) for u in np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))]
+        stage = Stage(tuple(rows), tuple(own))
+        known = np.asarray(np.isfinite(values).nonzero()[0], dtype=np.int64)
+        blocks = [
+            Block(
+                regression.record,
+                design[:, rows][:, :, own],
+                target[:, rows] - design[:, rows][:, :, known] @ values[known],
+                _variance(problem, regression, stage, values),
+            )
+            for regression, (design, target) in zip(problem.regressions, equations, strict=True)
+        ]
+        solution = solve(blocks)
+        _carry(gains, solution.gains, equations, stage, known)
+        values[own] = solution.values
+        condition = max(condition, solution.condition_number)
+        directions = np.zeros((len(names), solution.undetermined.shape[1]))
+        directions[own] = solution.undetermined
+        waiting = tuple(row for row in rows if (holds[row] & np.isnan(values))[own].any())
+    return Solution(values, tuple(gains), condition, directions)
+
+
+def _carry(
+    gains: list[Complexes],
+    own: Sequence[Complexes],
+    equations: Sequence[tuple[Complexes, Complexes]],
+    stage: Stage,
+    known: Integers,
+) -> None:
+    """Add a stage's gains: d theta_i = P_i (e_i - D_ij d theta_j), d theta_j as found before."""
+    rows, unknowns = list(stage.rows), list(stage.unknowns)
+    response = sum(
+        np.einsum("fkr,krj->fj", gain, design[:, rows][:, :, known]).real
+        for gain, (design, _) in zip(own, equations, strict=True)
+    )
+    for total, gain in zip(gains, own, strict=True):
+        total[unknowns] = -np.einsum("fj,jkr->fkr", response, total[known])
+        for position, row in enumerate(rows):
+            total[unknowns, :, row] += gain[:, :, position]
+
+
+def _variance(problem: Problem, regression: Regression, stage: Stage, values: Floats) -> Floats:
+    """Return the variance over periods of a stage's right side, shape (sample, row)."""
+    rows = list(stage.rows)
+    forced = (regression.model.input_matrix != 0).any(axis=1)[rows]
+    variance = force_variance(regression)[:, rows]
+    if forced.all():
+        return variance
+    base = problem.base(np.where(np.isfinite(values), values, 0.0))
+    record = regression.record
+    right = synthesize(
+        -regression.period_residual(base)[..., rows], record.harmonics, record.samples
+    )
+    power = (right.mean(axis=0) ** 2).mean(axis=0)
+    transmitted = pooled(right.var(axis=0, ddof=1), power, record.periods)
+    return np.where(forced, variance, transmitted)

@@ -1,0 +1,368 @@
+"""Weighted least squares by QR and SVD; sandwich and jackknife covariance; its misfit.
+
+The residual of a filtered record is correlated from sample to sample, and how is not known: the
+filter, the controller and what the model leaves out all have a memory. Blocks that are longer than
+it scatter on their own.
+
+With D the design and G the gains of the answer (it answers to noise n of the targets by G n), the
+residual of a right model is ``e = (I - D G) n``. Each equation of each line over its own deviation,
+which the scatter over periods tells, the sum of squares of e has
+
+    mean      tr(A' A R),        variance  2 tr((A' A R)^2),        A = I - D G,
+
+R the correlation of the noise between the equations of a line. Unlike a likelihood, whose residual
+is the smallest there is, this takes any weights: what they leave is in the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rotorid.core.distributions import Expectation, line_moments
+from rotorid.core.frozen import frozen
+from rotorid.core.linalg import leave_out
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.data.record import PeriodicRecord
+from rotorid.signals.covariance import FLOOR, choose_covariance
+from rotorid.signals.spectrum import synthesize
+
+POOLING_PERIODS = 30
+RANK_TOLERANCE = 1e-11
+
+
+def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
+    """Make variances over periods, the paper's (8), fit to be weights.
+
+    Below `POOLING_PERIODS` periods they are pooled over the samples of a channel: from two or
+    three periods a variance per sample comes close to zero by chance and its weight takes over.
+    They are floored, so that samples without noise can be weighted too.
+    """
+    mean = np.broadcast_to(variance.mean(axis=0), variance.shape)
+    raised = mean if periods < POOLING_PERIODS else np.maximum(variance, 1e-3 * mean)
+    floor = 1e-18 * np.where(power > 0, power, power.max(initial=0.0) or 1.0)
+    return np.asarray(np.maximum(raised, floor))
+
+
+@frozen
+class Block:
+    """Equations of one record: ``design @ free = target`` on lines, weighted by sample."""
+
+    record: PeriodicRecord  # for its harmonics and samples
+    design: Complexes  # (line, row, free)
+    target: Complexes  # (line, row)
+    variance: Floats  # (sample, row)
+
+    def whitened(self) -> tuple[Floats, Floats]:
+        """Return matrix and right side in samples over deviations, rows flattened."""
+        record, (lines, rows, free) = self.record, self.design.shape
+        columns = synthesize(
+            self.design.reshape(lines, rows * free), record.harmonics, record.samples
+        ).reshape(record.samples, rows, free)
+        right = synthesize(self.target, record.harmonics, record.samples)
+        deviation = np.sqrt(self.variance)
+        return (
+            (columns / deviation[..., None]).reshape(-1, free),
+            (right / deviation).reshape(-1),
+        )
+
+    def line_gains(self, gains: Floats) -> Complexes:
+        """Turn gains on whitened samples, (free, sample x row), into gains on lines.
+
+        ``d free = Re(sum_k,r gains[:, k, r] d target[k, r])``; shape (free, line, row).
+        """
+        record = self.record
+        weighted = gains.reshape(len(gains), record.samples, -1) / np.sqrt(self.variance)
+        transformed = np.fft.rfft(weighted, axis=1)[:, record.harmonics]
+        return np.asarray(record.multiplicity[:, None] * transformed.conj())
+
+
+class Equations(Protocol):
+    """Equations of one record: of its lines, or of its samples."""
+
+    def whitened(self) -> tuple[Floats, Floats]:
+        """Return matrix and right side over deviations, (equation, free) and (equation,)."""
+        ...
+
+    def line_gains(self, gains: Floats) -> NDArray[Any]:
+        """Return the gains of whitened equations as those of what was measured."""
+        ...
+
+
+@frozen
+class Solution:
+    """What least squares gives."""
+
+    values: Floats  # (free,): naN where the equations do not determine them
+    # sequence of array, shape (free, line, row): of each block: how the values answer to its
+    # targets
+    gains: tuple[NDArray[Any], ...]
+    condition_number: float  # of the whitened matrix with columns scaled to length one
+    # (free, n): directions, in scaled parameters, that the equations leave open
+    undetermined: Floats
+
+
+def solve(blocks: Sequence[Equations]) -> Solution:
+    """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
+
+    The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
+    meant. Here no normal equations are formed: the whitened columns are scaled, then decomposed
+    by QR and SVD.
+    """
+    whitened = [block.whitened() for block in blocks]
+    matrix = np.concatenate([m for m, _ in whitened])
+    right = np.concatenate([r for _, r in whitened])
+    length = np.sqrt((matrix**2).sum(axis=0))
+    scale = np.where(length > 0, length, 1.0)
+    orthogonal, triangle = np.linalg.qr(matrix / scale)
+    left, singular, directions = np.linalg.svd(triangle)
+    rank = int((singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)).sum())
+    if not right.any():
+        rank = 0  # zero solves it, and any multiple of what else does
+    open_directions = directions[rank:].T
+    inverse = (directions[:rank].T / singular[:rank]) @ left[:, :rank].T
+    gains = (inverse / scale[:, None]) @ orthogonal.T
+    values = gains @ right
+    unknown = (np.abs(open_directions) > 1e-6).any(axis=1)
+    values[unknown] = np.nan
+    split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
+    condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
+    return Solution(
+        values,
+        tuple(b.line_gains(g) for b, g in zip(blocks, split, strict=True)),
+        float(condition),
+        _separated(open_directions),
+    )
+
+
+def _separated(directions: Floats) -> Floats:
+    """Return a basis of the same directions in which each has a parameter of its own."""
+    if not directions.size:
+        return directions
+    _, _, order = scipy.linalg.qr(directions.T, mode="economic", pivoting=True)
+    own = directions[np.sort(order[: directions.shape[1]])]
+    return np.asarray(np.linalg.solve(own.T, directions.T).T)
+
+
+def sandwich(
+    gains: Sequence[Complexes], covariances: Sequence[Complexes], records: Sequence[PeriodicRecord]
+) -> Floats:
+    """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
+
+    Notes
+    -----
+    The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
+    rows without actuator carry a weight, not a variance, and the noise of the regressors
+    dominates.
+    """
+    free = gains[0].shape[0]
+    total = np.zeros((free, free))
+    for gain, matrices, record in zip(gains, covariances, records, strict=True):
+        # On a complex line the real part of a circular number has half its variance.
+        share = 1.0 / record.multiplicity
+        by_line = np.moveaxis(gain, 1, 0)
+        shared = by_line @ matrices @ by_line.conj().swapaxes(-1, -2)
+        total += np.tensordot(share, shared.real, axes=1)
+    return (total + total.T) / 2
+
+
+def scatter_of_answers(gains: Sequence[Complexes], residuals: Sequence[Complexes]) -> Floats:
+    """Return the covariance of values from how they answer to the residual of each period.
+
+    For models that are not linear in the motion: there the noise of one line is on others too,
+    and `sandwich`, which takes lines as independent, is wrong by some tenths.
+    """
+    free = gains[0].shape[0]
+    total = np.zeros((free, free))
+    for gain, residual in zip(gains, residuals, strict=True):
+        answers = np.einsum("fkr,pkr->pf", gain, residual).real[:, None] + 0j
+        total += choose_covariance(answers, answers).matrices[0].real
+    return total
+
+
+BLOCKS = 32
+"""Blocks to begin with: deviations are then known to an eighth, and a block is long."""
+FEWEST = 8
+"""Blocks that are not merged further: from fewer no deviation can be told."""
+ALONE = 0.02
+"""Share of what tells a combination of parameters that must lie outside a block: with less, the
+answer without the block is no answer, and nothing tells the deviation."""
+CHANCE = 4.0
+"""Deviations that chance reaches over a hundred parameters of normal estimates."""
+TINY = 0.1
+"""Share of a parameter in such a combination from which it is one of its own."""
+MEMORY = 1.0
+"""Deviations of the correlation of neighbours, 1 / sqrt(blocks), from which they are merged."""
+
+
+@frozen
+class Scatter:
+    """What blocks of the record say of the answer."""
+
+    covariance: Floats  # (free, free)
+    shifts: Floats  # (block, free): what each block adds to the answer, in the order of the record
+    memory: bool  # whether neighbouring blocks still depend on one another
+    # bool array, shape (free,): what a single block tells: no deviation can be stated
+    alone: Booleans
+
+    @property
+    def blocks(self) -> int:
+        """The number of blocks."""
+        return len(self.shifts)
+
+    def halves(self) -> tuple[Floats, Floats]:
+        """Return what the halves add, shape (half, free), and the deviation of half of that.
+
+        The deviation is the scatter within the halves: a step between them is not in it. It is
+        widened as Student's t is wider than the normal distribution, so far out as chance reaches.
+        """
+        middle = self.blocks // 2
+        parts = (self.shifts[:middle], self.shifts[middle:])
+        halves = 2 * np.stack([part.sum(axis=0) for part in parts])
+        within = sum(((part - part.mean(axis=0)) ** 2).sum(axis=0) for part in parts)
+        dof = max(self.blocks - 2, 1)
+        wider = -scipy.special.stdtrit(dof, scipy.special.ndtr(-CHANCE)) / CHANCE
+        return halves, np.asarray(wider * np.sqrt(within * self.blocks / dof))
+
+
+def block_numbers(samples: Sequence[int], blocks: int) -> Integers:
+    """Return the block of each sample of runs of so many samples; none crosses runs."""
+    total, first, found = sum(samples), 0, []
+    for count in samples:
+        own = max(1, round(blocks * count / total))
+        found.append(first + np.arange(count) * own // count)
+        first += own
+    return np.concatenate(found).astype(np.int64)
+
+
+def scatter_of_blocks(
+    matrix: Floats, residual: Floats, gains: Floats, numbers: Integers
+) -> Scatter:
+    """Return the covariance of an answer by leaving out each block in turn (the jackknife).
+
+    ``values - values without b = (1 - G_b X_b)^-1 G_b e_b``, exactly; neighbours that depend on one
+    another are merged.
+
+    Parameters
+    ----------
+    matrix : array, shape (equation, free)
+        X, whitened.
+    residual : array, shape (equation,)
+        e = right side - X values, whitened.
+    gains : array, shape (free, equation)
+        G: values = G @ right side.
+    numbers : int array, shape (equation,)
+        The block of each equation.
+    """
+    while True:
+        count = int(numbers.max()) + 1
+        shifts, without, alone = _leave_out(matrix, residual, gains, numbers, count)
+        memory = _remembers(shifts)
+        if not memory or count // 2 < FEWEST:
+            break
+        numbers = numbers // 2
+    apart = without - without.mean(axis=0)
+    covariance = apart.T @ apart * ((count - 1) / count)
+    # A variance from so few is itself uncertain: that of Student's t.
+    spread = (count - 1) / max(count - 3, 1)
+    return Scatter(covariance * spread, shifts, memory, alone)
+
+
+def _leave_out(
+    matrix: Floats, residual: Floats, gains: Floats, numbers: Integers, count: int
+) -> tuple[Floats, Floats, Booleans]:
+    """Return what blocks add to the values, the change without each, and what one alone tells."""
+    free = len(gains)
+    shifts, without = np.zeros((count, free)), np.zeros((count, free))
+    alone: Booleans = np.zeros(free, dtype=bool)
+    length = np.sqrt((gains**2).sum(axis=1))
+    length = np.where(length > 0, length, 1.0)
+    edges = np.searchsorted(numbers, np.arange(count + 1))
+    for block, own in enumerate(slice(*pair) for pair in pairwise(edges)):
+        shifts[block] = gains[:, own] @ residual[own]
+        share = gains[:, own] @ matrix[own] * length / length[:, None]
+        change, untold = leave_out(share, shifts[block] / length, ALONE)
+        without[block] = change * length
+        alone |= (np.abs(untold) > TINY).any(axis=1)
+    return shifts, without, alone
+
+
+def _remembers(shifts: Floats) -> bool:
+    """Tell whether what a block adds resembles what the one before added, in any parameter."""
+    count = len(shifts)
+    size = (shifts**2).sum(axis=0)
+    known = size > 0
+    if count < FEWEST or not known.any():
+        return False
+    lagged = (shifts[1:] * shifts[:-1]).sum(axis=0)[known] / size[known]
+    return bool(lagged.max() > MEMORY / np.sqrt(count))
+
+
+@frozen
+class Fitted:
+    """Equations of one record at the answer, on its lines."""
+
+    residual: Complexes  # (line, row)
+    design: Complexes  # (line, row, free)
+    gains: Complexes  # (free, line, row): of the answer to the targets
+    covariance: Complexes  # (line, row, row): of the mean residual
+    size: Floats  # (row,): of the terms of each equation: below `FLOOR` of it is rounding
+    multiplicity: Floats  # (line,)
+    dof: float  # complex degrees of freedom of the covariance
+
+    def whitened(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return residual, design, gains and R of real equations of deviation one, line by line."""
+        variance = np.einsum("krr->kr", self.covariance).real + (FLOOR * self.size) ** 2
+        deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
+        scale = np.sqrt(self.multiplicity)[:, None] / deviation
+        gains = np.moveaxis(self.gains, 0, -1).conj() / scale[..., None]
+        equal = self.covariance / (deviation[:, :, None] * deviation[:, None, :])
+        rows = np.arange(equal.shape[1])
+        equal[:, rows, rows] = 1.0  # rounding is noise, too
+        single = (self.multiplicity == 1)[:, None, None]  # DC, Nyquist: no imaginary part
+        cross, back = (np.where(single, 0.0, part) for part in (equal.imag, equal.real))
+        correlation = np.block([[equal.real, -cross], [cross, back]])
+        return (
+            _parts(scale * self.residual),
+            _parts(scale[..., None] * self.design),
+            _parts(gains),
+            correlation,
+        )
+
+
+def _parts(lines: Complexes) -> Floats:
+    """Return real and imaginary parts of the rows of each line, one after the other."""
+    return np.concatenate([lines.real, lines.imag], axis=1)
+
+
+def misfit(records: Sequence[Fitted]) -> tuple[float, Expectation]:
+    """Return the sum of squares of the residual over its scatter, and what noise makes of it."""
+    # A' A = I - U V' with U = (D, G') and V = (G', D - G' D' D), so that nothing n x n is formed.
+    parts = [record.whitened() for record in records]
+    cost = sum(float((residual**2).sum()) for residual, *_ in parts)
+    free = parts[0][1].shape[2]
+    inner, shared = np.zeros((free, free)), np.zeros((2 * free, 2 * free))
+    for _, design, _, _ in parts:
+        inner += np.tensordot(design, design, ([0, 1], [0, 1]))
+    mean = square = 0.0
+    for _, design, gains, correlation in parts:
+        u = np.concatenate([design, gains], axis=2)
+        v = np.concatenate([gains, design - gains @ inner], axis=2)
+        moved = correlation @ u
+        cross = np.tensordot(v, moved, ([0, 1], [0, 1]))
+        mean += float(np.trace(correlation, axis1=1, axis2=2).sum() - np.trace(cross))
+        square += float((correlation**2).sum() - 2 * ((correlation @ v) * moved).sum())
+        shared += cross
+    square += float((shared * shared.T).sum())
+    # Every deviation is itself from so many periods.
+    dof = min(record.dof for record in records)
+    of_one, spread = line_moments(np.ones(1), np.array([dof]), np.full(1, 2.0))
+    mean, square = max(mean, 0.0), max(square, 1e-300)
+    freedom = max(round(mean**2 / square), 1)
+    wider = float(spread[0]) / 4
+    return cost, Expectation(mean * float(of_one[0]) / 2, 2 * square * wider, freedom)

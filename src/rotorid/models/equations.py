@@ -1,0 +1,315 @@
+"""Equations and readings as sums of rational x monomial x signal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+
+from rotorid.core.errors import InputError, ModelError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import Dimension, dimension_of
+from rotorid.models import cost
+from rotorid.models.plain import Polynomial, read_plain
+from rotorid.models.text import (
+    MAX_EXPONENT,
+    MAX_TERMS,
+    RESERVED,
+    Expression,
+    Monomial,
+    Terms,
+    product,
+    symbol,
+)
+
+DERIVATIVES = ("", "'", "''")
+
+
+@frozen
+class Names:
+    """The declared names of a model, in order."""
+
+    coordinates: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    @property
+    def all(self) -> frozenset[str]:
+        """Every name that an equation may hold."""
+        motion = (q + dots for q in self.coordinates for dots in DERIVATIVES)
+        return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
+
+
+@frozen
+class Product:
+    """``coefficient * monomial(parameters) * signal`` in one equation."""
+
+    row: int
+    monomial: Monomial
+    coefficient: Fraction
+    signal: Expression
+
+
+@frozen
+class Equations:
+    """All equations: the sum of `left` in each row equals the sum of `right`.
+
+    `left` holds no input; the signals of `right` are the symbols of the inputs.
+    """
+
+    left: tuple[Product, ...]
+    right: tuple[Product, ...]
+
+
+def split_equations(texts: Sequence[str], names: Names) -> Equations:
+    """Expand equations into products."""
+    with cost.bounded():
+        return _split(texts, names)
+
+
+def _split(texts: Sequence[str], names: Names) -> Equations:
+    """Do the work of `split_equations`, within its bound."""
+    left: list[Product] = []
+    right: list[Product] = []
+    for row, text in enumerate(texts):
+        try:
+            products = _products(row, text, names)
+        except ModelError as error:
+            raise error.at(place=f"equation {row + 1}") from None
+        if len(left) + len(right) + len(products) > MAX_TERMS:
+            raise ModelError(
+                f"more than {MAX_TERMS} terms when expanded",
+                f"{MAX_TERMS} in all equations at most",
+                "simplify the model",
+                place=f"equation {row + 1}",
+            )
+        inputs = {symbol(name) for name in names.inputs}
+        forces = [p for p in products if p.signal in inputs]
+        others = [p for p in products if p.signal not in inputs]
+        sign = _orientation(others, forces)
+        left += [_scaled(p, sign) for p in others]
+        right += [_scaled(p, -sign) for p in forces]
+    return Equations(tuple(left), tuple(right))
+
+
+def _products(row: int, text: str, names: Names) -> list[Product]:
+    linear = frozenset([*names.parameters, *names.inputs])
+    value = read_plain(text, names=names.all, linear=linear, start="equation")
+    gathered = None if value is None else _plain_terms(value, names)
+    if gathered is None:
+        from rotorid.models.symbolic import equation_terms  # sympy: where polynomials do not do
+
+        gathered = equation_terms(text, names.all, names.parameters, names.inputs)
+    products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
+    motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
+    if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
+        raise ModelError(
+            f"neither a coordinate nor a parameter in what remains of {text[:60]!r}",
+            "an equation of motion",
+            "leave it out, or write the term that moves",
+        )
+    if any(out_of_range(p.coefficient) for p in products):
+        raise ModelError(
+            "a coefficient too large or too small", f"1e+-{MAX_EXPONENT}", "scale the equation"
+        )
+    return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
+
+
+def out_of_range(coefficient: Fraction) -> bool:
+    """Tell a coefficient that is too large or too small to compute with."""
+    return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
+
+
+def _plain_terms(value: Polynomial, names: Names) -> Terms | None:
+    """Split plain terms into monomials and signals; ``None`` where an input has company."""
+    index = {symbol(name): i for i, name in enumerate(names.parameters)}
+    inputs = frozenset(symbol(name) for name in names.inputs)
+    gathered: Terms = {}
+    for powers, coefficient in value.items():
+        exponents, signal = [0] * len(index), []
+        for base, power in powers:
+            if base in index:
+                exponents[index[base]] = power
+            else:
+                signal.append((base, Fraction(power)))
+        term = product(signal)
+        if term.free_symbols & inputs and term not in inputs:
+            return None
+        gathered[tuple(exponents), term] = coefficient
+    return gathered
+
+
+def _declaration(monomial: Monomial) -> tuple[int, ...]:
+    """Return the index of each factor, as often as its power: the order of monomials."""
+    return tuple(i for i, power in enumerate(monomial) for _ in range(power))
+
+
+def sort_monomials(monomials: set[Monomial]) -> list[Monomial]:
+    """Sort by the tuple of declaration indices, as `base` names them."""
+    return sorted(monomials, key=_declaration)
+
+
+def _orientation(others: list[Product], forces: list[Product]) -> int:
+    inertia = [p for p in others if any(str(s).endswith("''") for s in p.signal.free_symbols)]
+    if inertia:
+        return 1 if inertia[0].coefficient > 0 else -1
+    return 1 if not forces or forces[0].coefficient < 0 else -1
+
+
+def _scaled(product: Product, sign: int) -> Product:
+    return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
+
+
+def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+    """Return the coefficients of a polynomial by the powers of its names."""
+    with cost.bounded(cost.COMBINATION):
+        return _polynomial(text, names)
+
+
+def _polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+    """Do the work of `polynomial`, within its bound."""
+    known = frozenset(names)
+    value = read_plain(text, names=known, linear=known)
+    if value is None:
+        from rotorid.models.symbolic import polynomial_terms  # sympy: as in `_products`
+
+        return polynomial_terms(text, names)
+    found = {}
+    for powers, coefficient in value.items():
+        by_name = {str(base): power for base, power in powers}
+        found[tuple(by_name.get(name, 0) for name in names)] = coefficient
+    return dict(sorted(found.items(), reverse=True)) or {(0,) * len(names): Fraction(0)}
+
+
+@frozen
+class SensorTerm:
+    """``coefficient * parameters^powers * d^order q / dt^order`` of one coordinate."""
+
+    coordinate: int
+    order: int
+    powers: tuple[int, ...]  # of each parameter of the model
+    coefficient: float
+
+
+def sensor_terms(
+    text: str, coordinates: Sequence[str], parameters: Sequence[str] = (), *, place: str = ""
+) -> tuple[SensorTerm, ...]:
+    """Return the terms of a combination such as ``x1'' - L_a*theta_y``."""
+    moving = [name + dots for name in coordinates for dots in DERIVATIVES]
+    try:
+        terms = polynomial(text, [*moving, *parameters])
+    except InputError as error:
+        raise error.at(place=place) from None
+    found = []
+    for powers, coefficient in terms.items():
+        motion, rest = powers[: len(moving)], powers[len(moving) :]
+        if sum(motion) != 1:
+            raise InputError(
+                repr(text[:60]),
+                "a linear combination of coordinates, such as x2 - 0.02*theta_y or x1''",
+                "write a sum of coordinates, each once in a term, without a constant",
+                place=place,
+            )
+        where = motion.index(1)
+        found.append(
+            SensorTerm(
+                where // len(DERIVATIVES), where % len(DERIVATIVES), rest, float(coefficient)
+            )
+        )
+    return tuple(found)
+
+
+def linear_combination(text: str, names: Sequence[str], *, place: str = "") -> dict[str, float]:
+    """Return the coefficients of a combination of positions."""
+    terms = sensor_terms(text, names, place=place)
+    moving = [t for t in terms if t.order]
+    if moving:
+        raise InputError(
+            f"{text[:60]!r}, which holds a derivative",
+            "a combination of positions here",
+            "leave the derivative out",
+            place=place,
+        )
+    return {names[t.coordinate]: t.coefficient for t in terms}
+
+
+_SAME = {"abs"}
+_NUMBER = Dimension()
+
+
+def product_dimensions(
+    products: Sequence[Product],
+    parameter_units: Sequence[str],
+    units: Mapping[str, str],
+    coordinates: Sequence[str],
+) -> list[Dimension | None]:
+    """Return the dimension of each product; ``None`` where it cannot be told."""
+    symbols = _symbol_dimensions(units, coordinates)
+    parameters = [dimension_of(unit) for unit in parameter_units]
+    monomials = {m: _monomial(m, parameters) for m in {p.monomial for p in products}}
+    signals = {s: _signal_dimension(s, symbols) for s in {p.signal for p in products}}
+    return [
+        None if (signal := signals[p.signal]) is None else monomials[p.monomial] * signal
+        for p in products
+    ]
+
+
+def unit_faults(
+    products: Sequence[Product], dimensions: Sequence[Dimension | None]
+) -> Iterator[str]:
+    """Say what is wrong with the units of each equation.
+
+    A term with a number in it other than a small whole one is passed over: 9.81 or 0.4 may have
+    a unit of its own.
+    """
+    found: dict[int, dict[Dimension, None]] = {}
+    for p, dimension in zip(products, dimensions, strict=True):
+        if dimension is not None and _is_plain(p.coefficient):
+            found.setdefault(p.row, {})[dimension] = None
+    for row in sorted(found):
+        if len(found[row]) > 1:
+            shown = " and in ".join(map(str, found[row]))
+            yield f"equation {row + 1} adds terms in {shown}: check it"
+
+
+def _symbol_dimensions(
+    units: Mapping[str, str], coordinates: Sequence[str]
+) -> dict[str, Dimension]:
+    """Return the dimension of each name that an equation may hold besides parameters."""
+    second = dimension_of("s")
+    found = {name: dimension_of(unit) for name, unit in units.items()}
+    for name in coordinates:
+        for order, dots in enumerate(DERIVATIVES):
+            found[name + dots] = found[name] * second**-order
+    return {**found, "t": second, "Omega": second**-1, "phi": _NUMBER}
+
+
+def _is_plain(coefficient: Fraction) -> bool:
+    return coefficient.denominator == 1 and abs(coefficient) <= 4
+
+
+def _monomial(monomial: Monomial, parameters: list[Dimension]) -> Dimension:
+    total = _NUMBER
+    for power, unit in zip(monomial, parameters, strict=True):
+        if power:
+            total = total * unit**power
+    return total
+
+
+def _signal_dimension(signal: Expression, symbols: Mapping[str, Dimension]) -> Dimension | None:
+    """Return the dimension of a signal; ``None`` where it cannot be told."""
+    if signal.kind == "name":
+        return symbols[str(signal)]
+    if not signal.free_symbols:
+        return _NUMBER
+    if signal.kind in ("product", "power"):
+        total = _NUMBER
+        for base, exponent in signal.factors:
+            unit = _signal_dimension(base, symbols)
+            if unit is None:
+                return None
+            total = total * unit**exponent
+        return total
+    inner = [_signal_dimension(part, symbols) for part in signal.parts]
+    if signal.kind == "sum":
+        return inner[0] if len(set(inner)) == 1 else None
+    return inner[0] if signal.kind in _SAME else _NUMBER

@@ -1,0 +1,445 @@
+"""Which equation is the balance of forces on each coordinate, and how many times it stands there.
+
+Motion is the same whatever an equation is multiplied by, and whichever equations are added. Forces
+are not: an unbalance, a correction mass and what a model lacks are read from the equation of their
+coordinate. By virtual work that is the one in N for a coordinate in m, in N m for one in rad; in it
+a force on the coordinate stands once, inertia couples two coordinates alike, and so do springs.
+What people type has terms without a number before them, so a number before all of them is one that
+the equation was multiplied by.
+
+A parameter p is a spring where p dK/dp is symmetric and positive semidefinite, a mass where
+p dM/dp is. Masses that stand in two places, on coordinates that nothing but rotation couples, tell
+which coordinates are a pair: the same displacement in x and in y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+import scipy
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.units import Dimension, dimension_of
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.models.equations import Product
+from rotorid.models.linear import motion_factor, speed_factor
+from rotorid.models.model import Model, fact
+from rotorid.models.rotor.elements import PLANES
+from rotorid.models.rotor.model import RotorModel
+from rotorid.models.text import Expression, Monomial
+
+ALIKE = 1e-3
+"""Share by which numbers that are typed may differ and be the same: four digits are typed."""
+WHOLE = 1e-6
+"""Share of one by which a ratio may miss a whole number: ratios of typed numbers are exact."""
+_WORK = dimension_of("J")
+Values = TypeVar("Values", Floats, Complexes)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBalance:
+    """The equation of each coordinate, and how many times the forces on it that is."""
+
+    rows: Integers  # (coordinate,)
+    # (coordinate,): negative where it is written with the other sign; of size one where it is not
+    # told
+    scales: Floats
+    # coordinates whose forces no equation tells, each with the reason
+    faults: Mapping[int, str] = field(default_factory=dict)
+    names: tuple[str, ...] = ()  # of the coordinates
+
+    def column(self, shares: Floats) -> Floats:
+        """Return what a force does to the equations that acts along coordinates, shape (row,)."""
+        self.check(shares)
+        found = np.zeros(len(shares))
+        np.add.at(found, self.rows, self.scales * shares)
+        return found
+
+    def forces(self, columns: Values) -> Values:
+        """Return the forces on the coordinates that columns of the equations are, (row, ...)."""
+        scales = self.scales.reshape(-1, *(1,) * (columns.ndim - 1))
+        return np.asarray(columns[self.rows] / scales)
+
+    def check(self, shares: Floats) -> None:
+        """Refuse coordinates whose forces no equation tells."""
+        for coordinate, fault in self.faults.items():
+            if np.any(shares[coordinate]):
+                raise InputError(
+                    f"the model's {fault}",
+                    f"the balance of forces on {self.names[coordinate]}, once",
+                    f"write that equation as the force on {self.names[coordinate]}",
+                )
+
+
+def equation_order(inertia: Floats) -> tuple[Integers, Floats]:
+    """Return the equation of each coordinate, by its inertia, and the sign it is written with."""
+    n = len(inertia)
+    size = np.abs(inertia) + 1e-9 * np.abs(inertia).max(initial=0.0) * np.eye(n)
+    scale = np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
+    share = size / np.where(scale > 0, scale, 1.0)
+    order = np.arange(n)
+    if (np.diag(share) < share.max(axis=1, initial=0.0)).any():  # else no other order has more
+        rows, columns = scipy.optimize.linear_sum_assignment(-share)
+        order[columns] = rows
+    return order, np.where(inertia[order, np.arange(n)] < 0, -1.0, 1.0)
+
+
+def force_balance(model: Model, inertia: Floats) -> ForceBalance:
+    """Return the equation of each coordinate of a model, and its scale.
+
+    `inertia` is M at the values, shape (row, coordinate): it tells which equation is whose.
+    """
+    if not model.typed.equations.left:  # matrices that no one typed: a drawing's
+        n = len(model.coordinates)
+        return ForceBalance(np.arange(n), np.ones(n), names=model.coordinates)
+    rows, signs = equation_order(inertia)
+    return _balance(model.typed, tuple(rows.tolist()), tuple(signs.tolist()))
+
+
+@fact
+def _balance(typed: Model, rows: tuple[int, ...], signs: tuple[float, ...]) -> ForceBalance:
+    equations = _equations(typed, rows)
+    links, faults = _links(equations, signs)
+    scales = _spread(equations, links)
+    for c, equation in enumerate(equations):
+        wrong = equation.fault or ("" if np.isfinite(scales[c]) else equation.multiplied())
+        if wrong:
+            faults.setdefault(c, wrong)
+    for (i, j), ratio in links.items():
+        unlike = ratio * scales[j] / scales[i]
+        if not {i, j} & faults.keys() and abs(unlike - 1) > ALIKE:
+            a, b = (typed.coordinates[k] for k in (i, j))
+            faults[i] = faults[j] = (
+                f"equations {rows[i] + 1} and {rows[j] + 1}, which couple {a} and {b} unlike "
+                f"({max(unlike, 1 / unlike):.4g} to 1), as no spring and no inertia does"
+            )
+    scales = np.where(np.isfinite(scales), scales, 1.0) * signs
+    return ForceBalance(np.array(rows), scales, faults, typed.coordinates)
+
+
+Key = tuple[int, Expression, Monomial]
+"""Of a coefficient of K, D or M: order of the derivative, factor of the speed, parameters."""
+
+
+@frozen
+class _Equation:
+    """What is typed of one coordinate's equation.
+
+    `entries` holds the coefficients of each coordinate, `numbers` the sizes of those of parameters
+    (without inputs), `own` those of its inertia, `pushes` those of inputs that act on no other
+    coordinate of its kind; `levers` tells whether these have a lever.
+    """
+
+    row: int
+    coordinate: int
+    entries: Mapping[Key, Mapping[int, float]]
+    numbers: tuple[float, ...]
+    own: tuple[float, ...]
+    pushes: tuple[float, ...]
+    levers: bool
+    unit_fault: str
+
+    @property
+    def scale(self) -> float | None:
+        """How many times the balance of forces it is, by its inputs; None where none tells."""
+        if not self.pushes or self.fault:
+            return None
+        if _has_one(self.pushes) or _has_one(self.numbers):
+            return 1.0
+        return min(self.numbers) if self.levers else min(self.pushes)
+
+    @property
+    def natural(self) -> bool:
+        """Whether some parameter stands there without a number, or none does at all."""
+        return not self.numbers or _has_one(self.numbers)
+
+    @property
+    def fault(self) -> str:
+        """Why its inputs do not tell what it is."""
+        if self.unit_fault or not self.pushes or _has_one(self.pushes):
+            return self.unit_fault
+        once = min(self.pushes)
+        if _has_one(self.numbers):  # as typed, unless the force and the mass are of two such
+            doubled = any(abs(size / once - 1) < WHOLE for size in self.own)
+            return self.multiplied(once) if doubled else ""
+        if not self.numbers:
+            return self.multiplied(once)
+        several = (*self.numbers, *self.pushes)
+        of = min(self.numbers) if self.levers else once
+        return "" if all(_is_whole(size / of) for size in several) else self.multiplied(once)
+
+    def multiplied(self, by: float | None = None) -> str:
+        """Say that it may be a multiple."""
+        size = min(self.numbers) if by is None else by
+        return f"equation {self.row + 1}, which may be the balance of forces times {size:.6g}"
+
+
+def _has_one(sizes: Sequence[float]) -> bool:
+    return any(abs(size - 1) < WHOLE for size in sizes)
+
+
+def _is_whole(ratio: float) -> bool:
+    return ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
+
+
+def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
+    """Gather the equation of each coordinate."""
+    left, right = (
+        _by_row(side, len(rows)) for side in (model.equations.left, model.equations.right)
+    )
+    units = [model.units[name] for name in model.coordinates]
+    kinds: dict[tuple[Expression, str], set[int]] = {}
+    for row, unit in zip(rows, units, strict=True):
+        for p in right[row]:
+            kinds.setdefault((p.signal, unit), set()).add(row)
+    told: list[dict[Dimension, None]] = [{} for _ in rows]
+    inputs = {p.signal for p in model.equations.right}
+    for p, dimension in zip(model.products, model.dimensions, strict=True):
+        if dimension is not None and (any(p.monomial) or p.signal in inputs):
+            told[p.row][dimension] = None
+    found = []
+    for c, (row, unit) in enumerate(zip(rows, units, strict=True)):
+        force = _WORK * dimension_of(unit) ** -1
+        pushes = [
+            abs(float(p.coefficient))
+            for p in right[row]
+            if len(kinds[p.signal, unit]) == 1
+            and (any(p.monomial) or dimension_of(model.units[str(p.signal)]) == force)
+        ]
+        in_units = told[row]
+        fault = (
+            f"equation {row + 1}, whose terms are in {next(iter(in_units))}"
+            if in_units and force not in in_units
+            else ""
+        )
+        found.append(_equation(model, row, c, left[row], tuple(pushes), fault))
+    return found
+
+
+def _by_row(products: Sequence[Product], count: int) -> list[list[Product]]:
+    found: list[list[Product]] = [[] for _ in range(count)]
+    for product in products:
+        found[product.row].append(product)
+    return found
+
+
+def _equation(
+    model: Model,
+    row: int,
+    coordinate: int,
+    left: Sequence[Product],
+    pushes: tuple[float, ...],
+    fault: str,
+) -> _Equation:
+    """Return the equation of a coordinate from its terms without inputs."""
+    entries: dict[Key, dict[int, float]] = {}
+    for p in left:
+        if (factor := motion_factor(p.signal, model.coordinates)) is not None:
+            column, order, speed = factor
+            each = entries.setdefault((order, speed, p.monomial), {})
+            each[column] = each.get(column, 0.0) + float(p.coefficient)
+    numbers = tuple(abs(float(p.coefficient)) for p in left if any(p.monomial))
+    own = tuple(
+        abs(by_column[coordinate])
+        for (order, _, monomial), by_column in entries.items()
+        if order == 2 and any(monomial) and coordinate in by_column
+    )
+    levers = model.units[model.coordinates[coordinate]] != "m"
+    return _Equation(row, coordinate, entries, numbers, own, pushes, levers, fault)
+
+
+def _links(
+    equations: Sequence[_Equation], signs: Sequence[float]
+) -> tuple[dict[tuple[int, int], float], dict[int, str]]:
+    """Return by how much the scales of two equations differ, and what couples only one way."""
+    links: dict[tuple[int, int], float] = {}
+    faults: dict[int, str] = {}
+    for one in equations:
+        for key, by_column in one.entries.items():
+            for column, here in by_column.items():
+                other = equations[column]
+                i, j = one.coordinate, column
+                back = other.entries.get(key, {}).get(i, 0.0)
+                if i == j or here == 0:
+                    continue
+                alike = signs[i] * here * signs[j] * back > 0
+                if alike:
+                    links.setdefault((i, j), abs(here / back))
+                elif key[0] == 2:
+                    faults[i] = faults[j] = (
+                        f"equation {one.row + 1}, which holds inertia that equation "
+                        f"{other.row + 1} does not, as sums of equations do"
+                    )
+    return links, faults
+
+
+def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], float]) -> Floats:
+    """Return the scale of each equation, where need be by what couples it; NaN if not told."""
+    scales = np.full(len(equations), np.nan)
+    for c, equation in enumerate(equations):
+        told = equation.scale
+        if told is not None or (equation.natural and not equation.fault):
+            scales[c] = told or 1.0
+    beside: dict[int, list[tuple[int, float]]] = {}
+    for (i, j), ratio in links.items():
+        beside.setdefault(i, []).append((j, ratio))
+    waiting = [int(c) for c in np.flatnonzero(np.isfinite(scales))]
+    while waiting:
+        i = waiting.pop()
+        for j, ratio in beside.get(i, ()):
+            if not np.isfinite(scales[j]) and not equations[j].fault:
+                scales[j] = scales[i] / ratio
+                waiting.append(j)
+    return scales
+
+
+@frozen
+class Structure:
+    """Matrices of a model by parameter, rows brought to the order and sign of the coordinates."""
+
+    # sequence of (name, array): p dK/dp and p dM/dp, shape (coordinate, coordinate)
+    springs: tuple[tuple[str, Floats], ...]
+    masses: tuple[tuple[str, Floats], ...]
+    # sequence of (int, int): coordinates of the same displacement in x and in y; forward rotation
+    # leads the first to the second
+    pairs: tuple[tuple[int, int], ...]
+    coordinates: tuple[str, ...]
+    # the equation of each coordinate, and how many times the forces on it that is
+    balance: ForceBalance
+    lone: tuple[int, ...] = ()  # coordinates without a partner, on which something may act too
+    # the slope of the shaft at a displacement, where a drawing gives it
+    slopes: Mapping[int, int] = field(default_factory=dict)
+
+    def in_rows(self, matrix: Floats) -> Floats:
+        """Write a matrix of coordinates in the equations as they stand."""
+        written = np.zeros_like(matrix)
+        written[self.balance.rows] = self.balance.scales[:, None] * matrix
+        return written
+
+    def mass(self, units: Sequence[str]) -> float:
+        """Return the mass that moves in x; `units`: of the coordinates."""
+        moved = [pair[0] for pair in self.pairs if units[pair[0]] == "m"]
+        return float(sum(matrix[moved, moved].sum() for _, matrix in self.masses))
+
+    def turn(self) -> Floats:
+        """Return J, the turn by a right angle in the sense of the rotation."""
+        turn = np.zeros((len(self.coordinates), len(self.coordinates)))
+        for a, b in self.pairs:
+            turn[a, b], turn[b, a] = -1.0, 1.0
+        return turn
+
+
+def find_structure(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model, or None where its equations do not match its coordinates."""
+    linear = model.require_linear()
+    n = linear.coordinates
+    if linear.rows != n:
+        return None
+    table = linear.stiffness
+    factors = np.array([speed_factor(kind.factor, speed) for kind in table.kinds])
+    order = np.array([kind.order for kind in table.kinds], dtype=np.int64)[table.kind]
+    size = table.coefficient * factors[table.kind]
+    inertia, parts = np.zeros((n, n)), np.zeros((3, n, n, len(values)))
+    slopes = model.monomial_jacobian(values)[table.monomial]
+    np.add.at(parts, (order, table.row, table.column), size[:, None] * slopes * values)
+    heavy = order == 2
+    mu = model.monomial_values(values)[table.monomial]
+    np.add.at(inertia, (table.row[heavy], table.column[heavy]), (size * mu)[heavy])
+    balance = force_balance(model, inertia)
+    ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
+    names = model.parameter_names
+    springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
+    masses = [(name, p[2]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[2])]
+    pairs = _oriented(model, values, _pairs(masses), balance, speed)
+    paired = {k for pair in pairs for k in pair}
+    return Structure(
+        tuple(springs),
+        tuple(masses),
+        tuple(pairs),
+        model.coordinates,
+        balance,
+        tuple(k for k in range(n) if k not in paired),
+    )
+
+
+def _is_energy(matrix: Floats) -> bool:
+    """Tell whether a matrix is symmetric, positive semidefinite, and not zero."""
+    size = np.abs(matrix).max(initial=0.0)
+    if size == 0 or np.abs(matrix - matrix.T).max() > 1e-9 * size:
+        return False
+    scale = np.sqrt(np.diag(matrix).clip(0))
+    scale[scale == 0] = 1.0
+    return bool(np.linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > -1e-9)
+
+
+def coupled(matrix: Floats) -> list[Integers]:
+    """Return the groups of coordinates that a matrix couples."""
+    links = (matrix != 0) | (matrix != 0).T
+    left = set(np.flatnonzero(links.any(axis=0)).tolist())
+    groups = []
+    while left:
+        group = {min(left)}
+        while True:
+            wider = set(np.flatnonzero(links[list(group)].any(axis=0)).tolist()) | group
+            if wider == group:
+                break
+            group = wider
+        left -= group
+        groups.append(np.array(sorted(group), dtype=np.int64))
+    return groups
+
+
+def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
+    pairs: list[tuple[int, int]] = []
+    for _, matrix in masses:
+        parts = coupled(matrix)
+        if len(parts) == 2 and all(len(part) == 1 for part in parts):
+            a, b = int(parts[0][0]), int(parts[1][0])
+            taken = {k for pair in pairs for k in pair}
+            if not {a, b} & taken:
+                pairs.append((min(a, b), max(a, b)))
+    return pairs
+
+
+def _oriented(
+    model: Model,
+    values: Floats,
+    pairs: Sequence[tuple[int, int]],
+    balance: ForceBalance,
+    speed: float,
+) -> list[tuple[int, int]]:
+    """Order each pair by the sense in which its unbalance turns; else as declared."""
+    columns = model.require_linear().rotation_columns(speed or 1.0)
+    once = balance.forces(columns @ model.monomial_values(values))
+    found = []
+    for a, b in pairs:
+        backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
+        found.append((b, a) if backward else (a, b))
+    return found
+
+
+def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
+    """Return the structure of a drawing's model: pairs are those of its places and ends."""
+    pairs: list[tuple[int, int]] = []
+    slopes: dict[int, int] = {}
+    for number, node in enumerate(model.rotor.nodes):
+        x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
+        slopes |= {x: around_y, y: around_x}
+        pairs += [(x, y), (around_x, around_y)] if node.named else []
+    return replace(structure, pairs=tuple(pairs), lone=(), slopes=slopes)
+
+
+def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model at a speed, where all its values are known."""
+    if not np.isfinite(values).all():
+        return None
+    if not isinstance(model, RotorModel):
+        return find_structure(model, values, speed)
+    if model.whole is not None:  # its coordinates are no places
+        return None
+    found = find_structure(model, values, speed)
+    return drawn_structure(found, model) if found else None

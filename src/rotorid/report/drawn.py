@@ -1,0 +1,712 @@
+"""Panels of records, estimates, machines, loops and rotors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from rotorid.report.panels import (
+    BLUE,
+    COLOURS,
+    GREEN,
+    GREY,
+    MOST_PANELS,
+    PINK,
+    RED,
+    SKY,
+    Axis,
+    Curve,
+    Floats,
+    Look,
+    Matrix,
+    Panel,
+    envelope,
+    label,
+    shown_unit,
+    time_unit,
+)
+
+Balance = Any  # lies above
+Loops = Sequence[Any]  # of AxisSensitivity
+
+GMM = 1e6
+"""g mm in a kg m."""
+ROUND = 121
+"""Points of a circle."""
+TWO = 1.959964
+"""Deviations to either side that a band holds."""
+ROOM = 1.25
+"""How much wider a plane is drawn than what stands in it."""
+
+
+def corrections(found: Balance) -> list[Panel]:
+    """Return each plane, seen along the shaft: what to add, and where the right correction lies."""
+    pairs = zip(found.corrections, found.residual, strict=True)
+    return [_plane(one, left) for one, left in list(pairs)[:MOST_PANELS]]
+
+
+def _plane(one: Any, left: Any) -> Panel:
+    tip = GMM * one.unbalance_kg_m * np.exp(1j * one.angle_rad)
+    way = np.array([0j, tip])
+    told = (f"{abs(tip):.4g} g mm at {np.degrees(one.angle_rad):.1f} deg",) * 2
+    curves = [Curve(way.real, way.imag, "to be added", BLUE, "thick", told=told)]
+    curves.append(Curve(way.real[1:], way.imag[1:], "", BLUE, "dots"))
+    reach = abs(tip)
+    if left.unbalance_kg_m is not None:
+        radius = GMM * left.unbalance_kg_m
+        ring = tip + radius * np.exp(1j * np.linspace(0, 2 * np.pi, ROUND))
+        curves.append(Curve(ring.real, ring.imag, "the right one, with 95 %", RED, "line"))
+        reach = max(reach, float(np.abs(ring).max()))
+    if one.masses and reach > 0:
+        # Where on the rim a mass goes counts, not how far out this picture draws it.
+        rim = 1.1 * reach * np.exp(1j * np.array([angle for _, angle in one.masses]))
+        named = tuple(f"{1e3 * m:.4g} g at {np.degrees(a) % 360:.1f} deg" for m, a in one.masses)
+        curves.append(Curve(rim.real, rim.imag, "masses", GREEN, "named", told=named))
+        reach *= 1.1
+    ends = (-ROOM * reach, ROOM * reach) if reach > 0 else (-1.0, 1.0)
+    return Panel(
+        label(one.plane, 48),
+        Axis("g mm towards 0 deg", ends=ends),
+        Axis("g mm towards 90 deg", ends=ends),
+        tuple(curves),
+        level=0.0,
+        upright=0.0,
+        height=3.2,
+        equal=True,
+    )
+
+
+def loops(found: Loops, limits: dict[str, float]) -> list[Panel]:
+    """Return the sensitivity of each loop over the frequency, and the limits of the zones."""
+    return [_loop(one, limits) for one in found[:MOST_PANELS]]
+
+
+def _loop(one: Any, limits: dict[str, float]) -> Panel:
+    frequency = np.asarray(one.frequency_hz, dtype=float)
+    size, std = np.abs(one.sensitivity), np.asarray(one.std, dtype=float)
+    ends = np.array([frequency.min(), frequency.max()])
+    curves = [
+        Curve(ends, np.full(2, limit), f"end of zone {zone}", colour, "dashed")
+        for (zone, limit), colour in zip(limits.items(), (GREEN, PINK, COLOURS[1]), strict=True)
+    ]
+    low, high = np.maximum(size - TWO * std, size / 100), size + TWO * std
+    curves += [
+        Curve(frequency, high, "95 % of each line", BLUE, "band", base=low),
+        Curve(frequency, size, "measured", BLUE, "line"),
+        Curve(
+            np.full(2, one.peak_hz), np.array(one.interval), "the peak, with 95 %", GREY, "thick"
+        ),
+        Curve(np.array([one.peak_hz]), np.array([one.peak]), "", GREY, "dots"),
+    ]
+    title = f"{label(one.axis, 36)}: {one.peak:.3g} at {one.peak_hz:.4g} Hz, {one.verdict}"
+    y = Axis("sensitivity |S|", log=True)
+    return Panel(title, Axis("frequency in Hz"), y, tuple(curves), height=2.6)
+
+
+Shown = Any  # a RecordEvidence, which lies above
+
+MOST_DOTS = 60
+"""Lines up to which each is a dot."""
+NOISE_BAND = 2.0
+"""Deviations to either side that a band of noise holds."""
+LEAST = 0.01
+"""Misfit over its expectation at or below which a line is drawn at the bottom."""
+WORST = 5.0
+"""Differences over their noise from which on a colour is at its end."""
+RPM = 30 / np.pi
+
+
+def waves(record: Shown) -> list[Panel]:
+    """Return each predicted channel over time, measured and predicted, with the band of noise."""
+    return _over_time(record, wave)
+
+
+def _over_time(record: Shown, draw: Callable[[Any, Floats, str], Panel]) -> list[Panel]:
+    time = np.asarray(record.time_s, dtype=float)
+    if not len(time):
+        return []
+    title, stretch = time_unit(float(time[-1]))
+    shown = [c for c in record.channels if len(c.wave_measured) and len(c.wave_predicted)]
+    return [draw(c, stretch * time, title) for c in shown[:MOST_PANELS]]
+
+
+def wave(channel: Any, time: Floats, title: str) -> Panel:
+    """Return one channel over time, `time` in the unit that the title of its axis says."""
+    unit, factor = shown_unit(channel.unit)
+    measured = factor * np.asarray(channel.wave_measured)
+    predicted = factor * np.asarray(channel.wave_predicted)
+    curves = []
+    noise = NOISE_BAND * factor * channel.wave_noise
+    if np.isfinite(noise) and noise > 0:
+        told = "95 % band about it"
+        curves.append(Curve(time, predicted + noise, told, BLUE, "band", base=predicted - noise))
+    look: Look = "dots" if len(time) <= MOST_DOTS else "thick"
+    curves += [
+        Curve(time, measured, "measured", GREY, look),
+        Curve(time, predicted, "predicted", BLUE, "line"),
+    ]
+    axis = Axis(f"{label(channel.name)} in {unit}")
+    return Panel(_headline(channel), Axis(title), axis, tuple(curves))
+
+
+def differences(record: Shown) -> list[Panel]:
+    """Return what is left of each predicted channel over time, and the band of its noise."""
+    return _over_time(record, _difference)
+
+
+def _difference(channel: Any, time: Floats, title: str) -> Panel:
+    unit, factor = shown_unit(channel.unit)
+    away = factor * (np.asarray(channel.wave_predicted) - np.asarray(channel.wave_measured))
+    curves = [Curve(time, away, "predicted less measured", RED, "line")]
+    noise = NOISE_BAND * factor * channel.wave_noise
+    if np.isfinite(noise) and noise > 0:
+        level = np.full_like(time, noise)
+        told = "95 % band"
+        curves.insert(0, Curve(time, level, told, GREY, "band", base=-level))
+    name = label(channel.name, 36)
+    return Panel(name, Axis(title), Axis(f"difference in {unit}"), tuple(curves))
+
+
+def _headline(channel: Any) -> str:
+    name = label(channel.name, 36)
+    if not np.isfinite(channel.error):
+        return name
+    percent = 100 * channel.error
+    return f"{name}: off by {percent:.0f} %" if percent >= 10 else f"{name}: off by {percent:.2g} %"
+
+
+def lines(record: Shown) -> list[Panel]:
+    """Return each channel on its lines: measured, predicted, their difference, and the noise."""
+    x, axis = _abscissa(record)
+    drawn = []
+    for channel in record.channels[:MOST_PANELS]:
+        unit, factor = shown_unit(channel.unit)
+        curves = _line_curves(channel, x, factor)
+        if curves:
+            shown = Axis(f"amplitude in {unit}", log=True)
+            drawn.append(Panel(_headline(channel), axis, shown, tuple(curves)))
+        elif channel.measured:
+            drawn.append(Panel(f"{label(channel.name, 36)}: zero", axis, Axis(unit)))
+    return drawn
+
+
+def _abscissa(record: Shown) -> tuple[Floats, Axis]:
+    return _over(record.frequency_hz, turning=record.kind == "phasors")
+
+
+def _over(hertz: Sequence[float], *, turning: bool) -> tuple[Floats, Axis]:
+    """Return what lines are drawn over, frequencies or the speeds of a rotation of these."""
+    x = np.asarray(hertz, dtype=float)
+    return (60 * x, Axis("speed in rpm")) if turning else (x, Axis("frequency in Hz"))
+
+
+def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
+    def shown(values: Sequence[float]) -> Floats:
+        made = factor * np.asarray(values, dtype=float)
+        return np.where(made > 1e-10 * top, made, np.nan)
+
+    top = factor * max((*channel.measured, *channel.predicted), default=0.0)
+    if not top > 0:
+        return []
+    few = len(x) <= MOST_DOTS
+    dots: Look = "dots" if few else "line"
+    curves = []
+    if channel.noise:
+        told = "noise, up to two deviations"
+        noise = shown(channel.noise)
+        curves.append(Curve(x, NOISE_BAND * noise, told, RED, "band", base=noise / 10))
+    curves.append(Curve(x, shown(channel.measured), "measured", GREY, dots))
+    if channel.predicted:
+        look: Look = "diamonds" if few else "thin"
+        curves.append(Curve(x, shown(channel.predicted), "predicted", BLUE, look))
+        points: Look = "points" if not few else "dots"
+        away = shown(channel.difference)
+        curves.append(Curve(x, away, "predicted less measured", RED, points))
+    return [curve for curve in curves if np.isfinite(curve.y).any()]
+
+
+def residual(record: Shown) -> list[Panel]:
+    """Return the difference of every predicted channel on every line, over its noise."""
+    x, axis = _abscissa(record)
+    shown = [c for c in record.channels if c.difference and c.noise][:MOST_PANELS]
+    if not shown or len(x) < 2:
+        return []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.array([np.divide(c.difference, c.noise) for c in shown])
+    values = np.where(np.isfinite(values), values, np.nan)
+    names = tuple(label(c.name) for c in shown)
+    matrix = Matrix(names, x, values, 0.0, WORST, "difference / noise")
+    return [Panel("", axis, Axis(), matrix=matrix, height=1.1 + 0.26 * len(names))]
+
+
+def misfit(
+    records: Sequence[int],
+    frequency: Sequence[float],
+    cost: Sequence[float],
+    expected: Sequence[float],
+    *,
+    turning: bool = False,
+) -> Panel:
+    """Return the misfit of every line over what noise leaves of it, a colour per record.
+
+    turning: the lines are those of the rotation, over its speed.
+    """
+    over, axis = _over(frequency, turning=turning)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.asarray(cost, dtype=float) / np.asarray(expected, dtype=float)
+    ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
+    least = max(float(np.nanmin(ratio, initial=1.0)), LEAST)
+    ratio = np.where(ratio > least, ratio, least)  # a line that is met whole has no place there
+    where, numbers = np.asarray(records), sorted(set(records))
+    curves = []
+    for place, number in enumerate(numbers):
+        own = where == number
+        told = f"record {number + 1}" if len(numbers) > 1 else "misfit of a line"
+        x, colour = over[own], COLOURS[place % len(COLOURS)]
+        look: Look = "dots" if own.sum() <= MOST_DOTS else "points"
+        curves.append(Curve(x, ratio[own], told, colour, look))
+    ends = (min(float(ratio.min()) / 1.2, 0.5), max(1.2 * float(ratio.max()), 2.0))
+    return Panel(
+        "",
+        axis,
+        Axis("misfit / expected", log=True, ends=ends),
+        tuple(curves),
+        level=1.0,
+        height=2.8,
+    )
+
+
+def correlation(names: Sequence[str], matrix: Floats) -> Panel:
+    """Return a correlation matrix, shape (name, name)."""
+    short = tuple(label(name) for name in names)
+    shown = Matrix(short, short, matrix, -1.0, 1.0, "correlation", written=len(short) <= 20)
+    return Panel(matrix=shown, height=min(max(3.0, 0.28 * len(short) + 1.8), 12.0))
+
+
+def deviations(names: Sequence[str], percent: Floats) -> Panel:
+    """Return the deviations of parameters in percent."""
+    seen = np.where(percent > 0, percent, np.nan)
+    curve = Curve(seen, np.arange(len(names), dtype=float), "", BLUE, "dots")
+    return Panel(
+        "",
+        Axis("standard deviation in %", log=True),
+        Axis(names=tuple(map(label, names))),
+        (curve,),
+        height=min(max(2.6, 0.3 * len(names) + 1.2), 14.0),
+    )
+
+
+Diagram = Any  # a Campbell, which lies above
+Modes = Any
+Response = Any  # an UnbalanceResponse
+
+WAYS: Mapping[str, str] = {"forward": BLUE, "backward": RED, "planar": GREEN, "mixed": PINK}
+FLAT = 0.05
+"""Share of a motion across its plane below which it is drawn as one in a plane."""
+MOST_SHAPES = 9
+"""Modes whose shape is drawn: the lowest."""
+MOST_PLACES = 12
+"""Coordinates whose response is drawn."""
+SAME = 1e-9
+"""Relative difference of two frequencies up to which they are one."""
+HIGHEST = 3.0
+"""Curves of a diagram are shown up to this many times the fastest rotation."""
+EVEN = 1.5
+"""Largest amplitude over the least up to which an axis begins at 0. A rigid rotor moves alike at
+every speed, and on an axis of its own would seem to be known badly."""
+_NODE = re.compile(r"node\d+$")
+
+
+def campbell(found: Diagram) -> Panel:
+    """Return natural frequencies over the speed with their bands, and the critical speeds."""
+    rpm = RPM * np.asarray(found.speed)
+    turning = np.abs(found.speed) / (2 * np.pi)
+    curves = [Curve(rpm, turning, "the rotation, 1x", GREY, "dashed")]
+    for k, whirl in enumerate(found.whirl):
+        frequency, std = found.frequency_hz[:, k], found.std_hz[:, k]
+        colour = WAYS.get(whirl, GREY)
+        if np.isfinite(std).any():
+            half = TWO * np.where(np.isfinite(std), std, 0.0)
+            edge = frequency - half
+            curves.append(Curve(rpm, frequency + half, "95 % band", colour, "band", base=edge))
+        curves.append(Curve(rpm, frequency, whirl, colour, "line"))
+    if found.critical:
+        speed = np.array([each.speed_rad_s for each in found.critical])
+        std = np.array([np.nan if each.std is None else each.std for each in found.critical])
+        error = RPM * TWO * std if np.isfinite(std).all() else None
+        told = tuple(f"{RPM * each.speed_rad_s:.6g} rpm, {each.whirl}" for each in found.critical)
+        marks = (RPM * speed, np.abs(speed) / (2 * np.pi))
+        curves.append(Curve(*marks, "critical speeds", PINK, "diamonds", error=error, told=told))
+    ends = (0.0, _highest(found.frequency_hz, float(turning.max())))
+    return Panel(
+        "", Axis("speed in rpm"), Axis("frequency in Hz", ends=ends), tuple(curves), height=4.2
+    )
+
+
+def _highest(frequency: Floats, turning: float) -> float:
+    """Return the frequency up to which a diagram is drawn."""
+    tops = np.where(np.isfinite(frequency), frequency, 0.0).max(axis=0, initial=0.0)
+    near = tops[tops <= HIGHEST * turning]
+    return 1.08 * float(max([turning, *(near if len(near) else np.sort(tops)[:1])]))
+
+
+def shapes(
+    found: Modes,
+    pairs: Sequence[tuple[int, int]],
+    alone: Sequence[int],
+    positions: Floats | None = None,
+) -> list[Panel]:
+    """Return the shape of each mode: the part that whirls forward, and the part that goes back.
+
+    `pairs` are coordinates x and y of one place, `alone` those without a partner; all of one kind.
+    `positions` along the rotor are those of the pairs, in m, where a drawing tells them.
+    Motion in a plane is one line: its parts are alike, and those of two modes of one frequency any.
+    A single place has no shape.
+    """
+    frequency = np.array([mode.frequency_hz for mode in found.modes])
+    return [
+        _shape(k, mode, found.coordinates, pairs, alone, positions, twice=_meets(frequency, k))
+        for k, mode in enumerate(found.modes[:MOST_SHAPES])
+        if len(pairs) > 1 or len(alone) > 1
+    ]
+
+
+def _meets(frequency: Floats, k: int) -> bool:
+    """Tell whether another mode has the same frequency: the shapes of the two are any mixture."""
+    return int((np.abs(frequency - frequency[k]) <= SAME * frequency[k]).sum()) > 1
+
+
+def _shape(
+    k: int,
+    mode: Any,
+    coordinates: Sequence[str],
+    pairs: Sequence[tuple[int, int]],
+    alone: Sequence[int],
+    positions: Floats | None,
+    *,
+    twice: bool,
+) -> Panel:
+    value = np.asarray(mode.shape)
+    x, y = (np.array([pair[side] for pair in pairs], dtype=int) for side in (0, 1))
+    parts = {
+        "forward": (value[x] + 1j * value[y]) / 2,
+        "backward": (value[x] - 1j * value[y]) / 2,
+    }
+    if twice and mode.whirl in parts:
+        parts = {mode.whirl: parts[mode.whirl]}
+    if alone:
+        parts = {"planar": value[list(alone)]}
+    elif mode.whirl == "planar" and (one := _in_plane(value[x], value[y])) is not None:
+        parts = {"planar": one}
+    names = [coordinates[i] for i in (alone or x)]
+    whole = max(float(np.abs(part).max(initial=0.0)) for part in parts.values())
+    place = np.arange(len(names), dtype=float) if positions is None else 1e3 * positions
+    curves = []
+    for way, part in parts.items():
+        told = "motion" if alone else "in a plane" if way == "planar" else f"{way} part"
+        shown = _signed(part) / whole if whole > 0 else np.zeros(len(part))
+        curves.append(Curve(place, shown, told, WAYS[way], "line"))
+        told_of = tuple(label(name) for name in names)
+        curves.append(Curve(place, shown, "", WAYS[way], "points", told=told_of))
+    title = f"Mode {k + 1}: {mode.frequency_hz:.5g} Hz, {mode.whirl}"
+    ends = (-1.15, 1.15)
+    height = Axis("share of the largest", ends=ends)
+    return Panel(title, _along(names, positions), height, tuple(curves), level=0.0)
+
+
+def _along(names: Sequence[str], positions: Floats | None) -> Axis:
+    """Return the axis along the rotor: mm where positions are known, else the names of places."""
+    if positions is not None:
+        return Axis("mm from the left end")
+    few = tuple(label(name, 12) for name in names) if len(names) <= MOST_PLACES else ()
+    return Axis("" if few else "places along the shaft, in the model's order", names=few)
+
+
+def _in_plane(x: Any, y: Any) -> Any:
+    """Return the shape of a motion whose directions are alike at all places; else ``None``."""
+    left, sizes, _ = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
+    return sizes[0] * left[:, 0] if sizes[1] < FLAT * sizes[0] else None
+
+
+def _signed(part: Any) -> Floats:
+    """Return a part of a shape as it stands at the moment when its largest is at its largest."""
+    size = np.abs(part)
+    if not size.any():
+        return np.zeros(len(part))
+    turned = part * np.exp(-1j * np.angle(part[int(size.argmax())]))
+    return np.asarray(turned.real)
+
+
+def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
+    """Return the amplitude that unbalance makes of each coordinate, over the speed."""
+    rpm = RPM * np.asarray(found.speed)
+    panels = []
+    names = list(enumerate(found.coordinates))
+    if len(names) > MOST_PLACES:  # those of a drawing that are no node alone
+        names = [(c, name) for c, name in names if not _NODE.search(name)]
+    for c, name in names[:MOST_PLACES]:
+        unit, factor = shown_unit(units.get(name, ""))
+        size = factor * np.abs(found.motion[:, c])
+        if not (np.isfinite(size) & (size > 0)).any():
+            continue
+        curves = [Curve(rpm, np.where(size > 0, size, np.nan), "amplitude", BLUE, "line")]
+        std = factor * np.asarray(found.std[:, c])
+        if np.isfinite(std).any():
+            low = np.maximum(size - TWO * std, size / 100)  # of a logarithmic axis
+            high = size + TWO * std
+            curves.insert(0, Curve(rpm, high, "95 % band", BLUE, "band", base=low))
+        axis = _amplitude(unit, curves)
+        panels.append(Panel(label(name, 36), Axis("speed in rpm"), axis, tuple(curves)))
+    return panels
+
+
+def _amplitude(unit: str, curves: Sequence[Curve]) -> Axis:
+    """Return the axis of amplitudes: logarithmic, but from 0 on where they are nearly one."""
+    every = [np.asarray(v) for c in curves for v in (c.y, c.base) if v is not None]
+    low, high = (f(np.concatenate(every)) for f in (np.nanmin, np.nanmax))
+    title = f"amplitude in {unit}"
+    if high < EVEN * low:
+        return Axis(title, ends=(0.0, 1.25 * float(high)))
+    return Axis(title, log=True)
+
+
+# Pictures lie below records, whose types they cannot import.
+Record = Any
+Periods = Any  # a PeriodicRecord
+Whole = Any  # Lines
+
+MOST_BLOCKS = 600
+"""Steps of the band in which a long record is drawn."""
+MOST_MARKS = 400
+"""Other lines that a panel shows: of more, every so many."""
+MOST_STEMS = 40
+"""Kept lines that are drawn one by one."""
+ROUNDING = 1e-10
+"""Of the largest line: below it there is rounding only."""
+HERTZ = Axis("frequency in Hz")
+
+
+def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
+    """Return every channel over the record: as it is, or as the band between its extremes.
+
+    `whole_blocks` is a number of samples of which a step of the band holds whole ones: else the
+    steps beat with a period.
+    """
+    drawn = []
+    count = len(record.samples)
+    size = -(-count // MOST_BLOCKS) or 1
+    if 1 < whole_blocks <= 12 * size:
+        size = -(-size // whole_blocks) * whole_blocks
+    used = record.samples[: count // size * size] if count >= size else record.samples
+    size = size if count >= size else 1
+    time = (np.arange(len(used) // size) + (size - 1) / 2) * size / record.sample_rate
+    if size > 1:
+        time = (np.arange(len(used) // size) + 0.5) * size / record.sample_rate
+    for c, channel in list(enumerate(record.channels))[:MOST_PANELS]:
+        unit, factor = shown_unit(channel.unit)
+        low, high, _ = envelope(factor * used[:, c], len(time))
+        curve = (
+            Curve(time, high, "from lowest to highest sample", BLUE, "band", base=low)
+            if size > 2
+            else Curve(time, high, "samples", BLUE, "thin")
+        )
+        drawn.append(
+            Panel(
+                label(channel.name, 36),
+                Axis("time in s"),
+                Axis(f"{label(channel.name)} in {unit}"),
+                (curve,),
+            )
+        )
+    return drawn
+
+
+def spectra(record: Periods) -> list[Panel]:
+    """Return the lines of the mean period of every channel: kept, other odd and even, noise."""
+    return [_spectrum(record, c) for c in range(min(len(record.channels), MOST_PANELS))]
+
+
+def _spectrum(record: Periods, c: int) -> Panel:
+    channel = record.channels[c]
+    unit, factor = shown_unit(channel.unit)
+    amplitude = 2 * factor * np.abs(np.fft.rfft(record.mean[:, c], norm="forward"))
+    amplitude[0] /= 2
+    kept = factor * record.multiplicity * np.abs(record.mean_spectrum[:, c])
+    top = max(float(kept.max(initial=0.0)), float(amplitude.max(initial=0.0)))
+    title, axis = label(channel.name, 36), Axis(f"amplitude in {unit}", log=True)
+    if top == 0:
+        return Panel(f"{title}: zero", HERTZ, Axis(f"amplitude in {unit}"))
+    highest = 1.5 * max(float(record.frequency.max()), record.fundamental)
+    others = np.setdiff1d(np.arange(len(amplitude)), [0, *record.harmonics])
+    others = others[others * record.fundamental <= highest]
+    others = others[:: -(-len(others) // MOST_MARKS) or 1]
+    scatter = record.spectra[..., c].var(axis=0, ddof=1) if record.periods > 1 else 0 * kept
+    noise = factor * record.multiplicity * np.sqrt(scatter / record.periods)
+    levels = [amplitude[others], noise, kept]
+    seen = [x[x > ROUNDING * top].min() for x in levels if (x > ROUNDING * top).any()]
+    floor = 0.4 * float(min(seen))
+    few = len(record.frequency) <= MOST_STEMS
+    lines = record.frequency.astype(float)
+    curves = []
+    for odd, colour, told in (
+        (1, GREEN, "odd multiples, not used"),
+        (0, PINK, "even multiples, not used"),
+    ):
+        here = others[(others % 2 == odd) & (amplitude[others] > ROUNDING * top)]
+        curves.append(Curve(here * record.fundamental, amplitude[here], told, colour, "points"))
+    if few:
+        curves.append(Curve(lines, kept, "", BLUE, "stems", base=np.full_like(kept, floor)))
+    curves.append(Curve(lines, kept, "used", BLUE, "dots" if few else "points"))
+    if (noise > ROUNDING * top).any():
+        curves.append(Curve(lines, noise, "noise of the mean, one standard deviation", RED, "line"))
+    drawn = tuple(curve for curve in curves if len(curve.x))
+    return Panel(title, HERTZ, Axis(axis.title, log=True, ends=(floor, 3 * top)), drawn)
+
+
+def rows(record: Whole, *, turning: bool) -> list[Panel]:
+    """Return every channel of a table, by its speed or its frequency, and the noise."""
+    axis = Axis("speed in rpm") if turning else HERTZ
+    x = 30 / np.pi * record.speed if turning else record.frequency
+    drawn = []
+    noise = np.sqrt(np.diagonal(record.covariance.matrices, axis1=1, axis2=2).real.clip(0))
+    look: Look = "line" if len(record.frequency) > MOST_STEMS else "dots"
+    for c, channel in list(enumerate(record.channels))[:MOST_PANELS]:
+        unit, factor = shown_unit(channel.unit)
+        curves = []
+        for values, told, colour in (
+            (np.abs(record.mean[:, c]), "measured", GREY),
+            (noise[:, c], "noise, one deviation", RED),
+        ):
+            if (values > 0).any():
+                shown = factor * record.multiplicity * values
+                shown = np.where(shown > 0, shown, np.nan)
+                curves.append(Curve(x, shown, told, colour, look))
+        y = Axis(f"amplitude in {unit}", log=bool(curves))
+        drawn.append(Panel(label(channel.name, 36), axis, y, tuple(curves)))
+    return drawn
+
+
+def line_filter(
+    record: Record, periods: Periods, channel: str, band: tuple[float, float] | None = None
+) -> Panel:
+    """Return the lines of the whole record and those that the line filter keeps."""
+    count = periods.periods * periods.samples
+    first = round(float(periods.time[0, 0]) * record.sample_rate)
+    amplitude = 2 * np.abs(
+        np.fft.rfft(record.column(channel)[first : first + count], norm="forward")
+    )
+    frequency = np.arange(len(amplitude)) * record.sample_rate / count
+    low, high = band or (0.0, 1.2 * float(periods.frequency.max()))
+    shown = (frequency > low) & (frequency <= high)
+    unit, factor = shown_unit(record.channels[record.names.index(channel)].unit)
+    kept = factor * periods.multiplicity * np.abs(periods.mean_spectrum[:, periods.index(channel)])
+    inside = (periods.frequency > low) & (periods.frequency <= high)
+    floor = factor * float(np.quantile(amplitude[shown], 0.02)) / 2
+    lines, sizes = periods.frequency[inside].astype(float), kept[inside]
+    title = f"{label(channel)}, {periods.periods} periods"
+    return Panel(
+        title if band is None else f"from {low:g} to {high:g} Hz",
+        Axis(HERTZ.title, ends=(low, high)),
+        Axis(f"amplitude in {unit}", log=True, ends=(floor, 4 * float(kept.max()))),
+        (
+            Curve(
+                frequency[shown],
+                factor * amplitude[shown],
+                "before: every line of the record",
+                GREY,
+                "thin",
+            ),
+            Curve(lines, sizes, "", BLUE, "stems", base=np.full_like(sizes, floor)),
+            Curve(lines, sizes, "after: the lines of the excitation", BLUE, "dots"),
+        ),
+        height=3.0,
+    )
+
+
+def each_period(record: Periods) -> Panel:
+    """Return the deviation of each period from the mean, over its scatter, channel by channel."""
+    z = record.spectra - record.mean_spectrum
+    scatter = np.sqrt(np.median(np.abs(z) ** 2, axis=0).mean(axis=0))
+    size = np.sqrt((np.abs(z) ** 2).mean(axis=1)) / np.where(scatter > 0, scatter, np.inf)
+    time = record.time[:, 0]
+    channels = [
+        Curve(time, size[:, c], "each channel", GREY, "thin")
+        for c in range(min(size.shape[1], MOST_PANELS))
+    ]
+    middle = Curve(time, np.median(size, axis=1), "their median", BLUE, "line")
+    top = 1.05 * float(size.max(initial=1.0))
+    return Panel(
+        "",
+        Axis("start of the period in s"),
+        Axis("deviation over scatter", ends=(0.0, top)),
+        (*channels, middle),
+        height=2.8,
+    )
+
+
+def noise_correlation(names: list[str], matrix: Floats) -> Panel:
+    """Return the size of the correlation of the noise between channels."""
+    short = tuple(label(name, 14) for name in names)
+    shown = Matrix(short, short, matrix, 0.0, 1.0, "correlation")
+    return Panel(matrix=shown, height=min(9.0, 1.6 + 0.3 * len(short)))
+
+
+class Drawn(Protocol):
+    """What a picture needs of a rotor: sections, and what stands on it by name, in m."""
+
+    @property
+    def sections(self) -> Sequence[Any]:
+        """Cylinders with `length`, `outer` and `inner`, from left to right."""
+
+    @property
+    def discs(self) -> Mapping[str, Any]:
+        """Discs, with `at`."""
+
+
+MARKS = (
+    ("discs", "disc", GREY, 1.1),
+    ("actuators", "actuator", RED, 1.7),
+    ("sensors", "sensor", GREEN, 2.3),
+    ("supports", "support", BLUE, 2.0),
+    ("unbalance", "unbalance", PINK, 1.4),
+)
+"""What stands on a rotor: its key, its word, its colour, and its height over the
+widest section: names of marks at one place stand above each other."""
+
+
+def drawing(rotor: Drawn) -> Panel:
+    """Return a rotor seen from the side; what stands on it is marked above, bores are left open."""
+    widest = 1e3 * max(section.outer for section in rotor.sections) / 2
+    curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
+    for key, word, colour, height in MARKS:
+        table = getattr(rotor, key)
+        if table:
+            at = [getattr(member, "at", member) for member in table.values()]
+            curves.append(_marks(word, colour, at, tuple(table), height * widest))
+    return Panel(
+        "The rotor as it is drawn",
+        Axis("mm from the left end"),
+        Axis("radius in mm", ends=(-1.2 * widest, 2.7 * widest)),
+        tuple(curves),
+        height=2.8,
+    )
+
+
+def _edge(rotor: Drawn, side: float, label: str) -> Curve:
+    """Return the metal above or below the axis, as a band from bore to surface."""
+    borders = np.cumsum([0.0, *(section.length for section in rotor.sections)])
+    x = np.repeat(borders, 2)[1:-1]
+    outer = np.repeat([section.outer / 2 for section in rotor.sections], 2)
+    inner = np.repeat([section.inner / 2 for section in rotor.sections], 2)
+    upper, lower = (outer, inner) if side > 0 else (-inner, -outer)
+    return Curve(1e3 * x, 1e3 * upper, label, SKY, "band", base=1e3 * lower)
+
+
+def _marks(
+    word: str, colour: str, at: Sequence[float], names: tuple[str, ...], height: float
+) -> Curve:
+    place = 1e3 * np.asarray(at, dtype=float)
+    return Curve(place, np.full(len(place), height), word, colour, "named", told=names)

@@ -1,0 +1,248 @@
+"""Panels as plotly's JavaScript takes them: plain data, rounded to what an eye can tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from rotorid.report.panels import Axis, Curve, Floats, Matrix, Panel, label
+
+_WIDTH = {"line": 1.6, "thin": 0.9, "thick": 4.5, "dashed": 1.6}
+_SIZE = {"dots": 6, "points": 3, "diamonds": 8, "named": 8}
+_CLEAR = "rgba(0,0,0,0)"
+_DARK = "#202124"  # as the page has it on white; it sets the ink of dark pages itself
+_RULE = "rgba(128,134,139,0.28)"
+_DIVERGING = [
+    [0, "#2166ac"],
+    [0.25, "#92c5de"],
+    [0.5, "#f7f7f7"],
+    [0.75, "#f4a582"],
+    [1, "#b2182b"],
+]
+_GROWING = [[0, "#f7fbff"], [0.4, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
+# ColorBrewer's RdBu and Blues
+_INCH = 110
+"""Pixels of an inch of a panel's height: on a screen a panel stands alone, and is larger."""
+_FEW, _MANY = 0.6, 2.5
+"""Powers of ten between which a logarithmic axis has ticks at 1, 2 and 5: above, at powers of ten;
+below, where plotly thinks best."""
+_SHARP = 5
+"""Significant digits of what is drawn."""
+
+
+def spec(panel: Panel) -> dict[str, Any]:
+    """Return data and layout of a panel."""
+    drawn = [_trace(curve, panel.x.ends) for curve in panel.curves]
+    if panel.matrix is not None:
+        drawn.append(_heatmap(panel.matrix))
+    shapes = []
+    if panel.level is not None:
+        shapes.append({**_RULER, "xref": "x domain", "x0": 0, "x1": 1, **_both("y", panel.level)})
+    if panel.upright is not None:
+        shapes.append({**_RULER, "yref": "y domain", "y0": 0, "y1": 1, **_both("x", panel.upright)})
+    x, y = panel.x, panel.y
+    if panel.matrix is not None:
+        y = replace(y, names=panel.matrix.rows)
+        if isinstance(panel.matrix.columns, tuple):
+            x = replace(x, names=panel.matrix.columns)
+    layout: dict[str, Any] = {
+        "xaxis": _axis(x, [curve.x for curve in panel.curves]),
+        "yaxis": {
+            **_axis(y, [curve.y for curve in panel.curves]),
+            **({"autorange": "reversed"} if y.names else {}),
+        },
+        "margin": {"l": 8, "r": 12, "t": 6, "b": 8},
+        "showlegend": False,
+        "modebar": {"bgcolor": _CLEAR, "color": "#80868b", "activecolor": "#0072b2"},
+        "hovermode": "closest",
+        "separators": ".\u2009",
+        "paper_bgcolor": _CLEAR,
+        "plot_bgcolor": _CLEAR,
+        "font": {"size": 12, "color": _DARK, "family": "system-ui, sans-serif"},
+        "shapes": shapes,
+        "height": round(_INCH * panel.height),
+    }
+    if panel.equal:
+        layout["yaxis"] |= {"scaleanchor": "x", "constrain": "domain"}
+        layout["xaxis"]["constrain"] = "domain"
+    return {"data": drawn, "layout": layout}
+
+
+_RULER = {"type": "line", "line": {"color": "#80868b", "width": 1}}
+
+
+def _both(axis: str, value: float) -> dict[str, float]:
+    return {f"{axis}0": value, f"{axis}1": value}
+
+
+def shown(name: str, most: int = 24) -> str:
+    """Return a user's name as plotly writes it: its markup is none."""
+    return escape(label(name, most), quote=False)
+
+
+def _decades(values: list[Floats], ends: tuple[float, float] | None) -> float:
+    """Return over how many powers of ten numbers reach."""
+    every = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
+    seen = every[np.isfinite(every) & (every > 0)]
+    return float(np.log10(seen.max() / seen.min())) if len(seen) else 0.0
+
+
+def _ones_twos_fives(values: list[Floats], ends: tuple[float, float] | None) -> dict[str, Any]:
+    """Return ticks at 1, 2 and 5, a decade more than the numbers reach at either end."""
+    seen = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
+    seen = seen[np.isfinite(seen) & (seen > 0)]
+    low, high = math.floor(np.log10(seen.min())) - 1, math.ceil(np.log10(seen.max())) + 1
+    ticks = [n * 10.0**k for k in range(low, high + 1) for n in (1, 2, 5)]
+    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+
+
+def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
+    made: dict[str, Any] = {
+        "title": {"text": shown(axis.title, 60), "standoff": 6},
+        "automargin": True,
+        "gridcolor": _RULE,
+        "zeroline": False,
+        "linecolor": _RULE,
+    }
+    if axis.log:
+        reach = _decades(values, axis.ends)
+        made |= {"type": "log", "exponentformat": "power", "nticks": 6}
+        if reach > _MANY:
+            made["dtick"] = math.ceil(reach / 6)
+        elif reach > _FEW:  # powers of ten alone would be one or two
+            made |= _ones_twos_fives(values, axis.ends)
+    else:
+        made |= {"exponentformat": "power", "minexponent": 6}
+    if axis.ends is not None:
+        low, high = np.log10(axis.ends) if axis.log else axis.ends
+        made["range"] = [float(low), float(high)]
+    if axis.names:
+        ticks = list(range(len(axis.names)))
+        made |= {"tickvals": ticks, "ticktext": [shown(name) for name in axis.names]}
+    return made
+
+
+def _beside(curve: Curve, ends: tuple[float, float] | None) -> str | list[str]:
+    """Return where names stand: in the right half of a picture not to the right, to be in it."""
+    if ends is None:
+        return "middle right"
+    outer = [("bottom left", "top left")[up] for up in (curve.y >= 0).tolist()]
+    right = (curve.x > sum(ends) / 2).tolist()
+    return [at if far else "middle right" for at, far in zip(outer, right, strict=True)]
+
+
+def _trace(curve: Curve, ends: tuple[float, float] | None = None) -> dict[str, Any]:
+    made: dict[str, Any] = {
+        "type": "scatter",
+        "name": shown(curve.label, 60),
+        "x": _numbers(curve.x),
+        "y": _numbers(curve.y),
+    }
+    if curve.look == "band":
+        return _band(made, curve)
+    if curve.look == "stems":
+        made |= _stems(curve)
+    if curve.look in _SIZE:
+        symbol = "diamond-open" if curve.look in ("diamonds", "named") else "circle"
+        size = _SIZE[curve.look]
+        made |= {
+            "mode": "markers+text" if curve.look == "named" else "markers",
+            "marker": {"color": curve.colour, "size": size, "symbol": symbol},
+        }
+        if curve.look == "named":  # on paper nobody points at a mark
+            made |= {"textposition": _beside(curve, ends), "cliponaxis": False}
+    else:
+        line: dict[str, Any] = {"color": curve.colour, "width": _WIDTH.get(curve.look, 1.6)}
+        if curve.look == "dashed":
+            line["dash"] = "dash"
+        made |= {"mode": "lines", "line": line}
+    if curve.error is not None:
+        made["error_x"] = {
+            "type": "data",
+            "array": _numbers(curve.error),
+            "color": curve.colour,
+            "thickness": 2,
+            "width": 4,
+        }
+    if curve.told:
+        made["text"] = [shown(text, 80) for text in curve.told]
+        made["hoverinfo"] = "text+name"
+    return made
+
+
+def _stems(curve: Curve) -> dict[str, Any]:
+    """Return each point as a line from the bottom of the axis."""
+    base = curve.base if curve.base is not None else np.zeros_like(curve.y)
+    gap = np.full_like(curve.y, np.nan)
+    x = np.column_stack([curve.x, curve.x, gap]).ravel()
+    y = np.column_stack([base, curve.y, gap]).ravel()
+    return {"x": _numbers(x), "y": _numbers(y)}
+
+
+def _band(made: dict[str, Any], curve: Curve) -> dict[str, Any]:
+    """Return a band as one outline, filled: there along its upper edge, back along the lower."""
+    base = np.zeros_like(curve.y) if curve.base is None else curve.base
+    colour = curve.colour
+    seen = np.isfinite(curve.y) & np.isfinite(base)
+    x = np.concatenate([curve.x[seen], curve.x[seen][::-1]])
+    y = np.concatenate([curve.y[seen], base[seen][::-1]])
+    fill = "rgba({},{},{},0.35)".format(*(int(colour[i : i + 2], 16) for i in (1, 3, 5)))
+    return made | {
+        "x": _numbers(x),
+        "y": _numbers(y),
+        "mode": "lines",
+        "line": {"width": 0.6, "color": colour},
+        "fill": "toself",
+        "fillcolor": fill,
+        "hoverinfo": "skip",
+    }
+
+
+def _heatmap(matrix: Matrix) -> dict[str, Any]:
+    numeric = isinstance(matrix.columns, np.ndarray)
+    columns = matrix.columns if numeric else np.arange(len(matrix.columns), dtype=float)
+    made: dict[str, Any] = {
+        "type": "heatmap",
+        "x": _numbers(np.asarray(columns, dtype=float)),
+        "y": list(range(len(matrix.rows))),
+        "z": [_numbers(row) for row in matrix.values],
+        "zmin": matrix.low,
+        "zmax": matrix.high,
+        "colorscale": _DIVERGING if matrix.low < 0 else _GROWING,
+        "hoverongaps": False,
+        "text": [[shown(name)] * matrix.values.shape[1] for name in matrix.rows],
+        "hovertemplate": "%{text}, %{x}: %{z:.3g}<extra></extra>",
+        "colorbar": {"title": {"text": shown(matrix.label, 40), "side": "right"}, "thickness": 12},
+    }
+    if not numeric:
+        names = [shown(str(name)) for name in matrix.columns]
+        made["customdata"] = [names] * len(matrix.rows)
+        made["hovertemplate"] = "%{text}, %{customdata}: %{z:.3g}<extra></extra>"
+    if matrix.written:
+        made["text"] = [
+            [_brief(z) if i != j else "" for j, z in enumerate(row)]
+            for i, row in enumerate(matrix.values)
+        ]
+        made["texttemplate"] = "%{text}"
+        made["textfont"] = {"size": 10}
+        rows = [shown(name) for name in matrix.rows]
+        pairs = [[f"{row}, {column}" for column in names] for row in rows]
+        made["customdata"] = pairs
+        made["hovertemplate"] = "%{customdata}: %{z:.3g}<extra></extra>"
+    return made
+
+
+def _brief(value: float) -> str:
+    """Return a correlation of note in a few characters."""
+    if not abs(value) >= 0.3:
+        return ""
+    return f"{value:.2f}".replace("0.", ".").replace("-", "\N{MINUS SIGN}")
+
+
+def _numbers(values: Floats) -> list[float | None]:
+    """Return numbers as JSON has them, rounded; null where there is none."""
+    return [float(f"{v:.{_SHARP}g}") if np.isfinite(v) else None for v in np.asarray(values)]

@@ -1,0 +1,399 @@
+"""Tables and sentences of modes, balancing and sensitivity."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.tables import Page, Table, by_hand, table
+from rotorid.core.values import Floats
+from rotorid.models import Model
+from rotorid.results.balancing import POOR, Balance
+from rotorid.results.centring import Feedforward
+from rotorid.results.critical import Campbell, UnbalanceResponse
+from rotorid.results.modes import Modes
+from rotorid.results.sensitivity import AxisSensitivity, worst_of
+
+GMM = 1e6
+"""g mm in a kg m."""
+RPM = 30 / np.pi
+
+
+def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
+    """Return the page of a balance."""
+    speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
+    page: list[str | Table] = [
+        f"{found.model} at {speeds} rpm: add in each plane, angles in the rotor from x to y, "
+        "counted from what stands along x at the rotor angle 0",
+        correction_table(found),
+    ]
+    if any(each.masses for each in found.corrections):
+        page.append(mass_table(found))
+    page.append(residual_table(found))
+    page += said_of(found)
+    if centred:
+        page.append(centring_table(centred, found.speeds[0]))
+    return page
+
+
+def balance_sentence(found: Balance) -> str:
+    """Return what a balance comes to."""
+    if found.share > POOR:
+        return (
+            f"These planes cannot do away with the unbalance: {100 * found.share:.2g} % of the "
+            "response is left."
+        )
+    if found.covariance is None:
+        return "What to add is computed; the result states no deviations, so what is left is open."
+    if found.grade_mm_s is not None and found.rotor_mass is not None:
+        return (
+            f"Balanced with this to less than G {found.grade_mm_s:.2g} mm/s (ISO 21940-11), all "
+            "planes together, with 95 %."
+        )
+    most = max(each.unbalance_kg_m or 0.0 for each in found.residual)
+    return f"With this less than {GMM * most:.2g} g mm is left in any plane, with 95 %."
+
+
+def correction_table(found: Balance) -> Table:
+    """Return a row per plane: what to add."""
+    rows = [
+        (
+            each.plane,
+            f"{each.unbalance_kg_m * GMM:.5g}",
+            _std(each.std_kg_m, GMM),
+            f"{np.degrees(each.angle_rad):.1f}",
+            _std(each.angle_std_rad, 180 / np.pi),
+        )
+        for each in found.corrections
+    ]
+    return table(("correction", "g mm", "std", "at deg", "std"), rows)
+
+
+def mass_table(found: Balance) -> Table:
+    """Return a row per mass to be mounted."""
+    rows = [
+        (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle) % 360:.1f}")
+        for each in found.corrections
+        for mass, angle in each.masses
+    ]
+    return table(("mount in plane", "g", "at deg"), rows)
+
+
+def residual_table(found: Balance) -> Table:
+    """Return a row per plane: what is left."""
+    rows = [
+        (
+            each.plane,
+            "-" if each.unbalance_kg_m is None else f"{each.unbalance_kg_m * GMM:.4g}",
+            _std(each.std_kg_m, GMM),
+            "-" if each.grade_mm_s is None else f"{each.grade_mm_s:.3g}",
+        )
+        for each in found.residual
+    ]
+    return table(("left, with 95 %", "less than g mm", "std", "grade in mm/s"), rows)
+
+
+def said_of(found: Balance) -> list[str]:
+    """Return what is to be said besides the tables."""
+    said = list(found.remarks)
+    if found.grade_mm_s is not None and found.rotor_mass is not None:
+        said.append(
+            f"grade of all planes together: below G {found.grade_mm_s:.3g} mm/s "
+            f"(rotor of {found.rotor_mass:.4g} kg, ISO 21940-11)"
+        )
+    if found.covariance is None:
+        said.append("the result states no deviations: what is left beyond the masses is not known")
+    said.append(f"{100 * found.share:.2g} % of the response is left if the values are right")
+    if found.share > POOR:
+        said.append(
+            "warning: these planes cannot do away with it; add a plane, or weigh with --at what "
+            "has to be quiet"
+        )
+    return said
+
+
+def centring_table(found: Sequence[Feedforward], speed: float) -> Table:
+    """Return a row per axis: what to feed forward."""
+    known = any(each.amplitude_ampere is not None for each in found)
+    rows = []
+    for each in found:
+        row = [each.input, f"{1e6 * each.motion_m:.4g}", _std(each.motion_std_m, 1e6)]
+        if known:
+            row += ["-" if (a := each.amplitude_ampere) is None else f"{1e3 * a:.4g}"]
+            row += [_std(each.std_ampere, 1e3)]
+            row += ["-" if (b := each.angle_rad) is None else f"{np.degrees(b):.1f}"]
+            row += [_std(each.angle_std_rad, 180 / np.pi)]
+        rows.append(tuple(row))
+    headings = [f"inertial centring at {speed * RPM:.6g} rpm", "motion in um", "std"]
+    if known:
+        headings += ["feed forward mA", "std", "at deg", "std"]
+    return table(tuple(headings), rows)
+
+
+def _std(value: float | None, factor: float) -> str:
+    return "-" if value is None else f"{factor * value:.2g}"
+
+
+_NODE = re.compile(r"node\d+$")
+NAMED = 5
+"""Frequencies that a sentence names: the lowest."""
+SHOWN = 11
+"""Speeds of the table of a diagram."""
+MOST_MODES = 16
+"""Modes of the table: what a screen holds; those above are seldom the machine's."""
+MOST_PLACES = 16
+"""Coordinates of the table of a response."""
+REACH = 2.0
+"""Curves of the table of a diagram begin below this many times the last speed."""
+FEWEST, MOST_CURVES = 2, 8
+"""Curves of that table at the least, and at the most."""
+NOTHING = 1e-9
+"""Damping ratios below this are rounding."""
+JUMP = 10.0
+"""No natural frequency changes by this factor from one speed of a diagram to the next: where a
+curve does, as one that begins at zero, it is two, and a gap is drawn."""
+RESONANT = 0.5**0.5
+"""Damping ratio from which on no response has a peak, so that nobody measures such a mode."""
+
+
+def modes_page(
+    found: Modes,
+    diagram: Campbell | None,
+    response: UnbalanceResponse | None,
+    model: Model,
+) -> Page:
+    """Return the page of a machine's modes at a speed, and up to a speed."""
+    free = ", ".join(model.inputs)
+    whose = f"without forces at its inputs ({free})" if free else "without inputs"
+    page: list[str | Table] = [
+        modes_sentence(found, diagram),
+        f"{found.model} at {found.speed * RPM:.6g} rpm, as its equations have it, {whose}: what a "
+        "controller or magnets add is no part of it",
+    ]
+    if ringing(found).modes:
+        page.append(mode_table(found))
+    page += summary(found)
+    if diagram is not None:
+        page += [critical_table(diagram)] if diagram.critical else [_none(diagram)]
+        page.append(campbell_table(diagram))
+    if response is not None:
+        page.append(response_table(response, model.units))
+    return page
+
+
+def ringing(found: Modes) -> Modes:
+    """Return the modes that a response shows as peaks: those that are not overdamped."""
+    return replace(found, modes=tuple(m for m in found.modes if m.damping_ratio < RESONANT))
+
+
+def ringing_curves(found: Campbell) -> Campbell:
+    """Return the curves of a diagram where they are not overdamped."""
+    with np.errstate(invalid="ignore"):
+        heard = np.isfinite(found.frequency_hz) & (found.damping_ratio < RESONANT)
+        steps = found.frequency_hz[1:] / found.frequency_hz[:-1]
+        heard[:-1] &= ~((steps > JUMP) | (steps < 1 / JUMP))
+    some = np.flatnonzero(heard.any(axis=0))
+
+    def kept(values: Floats) -> Floats:
+        return np.where(heard, values, np.nan)[:, some]
+
+    return replace(
+        found,
+        frequency_hz=kept(found.frequency_hz),
+        std_hz=kept(found.std_hz),
+        damping_ratio=kept(found.damping_ratio),
+        whirl=tuple(found.whirl[i] for i in some),
+    )
+
+
+def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
+    """Return what matters of modes and critical speeds, in one sentence."""
+    rpm = RPM * found.speed
+    where = f"At {rpm:.5g} rpm" if found.speed else "At standstill"
+    growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
+    heard = ringing(found).modes
+    told = f"{where} there is no mode that rings"
+    if heard:
+        first = [f"{mode.frequency_hz:.4g}" for mode in heard[:NAMED]]
+        listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
+        more = f", and at {len(heard) - NAMED} higher frequencies" if len(heard) > NAMED else ""
+        told = f"{where} the machine rings at {listed} Hz{more}"
+    if growing:
+        told += (
+            f"; {len(growing)} of them grow{'s' if len(growing) == 1 else ''} (negative damping)"
+        )
+    if diagram is None:
+        return f"{told}."
+    return f"{told}; {_nearest(rpm, diagram)}."
+
+
+def _nearest(rpm: float, diagram: Campbell) -> str:
+    """Say how far the nearest critical speed is."""
+    if not diagram.critical:
+        return f"no critical speed up to {RPM * abs(diagram.speed[-1]):.5g} rpm"
+    speeds = [RPM * abs(each.speed_rad_s) for each in diagram.critical]
+    if not rpm:
+        return f"the first critical speed is {min(speeds):.5g} rpm"
+    near = min(speeds, key=lambda speed: abs(speed - abs(rpm)))
+    away = near / abs(rpm) - 1
+    side = "above" if away > 0 else "below"
+    return f"the nearest critical speed, {near:.5g} rpm, lies {100 * abs(away):.3g} % {side} it"
+
+
+def mode_table(found: Modes) -> Table:
+    """Return a row per natural frequency."""
+    rows = [
+        (
+            f"{number}{'~' if mode.close else ''}",
+            f"{mode.frequency_hz:.6g}",
+            _std_text(mode.std_hz),
+            _ratio(mode.damping_ratio),
+            "-" if abs(mode.damping_ratio) < NOTHING else _std_text(mode.damping_std),
+            mode.whirl + (", both planes" if mode.count > 1 else ""),
+        )
+        for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
+    ]
+    return table(("mode", "frequency in Hz", "std", "damping ratio", "std", "whirl"), rows)
+
+
+def summary(found: Modes) -> list[str]:
+    """Return what is to be said of modes besides their table."""
+    said = list(found.remarks)
+    heard = ringing(found).modes
+    if len(heard) > MOST_MODES:
+        said.append(f"{len(heard) - MOST_MODES} modes above; --json holds all")
+    if dull := len(found.modes) - len(heard):
+        said.append(f"{dull} overdamped, with no peak in any response, not shown; --json holds all")
+    growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
+    if not found.modes:
+        said.append("no natural frequencies: only free motion, or poles that do not oscillate")
+    if found.rigid:
+        said.append(f"free motion (rigid body): {found.rigid} poles at zero, which are no modes")
+    if growing:
+        listed = ", ".join(f"{mode.frequency_hz:.5g} Hz" for mode in growing)
+        said.append(f"warning: modes that grow, with negative damping: {listed}")
+    if any(pole > 0 for pole in found.real_poles):
+        listed = ", ".join(f"{pole:.4g}" for pole in found.real_poles if pole > 0)
+        said.append(f"warning: unstable poles that do not oscillate, at {listed} rad/s")
+    damped = sorted((pole for pole in found.real_poles if pole <= 0), reverse=True)
+    if damped:
+        listed = ", ".join(f"{pole:.4g}" for pole in damped[:4])
+        said.append(f"{len(damped)} poles that do not oscillate, the slowest at {listed} rad/s")
+    if any(mode.close for mode in found.modes):
+        said.append("~: so close to another that order or shapes are uncertain; std from draws")
+    if any(mode.whirl == "mixed" for mode in found.modes):
+        said.append("mixed: forward at some places and backward at others")
+    return said
+
+
+def critical_table(found: Campbell) -> Table:
+    """Return a row per critical speed."""
+    rows = [
+        (
+            str(number),
+            f"{each.speed_rad_s * RPM:.6g}",
+            _std_text(None if each.std is None else each.std * RPM),
+            f"{each.speed_rad_s:.6g}",
+            each.whirl,
+            _ratio(each.damping_ratio),
+        )
+        for number, each in enumerate(found.critical, start=1)
+    ]
+    headings = ("critical speed", "rpm", "std", "rad/s", "whirl", "damping ratio")
+    return table(headings, rows)
+
+
+def _none(found: Campbell) -> str:
+    return f"no critical speed up to {found.speed[-1] * RPM:.6g} rpm"
+
+
+def campbell_table(found: Campbell) -> Table:
+    """Return some speeds of a Campbell diagram, a column per curve, in Hz."""
+    chosen = np.unique(np.linspace(0, len(found.speed) - 1, SHOWN).round().astype(int))
+    found = ringing_curves(found)
+    low = np.nanmin(found.frequency_hz, axis=0, initial=np.inf)
+    within = low <= REACH * abs(found.speed[-1]) / (2 * np.pi)
+    within[np.argsort(low, kind="stable")[:FEWEST]] = True
+    curves = np.flatnonzero(within)[:MOST_CURVES]
+    headings = ("rpm", *(found.whirl[i] for i in curves))
+    rows = [
+        (
+            f"{found.speed[k] * RPM:.5g}",
+            *("-" if np.isnan(f) else f"{f:.5g}" for f in found.frequency_hz[k, curves]),
+        )
+        for k in chosen
+    ]
+    return table(headings, rows)
+
+
+def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
+    """Return amplitude and angle of each coordinate at the first speed of a response."""
+    every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
+    named = [row for row in every if len(every) <= MOST_PLACES or not _NODE.search(row[0])]
+    rows = []
+    for name, value, std in named[:MOST_PLACES]:
+        unit, factor = by_hand(units.get(name, ""))
+        size = factor * abs(value)
+        rows.append(
+            (
+                name,
+                f"{size:.4g}" if np.isfinite(size) else "no bound",
+                "-" if np.isnan(std) else f"{factor * std:.2g}",
+                unit,
+                f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
+            )
+        )
+    return table(
+        (
+            f"unbalance response at {found.speed[0] * RPM:.6g} rpm",
+            "amplitude",
+            "std",
+            "unit",
+            "phase in deg",
+        ),
+        rows,
+    )
+
+
+def _ratio(value: float) -> str:
+    return "0" if abs(value) < NOTHING else f"{value:.4g}"
+
+
+def _std_text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def sensitivity_page(found: Sequence[AxisSensitivity]) -> Page:
+    """Return the zone of the machine, and a row per axis."""
+    return [sensitivity_sentence(found), sensitivity_table(found)]
+
+
+def sensitivity_table(found: Sequence[AxisSensitivity]) -> Table:
+    """Return a row per axis: its peak, the interval of this, its zone."""
+    rows = [
+        (
+            each.axis,
+            f"{each.peak:.3g}",
+            f"{each.interval[0]:.3g} to {each.interval[1]:.3g}",
+            f"{each.peak_db:.1f}",
+            f"{each.peak_hz:.4g}",
+            each.verdict,
+        )
+        for each in found
+    ]
+    return table(("axis", "peak of S", "95 %", "dB", "at Hz", "ISO 14839-3"), rows)
+
+
+def sensitivity_sentence(found: Sequence[AxisSensitivity]) -> str:
+    """Return the zone of a machine, and the peak that makes it."""
+    worst = max(found, key=lambda each: each.interval[1])
+    low, high = worst.interval
+    verdict = worst_of(found)
+    return (
+        f"{verdict[:1].upper()}{verdict[1:]}: the largest sensitivity is {worst.peak:.3g} "
+        f"({worst.peak_db:.1f} dB) at {worst.peak_hz:.4g} Hz, of {worst.axis}; with 95 % it lies "
+        f"between {low:.3g} and {high:.3g}"
+    )

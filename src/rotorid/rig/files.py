@@ -1,0 +1,395 @@
+"""Files of a rig: the logger's HDF5 file, and the experiment file that identifies it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import tomlkit
+import tomlkit.items
+from scipy.io import wavfile
+
+from rotorid.core.errors import InputError, one_line, printable
+from rotorid.core.files import Kind, write_whole
+from rotorid.core.frozen import frozen
+from rotorid.core.limits import TOML_BYTES
+from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.rig.file import RigPlan
+from rotorid.rig.logger import Column, Logged, RigRecord, Truth, actuator_position, label
+from rotorid.rig.parts import sensor_unit
+from rotorid.rig.rig import Rig
+from rotorid.rig.rotation import Encoder, Keyphasor
+from rotorid.signals.multisine import Multisine
+
+_WRITER = "rotorid simulate"
+_MARK = f"Written by `{_WRITER}`"
+_PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+def write_record(
+    record: Logged | RigRecord, path: Path, *, rig_text: str = "", faults: Sequence[str] = ()
+) -> None:
+    """Write what the logger of a rig recorded, as HDF5.
+
+    One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
+    and a group ``truth``, which no logger would write.
+    """
+    write_whole(path, record_bytes(record, rig_text=rig_text, faults=faults))
+
+
+def record_bytes(
+    record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
+) -> bytes:
+    """Return the content of the file that `write_record` writes."""
+
+    def fill(data: h5py.File) -> None:
+        data.attrs["written_by"] = _WRITER
+        time = np.arange(record.count) / record.sample_rate
+        _dataset(data, Column("t", "s", time))
+        for column in record.columns:
+            _dataset(data, column)
+        if record.truth is not None:
+            _write_truth(data.create_group("truth"), record.truth)
+            data["truth"].attrs.update(rig=rig_text, faults=list(faults))
+
+    return _in_memory(fill)
+
+
+def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
+    """Return an HDF5 file as bytes: on a disk that fills while it writes, the library crashes."""
+    with h5py.File("in memory", "w", driver="core", backing_store=False) as data:
+        fill(data)
+        data.flush()
+        return bytes(data.id.get_file_image())
+
+
+def _dataset(group: h5py.Group, column: Column) -> None:
+    group.create_dataset(column.name, data=column.samples, **_PACKED)
+    group[column.name].attrs["units"] = column.unit
+
+
+def _write_truth(group: h5py.Group, truth: Truth) -> None:
+    """Write the truth as tables: one-dimensional datasets would look like columns."""
+    tables = {
+        "rotation": (np.stack([truth.angle, truth.speed], axis=1), ("angle", "speed")),
+        "position": (truth.position, truth.coordinates),
+        "velocity": (truth.velocity, truth.coordinates),
+        "force": (truth.force, truth.inputs),
+        "current": (truth.current, truth.inputs),
+    }
+    for name, (table, columns) in tables.items():
+        dataset = group.create_dataset(name, data=table, **_PACKED)
+        dataset.attrs["columns"] = list(columns)
+    parameters = group.create_group("parameters")
+    for name, value in truth.parameters.items():
+        parameters.attrs[name] = value
+
+
+def experiment_path(out: Path, rig: str) -> Path:
+    """Return where the experiment file of a record goes: beside it, with the ending .toml."""
+    if out.suffix.lower() not in (".h5", ".hdf5"):
+        raise InputError(
+            f"the ending {out.suffix!r}",
+            ".h5 or .hdf5",
+            "name the record so; it is an HDF5 file",
+            file=str(out),
+            place="--out",
+        )
+    beside = out.with_suffix(".toml")
+    if beside.exists() and Path(rig).exists() and beside.samefile(rig):
+        raise InputError(
+            f"the rig file {rig}, where the experiment file goes",
+            "another name for the record",
+            "choose one",
+            file=str(out),
+            place="--out",
+        )
+    return beside
+
+
+def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str:
+    """Return the experiment file that identifies the record of a rig, faults left unsaid."""
+    rig = plan.rig.described or plan.rig
+    if rig.excitation is None:
+        raise InputError(
+            "a rig without excitation", "a multisine", "add [excitation]", place="excitation"
+        )
+    text = tomlkit.document()
+    text["model"] = plan.model
+    records = tomlkit.aot()
+    records.append(_table(_record_entry(rig, file)))
+    text["records"] = records
+    text["channels"] = _table(_inputs(rig, record) | _positions(rig))
+    if known := _known_parameters(rig):
+        text["parameters"] = _table(known)
+        text["parameters"].comment("they multiply forces: a ruler gives them")
+    said = printable(tomlkit.dumps(text), keep="\n")
+    source = f"{one_line(plan.name)}: {one_line(plan.title)}"
+    return f"# {_MARK}, from the rig {source}\n{_sum(said)}{said}"
+
+
+def _sum(text: str) -> str:
+    """Return the comment by which a file is known that nobody edited since it was written."""
+    return f"# as written: {sha256(text.encode()).hexdigest()}\n"
+
+
+def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
+    table = tomlkit.table()
+    for key, value in entries.items():
+        table[key] = _inline(value)
+    return table
+
+
+def _inline(value: Any) -> Any:
+    """Return a value as it stands on one line."""
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        for key, inner in value.items():
+            table[key] = _inline(inner)
+        return table
+    if isinstance(value, list):
+        array = tomlkit.array()
+        array.extend([_inline(inner) for inner in value])
+        return array
+    return value
+
+
+def _quantity(value: float, unit: str) -> str:
+    """Write a number with its unit so that it is read as the same one."""
+    return f"{_number(value)} {unit}"
+
+
+def _number(value: float) -> str:
+    return repr(float(value)).removesuffix(".0")
+
+
+def _record_entry(rig: Rig, file: str) -> dict[str, Any]:
+    """Return the table of the record: its file, clock, rotation and lines."""
+    fundamental = rig.excitation.fundamental if rig.excitation else 0.0
+    return {
+        "file": file,
+        "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
+        **_rotation(rig),
+        "fundamental": _quantity(fundamental, "Hz"),
+        "harmonics": _harmonics(rig),
+    }
+
+
+def _rotation(rig: Rig) -> dict[str, Any]:
+    mark = rig.logger.angle
+    if isinstance(mark, Encoder):
+        return {"angle": {"column": "encoder", "lines": mark.lines}}
+    if isinstance(mark, Keyphasor):
+        return {"keyphasor": "keyphasor"}
+    if rig.rotation.speed == 0 and rig.rotation.constant:
+        return {}
+    low, high = rig.rotation.range_until(0.0)
+    phase = _quantity(rig.rotation.phase, "rad")
+    return {"speed": _quantity((low + high) / 2, "rad/s"), "phase": phase}
+
+
+def _harmonics(rig: Rig) -> list[int]:
+    """Return the excited lines and, where it is one of the fundamental, that of the rotation."""
+    if rig.excitation is None:
+        return []
+    lines = set(rig.excitation.harmonics.tolist())
+    turns = abs(rig.rotation.speed) / (2 * np.pi * rig.excitation.fundamental)
+    if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:
+        lines.add(round(turns))
+    return sorted(lines)
+
+
+def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
+    """Return how the force of each input follows from the columns."""
+    columns = {column.name: column for column in record.columns}
+    plant = rig.plant(1.0)
+    found = {}
+    for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
+        kinds = ("i",) if part.flux is None else ("b1", "b2")
+        sources = [_recorded(columns[label(name, part, kind)]) for kind in kinds]
+        if part.law is None:
+            found[name] = sources[0]
+        elif part.flux is not None:
+            found[name] = _flux(part.flux.law, sources)
+        else:
+            place = _place(rig, actuator_position(rig, plant, j))
+            found[name] = _law(part.law, sources[0], place)
+    return found
+
+
+def _place(rig: Rig, position: Mapping[str, float]) -> str:
+    """Name the sensor that reads a displacement; or say which coordinates it is made of."""
+    for sensor in rig.sensors:
+        if dict(sensor.combination) == dict(position):
+            return sensor.name
+    return _combination(position)
+
+
+def _recorded(column: Column) -> dict[str, Any]:
+    found: dict[str, Any] = {"column": column.name, "unit": column.unit}
+    if column.hold:
+        found["hold"] = "zero-order"
+    if column.delay:
+        found["delay"] = _quantity(round(column.delay * 1e6, 6), "us")
+    if column.dynamics is not None:
+        found["dynamics"] = {"bandwidth": _quantity(column.dynamics.bandwidth.value, "Hz")}
+    return found
+
+
+def _flux(law: Flux, sources: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "law": "flux",
+        "flux": sources,
+        "area": _quantity(law.area, "m^2"),
+        "poles": law.poles,
+        **_angle(law.angle),
+    }
+
+
+def _law(law: Linear | Differential, source: dict[str, Any], position: str) -> dict[str, Any]:
+    place = {"current": source, "position": position}
+    if isinstance(law, Linear):
+        slopes = {"ki": _quantity(law.ki, "N/A"), "ks": _quantity(law.ks, "N/m")}
+        return {"law": "linear", **place, **slopes}
+    return {
+        "law": "differential",
+        **place,
+        "K": _quantity(law.constant, "N m^2/A^2"),
+        "bias": _quantity(law.bias, "A"),
+        "gap": _quantity(law.gap, "m"),
+        **_angle(law.angle),
+    }
+
+
+def _angle(angle: float) -> dict[str, str]:
+    return {"angle": _quantity(angle, "rad")} if angle else {}
+
+
+def _combination(parts: Mapping[str, float]) -> str:
+    """Write a linear combination as text, ``x - 0.2*theta_y``."""
+    text = ""
+    for name, factor in parts.items():
+        size = "" if abs(factor) == 1 else f"{_number(abs(factor))}*"
+        sign = " - " if factor < 0 else " + " if text else ""
+        text += (sign if text else sign.strip()) + size + name
+    return text
+
+
+def _positions(rig: Rig) -> dict[str, Any]:
+    """Return the sensors, each with its column."""
+    found = {}
+    for sensor in rig.sensors:
+        reads = {} if sensor.reads is None else {"reads": _combination(sensor.reads)}
+        unit = sensor_unit(sensor.combination, rig.model.units)
+        found[sensor.name] = {**reads, "column": sensor.name, "unit": unit}
+    return found
+
+
+def _known_parameters(rig: Rig) -> dict[str, Any]:
+    """Return the parameters that multiply an input: no record of the rig alone gives them."""
+    exponents = rig.model.monomials
+    held = {
+        name
+        for term in rig.model.input_terms
+        for name, power in zip(
+            rig.model.parameter_names, exponents[term.monomial].tolist(), strict=True
+        )
+        if power
+    }
+    units = {parameter.name: parameter.unit for parameter in rig.model.parameters}
+    return {
+        name: {"fixed": _quantity(rig.values[name], units[name])}
+        for name in rig.model.parameter_names
+        if name in held
+    }
+
+
+@frozen
+class _Record(Kind):
+    """A record of `simulate`, which has the attribute ``written_by``."""
+
+    def wrote(self, path: Path) -> bool:
+        with h5py.File(path) as data:
+            return bool(data.attrs.get("written_by") == _WRITER)
+
+
+@frozen
+class _Experiment(Kind):
+    """An experiment file of `simulate`, as long as it is as it was written.
+
+    People complete these files by hand: the comment alone would give their work away.
+    """
+
+    def wrote(self, path: Path) -> bool:
+        if path.stat().st_size > TOML_BYTES:
+            return False
+        mark, said, text = path.read_text(encoding="utf-8").split("\n", 2)
+        return mark.startswith(f"# {_MARK}") and f"{said}\n" == _sum(text)
+
+
+RECORD = _Record(_WRITER, b"")
+EXPERIMENT = _Experiment(_WRITER, b"")
+
+
+def write_excitation(
+    signals: Multisine, path: str | Path, sample_rate: float, *, full_scale: float | None = None
+) -> None:
+    """Write one period of a multisine, to be played over and over."""
+    path = Path(path)
+    samples = signals.samples(sample_rate)
+    match path.suffix.lower():
+        case ".csv":
+            write_whole(path, _csv(signals, samples, sample_rate))
+        case ".h5" | ".hdf5":
+            columns = [Column("t", "s", np.arange(len(samples)) / sample_rate)]
+            for name, column in zip(signals.names, samples.T, strict=True):
+                columns.append(Column(name, signals.unit, column))
+
+            def fill(data: h5py.File) -> None:
+                for column in columns:
+                    _dataset(data, column)
+
+            write_whole(path, _in_memory(fill))
+        case ".wav":
+            write_whole(path, _wav(samples, path, sample_rate, full_scale))
+        case ending:
+            raise InputError(
+                f"the ending {ending!r}", ".csv, .h5, .hdf5 or .wav", "name it so", file=str(path)
+            )
+
+
+def _csv(signals: Multisine, samples: np.ndarray, sample_rate: float) -> bytes:
+    time = np.arange(len(samples)) / sample_rate
+    heading = ",".join(["t [s]", *(f"{name} [{signals.unit}]" for name in signals.names)])
+    rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([time, samples]).tolist())
+    return f"{heading}\n{rows}\n".encode()
+
+
+def _wav(samples: np.ndarray, path: Path, sample_rate: float, full_scale: float | None) -> bytes:
+    peak = float(np.abs(samples).max())
+    if full_scale is None or not full_scale > 0:
+        raise InputError(
+            f"a full scale of {full_scale}",
+            "what 1 stands for in the WAV file",
+            f"give full_scale; the peak is {peak:.6g}",
+            file=str(path),
+        )
+    if peak > full_scale:
+        raise InputError(
+            f"a peak of {peak:.6g}",
+            f"at most the full scale of {full_scale:.6g}",
+            "raise full_scale, or lower the crest factor",
+            file=str(path),
+        )
+    if sample_rate != int(sample_rate):
+        raise InputError(
+            f"{sample_rate} Hz", "a whole number of Hz in a WAV file", "use CSV", file=str(path)
+        )
+    stream = BytesIO()
+    wavfile.write(stream, int(sample_rate), (samples / full_scale).astype(np.float32))
+    return stream.getvalue()

@@ -1,0 +1,480 @@
+"""Checks of single channels: dead, stuck, clipped, copied, lost samples.
+
+A logger that has lost a channel repeats its last value, or lets the last digit of it play. A rest
+is no fault by itself where nothing repeats: an axis may not be excited for a while. But what moves
+comes to rest by and by, and what drives rests where it drives nothing.
+
+A position is smooth; from one sample to the next it moves about as before and after. Where samples
+are lost in all columns every sensor jumps between the same two, whatever their noise is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import scipy
+from numpy.lib.stride_tricks import sliding_window_view
+
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note, Severity
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import Channel, Record
+from rotorid.signals.periods import median
+
+INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
+"""Units of what drives a machine: such a channel may be quiet for good reason; a sensor may not."""
+
+CLIPPED_RUN = 3
+"""Equal samples in a row that make a flat top: a smooth signal has two, by symmetry, not three."""
+
+CLIPPED_SAMPLES = 5
+"""Samples in flat tops from which on a channel is called clipped: one touch bends no line."""
+
+STEEP = 2.5
+"""Steps of the converter within one sample that a clipped signal has beside its flat top; one
+that comes to rest there creeps in by single steps."""
+
+TWO_LEVELS = 0.5
+"""Part of the samples at the limits from which on the signal is one of two levels, not clipped."""
+
+UNDITHERED = 0.3
+"""Scatter over quantum below which rounding repeats in every period and no mean removes it: at
+0.3 the mean still holds a sixth of the rounding error, at 0.5 a hundredth (exp(-2 pi^2 (s/q)^2),
+the characteristic function of the noise at the staircase's first harmonic)."""
+
+COARSE = 20.0
+"""Standard deviation of a channel over its quantum below which the rounding, q / sqrt(12), is more
+than about 1.5 % of the signal."""
+
+COPY = 1e-9
+"""What is left of one channel when another is taken off, over its variance, below which the two
+are the same column: two converters share no noise."""
+
+DITHER = 2.5
+"""Steps of a converter within which the last digit of a channel plays that reads nothing: one up
+or down, and what rounding makes of it."""
+
+_FEW = 1000
+_PART = 4000  # samples from which the quantum is read: more of them tell nothing new
+_ROUNDING = 1e-9  # differences of scaled counts are whole multiples up to this
+_MOST_LEVELS = 2**20  # beyond 20 bits it is the rounding of single-precision floats
+
+
+def is_input(channel: Channel) -> bool:
+    """Tell whether a channel drives the machine, by how it was recorded and its unit."""
+    return channel.hold or channel.drive is not None or channel.unit in INPUT_UNITS
+
+
+def _spread(samples: Floats) -> Floats:
+    return samples[:: max(1, len(samples) // _PART)]
+
+
+def quantum(samples: Floats) -> float:
+    """Return the step between the levels of a channel; 0 where there are no levels."""
+    levels = np.sort(_spread(samples))
+    spacing = np.diff(levels)
+    spacing = spacing[spacing > 0]
+    if not len(spacing):
+        return 0.0
+    step = float(median(spacing[spacing <= 1.5 * spacing.min()]))
+    largest = max(abs(levels[0]), abs(levels[-1]))
+    if step <= np.finfo(float).eps * largest:
+        return 0.0  # no converter has so many
+    multiples = spacing / step
+    rounding = _ROUNDING + 4 * np.finfo(float).eps * largest / step
+    if np.abs(multiples - np.round(multiples)).max() > max(rounding * multiples.max(), 1e-3):
+        return 0.0
+    return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
+
+
+def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
+    """Find channels that say nothing: the same value in every sample.
+
+    Parameters
+    ----------
+    record : Record
+    scatter : array, shape (channel,), optional
+        Standard deviation of a sample between periods: where the others have some, it is measured,
+        and no sensor is without.
+    """
+    if not len(record.samples):
+        return []
+    # A channel that moves at once need not be read to its end.
+    still = np.flatnonzero((record.samples[:_FEW] == record.samples[0]).all(axis=0))
+    dead = [int(c) for c in still if (record.samples[:, c] == record.samples[0, c]).all()]
+    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    all_dead = bool(sensors) and set(sensors) <= set(dead)
+    found = []
+    for c in dead:
+        channel = record.channels[c]
+        value = record.samples[0, c]
+        severity: Severity
+        if is_input(channel):
+            text, severity = "it drives nothing; right if so meant", "says"
+        elif all_dead or (scatter is not None and scatter[sensors].any()):
+            text = "a sensor that never moves; check its cable, name another column or leave it out"
+            severity = "refuses"
+        else:
+            text, severity = "right only if nothing moves there", "warns"
+        found.append(
+            Note("dead", severity, f"{value + 0.0:.6g} in every sample: {text}", on=(channel.name,))
+        )
+    return found
+
+
+def check_clipped(record: Record) -> list[Note]:
+    """Find channels that are cut at a limit: flat tops that it meets at full slope."""
+    found = []
+    if not len(record.samples):
+        return []
+    for c, channel in enumerate(record.channels):
+        samples = np.ascontiguousarray(record.samples[:, c])
+        limits = samples.min(), samples.max()
+        touched = max(np.count_nonzero(samples == limit) for limit in limits)
+        # Most channels touch their extremes once: there is nothing more to look at.
+        if limits[0] == limits[1] or touched < CLIPPED_RUN:
+            continue
+        counts = {float(limit): _flat(samples, float(limit)) for limit in limits}
+        if sum(counts.values()) < CLIPPED_SAMPLES:
+            continue
+        where = " and ".join(
+            f"{count} at {value:.4g} {channel.unit}".strip()
+            for value, count in counts.items()
+            if count
+        )
+        text = (
+            f"flat tops of {where} ({100 * sum(counts.values()) / len(samples):.2g} % of the "
+            "samples): lower the excitation or widen the range, and record again"
+        )
+        found.append(Note("clipped", "warns", text, on=(channel.name,)))
+    return found
+
+
+def _flat(samples: Floats, value: float) -> int:
+    at = samples == value
+    if np.count_nonzero(at) < CLIPPED_RUN or at.mean() > TWO_LEVELS:
+        return 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.view(np.int8), [0]])))
+    first, after = edges[::2], edges[1::2]
+    # A command that is held for several samples is flat everywhere: its tops count when longer.
+    held = len(samples) / (np.count_nonzero(np.diff(samples)) + 1)
+    least = CLIPPED_RUN * max(1, round(held)) if held > 1.5 else CLIPPED_RUN
+    long = after - first >= least
+    if not long.any():
+        return 0
+    before, behind = samples[np.maximum(first - 1, 0)], samples[np.minimum(after, len(samples) - 1)]
+    steps = np.maximum(np.abs(before - value), np.abs(behind - value))[long]
+    if median(steps) <= STEEP * quantum(samples):
+        return 0
+    return int((after - first)[long].sum())
+
+
+def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]:
+    """Find channels whose steps are so coarse that their rounding does not average out.
+
+    Parameters
+    ----------
+    record : Record
+    scatter : array, shape (channel,), optional
+        Standard deviation of a sample between periods.
+    """
+    found = []
+    for c, channel in enumerate(record.channels):
+        step = quantum(record.samples[:, c])
+        if step == 0 or channel.hold:
+            continue
+        few = _spread(record.samples[:, c])
+        size = float(few.std())
+        if np.ptp(few) <= DITHER * step and np.ptp(record.samples[:, c]) <= DITHER * step:
+            found.append(_last_digit(channel, float(median(few)), step))
+            continue
+        told = f"steps of {step:.3g} {channel.unit}, {size / step:.3g} of them to its rms"
+        if scatter is not None and 0 < scatter[c] < UNDITHERED * step:
+            text = (
+                f"{told}, {scatter[c] / step:.2g} to the scatter between periods: the rounding "
+                "repeats in every period and no mean removes it; use a finer range"
+            )
+            severity: Severity = "warns" if size < COARSE * step else "says"
+            found.append(Note("quantized", severity, text, on=(channel.name,)))
+        elif size < COARSE * step:
+            found.append(
+                Note("quantized", "says", f"{told}: use a finer range", on=(channel.name,))
+            )
+    return found
+
+
+def _last_digit(channel: Channel, level: float, step: float) -> Note:
+    text = f"{level:.6g} {channel.unit} in every sample, to its last digits of {step:.3g}"
+    if is_input(channel):
+        return Note("quantized", "says", f"{text}: it drives nothing", on=(channel.name,))
+    text = f"{text}: it reads nothing; check its cable and its logger, or use a finer range"
+    return Note("quantized", "warns", text, on=(channel.name,))
+
+
+def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
+    """Find pairs of channels whose noise is the same: one column read twice.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    deviations : array, shape (value, channel)
+        What chance makes of each channel: deviations from the mean over periods, or, where there
+        are no periods, the samples less their mean.
+    """
+    power = np.sqrt((deviations**2).sum(axis=0))
+    alive = power > 0
+    unit = deviations / np.where(alive, power, 1.0)
+    correlation = unit.T @ unit
+    found = []
+    for i in range(len(channels)):
+        for j in range(i + 1, len(channels)):
+            if not (alive[i] and alive[j] and abs(correlation[i, j]) > 0.999):
+                continue
+            rest = unit[:, j] - correlation[i, j] * unit[:, i]
+            if (rest**2).sum() > COPY:
+                continue
+            factor = correlation[i, j] * power[j] / power[i]
+            both_sensors = not is_input(channels[i]) and not is_input(channels[j])
+            found.append(
+                Note(
+                    "copied",
+                    "refuses" if both_sensors else "warns",
+                    f"{channels[j].name} is {factor:.6g} times {channels[i].name}, noise and all: "
+                    "one column read twice; name another",
+                    on=(channels[i].name, channels[j].name),
+                )
+            )
+    return found
+
+
+STUCK = 0.02
+"""Part of the record from which on one value is a stop: with 40 periods nearly one of them."""
+FEWEST_STUCK = 50
+"""Samples below which a stop is none: a coarse converter rests that long at a turning point."""
+STUCK_BESIDE = 10.0
+"""How much longer than any other rest of the channel a stop is: one of steps rests every time."""
+FINE = 1e-4
+"""Part of a channel's deviation that counts as its last digit where it has no steps: no sensor is
+that free of noise."""
+ABRUPT = 10.0
+"""Last digits that a sensor moves within the one sample before a stop: a motion that ends, and be
+it in ten samples a cycle, has less than three left."""
+MOVING = 0.5
+"""Part of the samples outside its rest in which a drive changes, if it stops: one of steps rests
+between them as well."""
+ASIDE = 0.2
+"""Deviations from its mean at which a drive has stopped; where it drives nothing it rests at the
+mean. Chance puts one stop in six nearer."""
+
+_POINTS = 5  # of a rest that are looked at: of a moving channel chance puts no five within a digit
+_TRIED = 3  # rests that are measured to their ends
+
+
+@frozen
+class _Rest:
+    """Samples of a channel that stay within a tolerance: from `first` up to before `after`."""
+
+    first: int
+    after: int
+    level: float
+    digit: float
+    tolerance: float
+
+    def abrupt(self, samples: Floats) -> bool:
+        """Tell whether it begins out of full motion."""
+        return self.first > 0 and abs(samples[self.first - 1] - self.level) > ABRUPT * self.digit
+
+    def aside(self, samples: Floats) -> bool:
+        """Tell whether a drive that moves all the time otherwise rests where it does not belong."""
+        moving = np.delete(samples, slice(self.first, self.after))
+        if len(moving) < 2 or (np.abs(np.diff(moving)) > self.tolerance).mean() < MOVING:
+            return False
+        return bool(abs(self.level - moving.mean()) > ASIDE * moving.std())
+
+
+def check_stuck(
+    record: Record,
+    begin: float = -np.inf,
+    *,
+    steady: bool = True,
+    references: tuple[str, ...] = (),
+) -> list[Note]:
+    """Find channels that stop in the middle: one value for a good part of the record.
+
+    What lies before `begin`, in s, is not used, and may rest. `steady`: the motion repeats, so
+    that no rest belongs to it; otherwise a sensor has to stop out of full motion.
+    """
+    found = []
+    first = max(0, round((max(begin, record.start) - record.start) * record.sample_rate))
+    for c, channel in enumerate(record.channels):
+        samples = record.samples[first:, c]
+        rest = _longest(samples)
+        if rest is None:
+            continue
+        driving = is_input(channel) or channel.name in references
+        severity: Severity = "refuses"
+        if driving:
+            severity = "warns" if rest.aside(samples) else "says"
+        elif not rest.abrupt(samples) and not (steady and rest.tolerance == 0):
+            severity = "says"
+        text = _told(rest, record.start + first / record.sample_rate, record.sample_rate)
+        found.append(Note("stuck", severity, f"{text}: {_cure(severity)}", on=(channel.name,)))
+    return found
+
+
+def _cure(severity: Severity) -> str:
+    if severity == "says":
+        return "right only if nothing was to move there"
+    return "check its cable and its logger, use the part in which it moves (skip, until)"
+
+
+def _told(rest: _Rest, start: float, rate: float) -> str:
+    stop, go = start + rest.first / rate, start + rest.after / rate
+    how = "in every sample" if rest.tolerance == 0 else "to the last digit"
+    return f"{rest.level:.6g} {how} from {stop:.5g} to {go:.5g} s, while it moves before or after"
+
+
+def _longest(samples: Floats) -> _Rest | None:
+    """Return the longest rest of a channel that can be a stop, exact or to the last digit."""
+    least = max(FEWEST_STUCK, int(np.ceil(STUCK * len(samples))))
+    step = max(1, least // (_POINTS + 1))
+    some = samples[::step]
+    if len(some) < 2 * _POINTS or (some == some[0]).all():
+        return None
+    windows = np.ptp(sliding_window_view(some, _POINTS), axis=1)
+    digit = max(quantum(samples), FINE * float(some.std()))
+    for tolerance in (0.0, DITHER * digit):
+        rest = _longest_within(samples, windows, step, digit, tolerance)
+        if rest is not None and rest.after - rest.first >= least:
+            return rest
+    return None
+
+
+def _longest_within(
+    samples: Floats, windows: Floats, step: int, digit: float, tolerance: float
+) -> _Rest | None:
+    rests = list(_rests(samples, windows, step, digit, tolerance))
+    if not rests:
+        return None
+    best = max(rests, key=lambda rest: rest.after - rest.first)
+    length = best.after - best.first
+    if length == len(samples):  # it never moves, which is told by itself
+        return None
+    beside = max(2, int(length / STUCK_BESIDE))
+    for part in (samples[: best.first], samples[best.after :]):
+        whole = part[: len(part) // beside * beside].reshape(-1, beside)
+        if (np.ptp(whole, axis=1) <= tolerance).any():
+            return None
+    return best
+
+
+def _rests(
+    samples: Floats, windows: Floats, step: int, digit: float, tolerance: float
+) -> Iterator[_Rest]:
+    """Yield the rests that the longest runs of quiet windows belong to, measured to their ends."""
+    quiet = np.flatnonzero(windows <= tolerance)
+    if not len(quiet):
+        return
+    runs = np.split(quiet, np.flatnonzero(np.diff(quiet) > 1) + 1)
+    for run in sorted(runs, key=len, reverse=True)[:_TRIED]:
+        begin, end = int(run[0]) * step, (int(run[-1]) + _POINTS - 1) * step + 1
+        part = samples[begin:end]
+        if np.ptp(part) > tolerance:
+            continue
+        outside = (samples < part.max() - tolerance) | (samples > part.min() + tolerance)
+        before, behind = np.flatnonzero(outside[:begin]), np.flatnonzero(outside[end:])
+        first = int(before[-1]) + 1 if len(before) else 0
+        after = end + int(behind[0]) if len(behind) else len(samples)
+        level = float(median(samples[first:after]))
+        yield _Rest(first, after, level, digit, tolerance)
+
+
+LENGTHS = frozenset({"m", "rad"})
+"""Units of what is smooth: a force may jump, and with it an acceleration."""
+AROUND = 50
+"""Samples on each side that tell what is usual there: a sweep through a resonance is no jump."""
+SURE = 8.0
+"""Times the usual size at which one sensor jumps: of 25,000 samples of noise the largest is 5."""
+SHARE = 0.5
+"""Part of the sensors that jump, at least, and two of them: one alone is a knock of its own."""
+
+
+def check_jumps(record: Record) -> list[Note]:
+    """Find where all positions jump within one sample.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    columns = [c for c, ch in enumerate(record.channels) if ch.unit in LENGTHS and not is_input(ch)]
+    if len(columns) < 2 or len(record.samples) < 4 * AROUND:
+        return []
+    jumps = np.stack([_jumps(record.samples[:, c]) for c in columns], axis=1) > SURE
+    together = np.flatnonzero(jumps.sum(axis=1) >= max(2, SHARE * len(columns)))
+    if not len(together):
+        return []
+    together = together[np.append(True, np.diff(together) > 2)]  # beside a jump is half of it
+    at = record.start + (int(together[0]) + 0.5) / record.sample_rate
+    more = len(together) - 1
+    text = (
+        f"{int(jumps[together[0]].sum())} positions jump within a sample at {at:.6g} s"
+        f"{f' and at {more} more places' if more else ''}: samples are missing there or come "
+        "twice; use the part before or behind (skip, until)"
+    )
+    return [Note("lost samples", "warns", text)]
+
+
+def _jumps(samples: Floats) -> Floats:
+    """Return by how much a channel moves from each sample to the next beyond what is usual."""
+    steps = np.diff(samples)
+    beyond = np.zeros(len(steps))
+    beyond[1:-1] = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)
+    power = beyond**2
+    width = 2 * AROUND + 1
+    near = scipy.ndimage.uniform_filter1d(power, width) * width
+    near -= scipy.ndimage.uniform_filter1d(power, 3) * 3  # not of the jump itself
+    usual = np.sqrt(np.maximum(near, 0.0) / (width - 3))
+    usual = np.maximum(usual, 1e-12 * np.abs(samples).max(initial=0.0))
+    return np.asarray(beyond / np.where(usual > 0, usual, np.inf))
+
+
+LEAST_ROWS = 3
+"""Rows that must agree to the last digit before a probe counts as stuck."""
+ABOVE = 3.0
+"""Deviations by which some row must rise above nothing."""
+TURNS = 2.0
+"""Revolutions beyond which no instrument counts a phase."""
+LIKE_RADIANS = 1.5
+"""Spread of phases, all within 2 pi degrees, from which on they look like radians: near a critical
+speed phases pass through pi, far from one they keep their place."""
+
+
+def check_probes(names: Sequence[str], phasors: Complexes, std: Floats | None) -> Iterator[Note]:
+    """Find probes that read nothing, or ever the same; phasors of shape (row, probe)."""
+    for k, name in enumerate(names):
+        size = np.abs(phasors[:, k])
+        if not size.any():
+            text = "0 in every row: check its cable, or leave the channel out"
+            yield Note("dead", "refuses", text, on=(name,))
+        elif len(size) >= LEAST_ROWS and (phasors[:, k] == phasors[0, k]).all():
+            text = f"the same in all {len(size)} rows: check its columns, or leave the channel out"
+            yield Note("dead", "refuses", text, on=(name,))
+        elif std is not None and (size < ABOVE * std[:, k]).all():
+            text = f"no row rises above {ABOVE:g} times its std: check its cable and its unit"
+            yield Note("silent", "warns", text, on=(name,))
+
+
+def check_phases(name: str, phases: Floats, *, degrees: bool) -> Iterator[Note]:
+    """Find phases, as the table states them, that are hardly in their unit."""
+    size, spread = float(np.abs(phases).max(initial=0.0)), float(np.ptp(phases))
+    low, high = float(phases.min()), float(phases.max())
+    if not degrees and size > TURNS * 2 * np.pi:
+        text = f'phases up to {size:.4g} rad: if they are degrees, set phase_unit = "deg"'
+        yield Note("phase unit", "refuses", text, on=(name,))
+    elif degrees and size <= 2 * np.pi and spread > LIKE_RADIANS and len(phases) >= LEAST_ROWS:
+        text = (
+            f"phases from {low:.3g} to {high:.3g} degrees, no more: if they are radians, set "
+            'phase_unit = "rad"'
+        )
+        yield Note("phase unit", "warns", text, on=(name,))

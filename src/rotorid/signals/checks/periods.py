@@ -1,0 +1,601 @@
+"""Checks of averaged periods: scatter, settling, shocks, drift, a wrong period.
+
+*Notation*: z, shape (period, line, channel), are the lines of each period; s^2 is the variance of
+a line between periods, from differences of neighbours, which a slow drift does not enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rotorid.core.distributions import f_limit
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note, Severity
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.record import PeriodicRecord, Record
+from rotorid.signals.checks.channels import is_input
+from rotorid.signals.periods import median, quartiles
+
+LEAST_PERIODS = 8
+"""Periods below which a transient cannot be told from the scatter."""
+
+_ROUNDING = 1e-9
+_DRIFT, _LARGE = 4.0, 3.0
+_DECAYS = 10.0
+"""Ratio of the power at the begin and at the end of the first half from which on it dies away: what
+is left of a transient as long as half the record; samples lost in its middle leave one level."""
+_SLOPE = 15.0
+"""Square of the slope over its own from which on the second half drifts: of one line chance makes
+it so once in three million."""
+
+
+@frozen
+class Settling:
+    """The transient at the start of a record."""
+
+    periods: int  # whole periods from the start that it disturbs
+    # time in s to drop: as long again, in which the transient sinks below the scatter of the mean
+    drop: float
+    # root mean square of the deviation of these periods from the settled ones, over all lines and
+    # channels, in units of the scatter between the settled ones; 0 where there is none
+    excess: float
+    relative: float  # their largest deviation, as a part of the channel's line spectrum
+
+    @property
+    def told(self) -> str:
+        """What a warning says of it first."""
+        lasts = "period" if self.periods == 1 else f"{self.periods} periods"
+        return (
+            f"a transient in the first {lasts}, {self.excess:.3g} times the scatter of the later "
+            "ones"
+        )
+
+
+NONE = Settling(0, 0.0, 0.0, 0.0)
+"""No transient."""
+
+
+def detect_settling(periods: PeriodicRecord) -> Settling:
+    """Find the periods at the start that are not like those of the second half.
+
+    Of each period, d = the mean over lines and channels of |z - z_settled|^2 / s^2, with z_settled
+    and s the mean and the scatter over the second half; a transient lasts until d stays below what
+    chance explains. It is looked for on the kept lines only: elsewhere it does no harm.
+    """
+    count = periods.periods
+    if count < LEAST_PERIODS:
+        return NONE
+    deviation, size = _deviation(periods.spectra)
+    d = (deviation**2).mean(axis=1)
+    # Against differences of neighbours the second half has d = 1; a drift in it makes it large.
+    drifts = median(d[count // 2 :]) > _DRIFT
+    last = 0 if drifts else _last_unsettled(d, deviation.shape[1])
+    if last == 0:
+        return NONE
+    return Settling(
+        periods=last,
+        drop=min(2 * last, count // 2) / periods.fundamental,
+        excess=float(np.sqrt(d[:last].mean())),
+        relative=float(size[:last].max()),
+    )
+
+
+def _deviation(spectra: Complexes) -> tuple[Floats, Floats]:
+    """Return each period's deviation from the second half: over its scatter, and relative."""
+    count = len(spectra)
+    spectra = _without_drift(spectra)
+    settled = spectra[count // 2 :]
+    mean = settled.mean(axis=0)
+    channel = np.sqrt((np.abs(mean) ** 2).mean(axis=0))
+    # A drift that is left in the second half is no scatter: differences of neighbours hold less.
+    scatter = np.sqrt((np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2)
+    pooled = np.sqrt((scatter**2).mean(axis=0))
+    level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))  # a channel that stops has none late
+    floor = np.maximum(pooled, np.maximum(_ROUNDING * np.maximum(channel, level), 1e-300))
+    moved = np.abs(spectra - mean)
+    relative = moved / np.where(channel > 0, channel, np.inf)
+    return (moved / floor).reshape(count, -1), relative.reshape(count, -1).max(axis=1)
+
+
+def _without_drift(spectra: Complexes) -> Complexes:
+    """Take off the straight line through the second half, where there is more than noise in it."""
+    count = len(spectra)
+    settled = spectra[count // 2 :]
+    place = np.arange(count) - count // 2 - (len(settled) - 1) / 2
+    late = place[count // 2 :]
+    slope = np.einsum("p,pkc->kc", late, settled) / (late @ late)
+    noise = (np.abs(np.diff(settled, axis=0)) ** 2).mean(axis=0) / 2
+    strength = (np.abs(slope) ** 2 * (late @ late)).mean(axis=0)
+    drifting = strength > _SLOPE * noise.mean(axis=0)
+    return spectra - place[:, None, None] * np.where(drifting, slope, 0.0)
+
+
+def _last_unsettled(d: Floats, terms: int) -> int:
+    """Return the number of periods at the start that are beyond chance.
+
+    What chance explains: the median over the settled half and five times its spread, which is
+    known from the quartiles. The transient ends where two successive periods are settled. One
+    that begins below three times the scatter biases no mean by more than its deviation.
+    """
+    half = len(d) // 2
+    low, middle, high = quartiles(d[half:])
+    if d[0] <= _LARGE**2 * middle:
+        return 0
+    late = d > middle + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))
+    ends = np.flatnonzero(~late[:half] & ~late[1 : half + 1])
+    if ends.size:
+        return int(ends[0])
+    # Longer than half the record: what dies away, not what was another level and stepped.
+    begin, end = median(d[: half // 4]), median(d[half - half // 4 : half])
+    return half if begin > _DECAYS * end else 0
+
+
+NO_SCATTER = 1e-9
+"""Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
+leave 1e-13, no converter reaches 1e-8."""
+
+FALSE_ALARM = 1e-7
+"""Chance per period or channel of an alarm on noise: with 260 periods of 12 channels it comes to 3
+in 10,000 records."""
+
+MOST_DIRECTIONS = 4
+"""Independent directions that the scatter of one period is granted, however many lines there are.
+Random motion that carries over from period to period puts the same few numbers, position and
+velocity at the ends of the period, on all lines: a mode has two."""
+
+KNOCK = 3.0
+"""Deviation of a period, in units of the scatter, below which a knock is no matter for the mean of
+the others."""
+
+LEAST_TO_JUDGE = 4
+"""Periods below which none can be called the odd one: with three, two against one."""
+
+DRIFT = 7.0
+"""Deviations by which the lines' slope over the record must differ from zero to be a drift."""
+
+UNSETTLED = 1e-5
+"""Chance of an alarm where a handful of periods must tell: the first against the rest."""
+
+UNLIKE = 0.5
+"""Scatter of a handful of periods over their size from which on they do not repeat: if it is noise
+after all, seven of them leave a fifth of it, too much for parameters."""
+
+SILENT = 3.0
+"""Size of a mean line over its own deviation from which on it is there: noise alone exceeds it once
+in 8000 lines."""
+
+
+def check_identical(periods: PeriodicRecord) -> list[Note]:
+    """Find channels without scatter: nothing tells how well their mean is known."""
+    level = np.sqrt((periods.mean**2).mean(axis=0))
+    scatter = np.sqrt(periods.variance.mean(axis=0))
+    moving = np.ptp(periods.mean, axis=0) > NO_SCATTER * level
+    same = moving & (scatter <= NO_SCATTER * level)
+    if not same.any():
+        return []
+    if same[moving].all():
+        text = (
+            "no scatter between periods: the deviations of the result are unknown, not zero; "
+            "record again if the periods were copied or computed"
+        )
+        return [Note("identical periods", "warns", text)]
+    found = []
+    for c in np.flatnonzero(same):
+        channel = periods.channels[c]
+        command = is_input(channel)
+        text = "no scatter between periods, while other channels have some: " + (
+            "taken as exact" if command else "computed or copied, not measured"
+        )
+        severity: Severity = "says" if command else "warns"
+        found.append(Note("identical periods", severity, text, on=(channel.name,)))
+    return found
+
+
+def check_copied_periods(periods: PeriodicRecord) -> list[Note]:
+    """Find periods that are earlier ones again: a file that holds a measurement twice.
+
+    Periods that settled without noise are the same too, but then each is the same as the next.
+    """
+    z = periods.spectra - periods.mean_spectrum
+    size = np.sqrt((np.abs(z) ** 2).sum(axis=(0, 1)))
+    scatters = size > 0
+    rows = (z[:, :, scatters] / size[scatters]).reshape(len(z), -1)
+    first: dict[int, int] = {}
+    for one, other in _equal_pairs(rows):
+        if other > one + 1 and not _equal(rows[one], rows[one + 1]):
+            first.setdefault(other, one)
+    if not first:
+        return []
+    later, earlier = min(first.items())
+    text = (
+        f"{len(first)} of {len(z)} periods are earlier ones again, in every digit: period "
+        f"{later + 1} is period {earlier + 1}: the file holds one measurement twice; take each "
+        "period once, by until"
+    )
+    return [Note("copied periods", "warns", text)]
+
+
+def _equal_pairs(rows: Complexes) -> list[tuple[int, int]]:
+    """Return pairs of equal rows, the earlier first: candidates are neighbours in one number."""
+    weights = np.cos(np.arange(2 * rows.shape[1]))
+    key = np.concatenate([rows.real, rows.imag], axis=1) @ weights
+    order = np.argsort(key, kind="stable")
+    least = NO_SCATTER * np.linalg.norm(weights) * np.linalg.norm(rows, axis=1).max(initial=0.0)
+    close = np.flatnonzero(np.diff(key[order]) <= least)
+    pairs = ((int(min(order[k : k + 2])), int(max(order[k : k + 2]))) for k in close)
+    return [pair for pair in pairs if _equal(rows[pair[0]], rows[pair[1]])]
+
+
+def _equal(one: Complexes, other: Complexes) -> bool:
+    """Tell whether two periods differ by rounding only, beside their scatter."""
+    return bool(np.linalg.norm(one - other) <= NO_SCATTER * np.linalg.norm(one))
+
+
+def check_repeats(periods: PeriodicRecord) -> list[Note]:
+    """Tell whether a few periods are the same at all; many are told by their lines and noise."""
+    if periods.periods >= LEAST_PERIODS:
+        return []
+    inputs = [c for c, channel in enumerate(periods.channels) if is_input(channel)]
+    chosen = inputs or list(range(len(periods.channels)))
+    z = periods.spectra[:, :, chosen]
+    scatter = np.sqrt(z.var(axis=0, ddof=1).mean(axis=0))
+    level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
+    part = float(median(scatter / np.where(level > 0, level, np.inf)))
+    if part <= UNLIKE:
+        return []
+    text = (
+        f"{periods.periods} periods that differ by {100 * part:.3g} % of their size: the record "
+        "does not repeat with this period: give the rate at which the excitation repeats, or use "
+        "the record without periods"
+    )
+    return [Note("repeats", "warns", text)]
+
+
+def check_silent(periods: PeriodicRecord) -> list[Note]:
+    """Find lines that no channel holds, and channels that hold no line."""
+    found = []
+    deviation = np.sqrt(periods.spectra.var(axis=0, ddof=1) / periods.periods)
+    freedom = 2 * (periods.periods - 1)
+    if periods.periods < LEAST_PERIODS:  # too few to judge a line by itself
+        deviation = np.broadcast_to(np.sqrt((deviation**2).mean(axis=0)), deviation.shape)
+        freedom *= min(len(deviation), MOST_DIRECTIONS)
+    mean = np.abs(periods.mean_spectrum)
+    noisy = deviation.max(axis=0) > NO_SCATTER * np.maximum(mean.max(axis=0), 1e-300)
+    # The deviation is itself a guess: what chance exceeds as seldom, by F.
+    ratio = np.sqrt(f_limit(np.exp(-(SILENT**2)), 2, freedom))
+    there = mean > np.where(noisy, ratio * deviation, NO_SCATTER * mean.max(axis=0))
+    for wanted, what, cure in (
+        (
+            True,
+            "input",
+            "excite the machine, or give the rate at which it repeats as the fundamental",
+        ),
+        (
+            False,
+            "sensor",
+            "raise the excitation, or look at the fundamental and at what its column holds",
+        ),
+    ):
+        chosen = [c for c, channel in enumerate(periods.channels) if is_input(channel) == wanted]
+        if not chosen:
+            continue
+        here = there[:, chosen]
+        if not here.any():
+            text = f"no line used of any {what} stands above its own noise: {cure}"
+            found.append(Note("lines below noise", "warns", text))
+            continue
+        for c in np.flatnonzero(~here.any(axis=0)):
+            channel = periods.channels[chosen[c]].name
+            text = f"no line used of it stands above its own noise, while other {what}s hold some"
+            found.append(Note("lines below noise", "says", text, on=(channel,)))
+        empty = np.flatnonzero(~here.any(axis=1))
+        if empty.size and not found:
+            text = f"{_listed(periods.frequency[empty])} Hz hold no {what} above its own noise"
+            found.append(Note("lines below noise", "says", text))
+    return found
+
+
+def _listed(values: Floats, most: int = 6) -> str:
+    shown = ", ".join(f"{v:g}" for v in values[:most])
+    return shown + (f" and {len(values) - most} more" if len(values) > most else "")
+
+
+def check_settled(periods: PeriodicRecord) -> list[Note]:
+    """Tell whether the start still holds a transient, with few periods too."""
+    if periods.periods >= LEAST_PERIODS:
+        found = detect_settling(periods)
+        if not found.periods:
+            return []
+        text = f"{found.told}: skip {found.drop:g} s more"
+        return [Note("settled", "warns", text)]
+    if periods.periods < 3:
+        text = f"{periods.periods} periods cannot show a transient: record 8 or more"
+        return [Note("settled", "says", text)]
+    worst, ratio = _first_against_rest(periods.spectra)
+    if worst is None:
+        return []
+    text = (
+        f"the first of {periods.periods} periods differs from the others by {ratio:.3g} times "
+        f"their scatter: skip {1 / periods.fundamental:g} s more"
+    )
+    return [Note("settled", "warns", text, on=(periods.names[worst],))]
+
+
+def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
+    """Compare the first of a few periods with the others, channel by channel, by F."""
+    count, lines, channels = spectra.shape
+    rest = spectra[1:]
+    within = rest.var(axis=0, ddof=1)
+    level = (np.abs(rest.mean(axis=0)) ** 2).mean(axis=0)
+    floor = np.maximum(NO_SCATTER**2 * level, 1e-300)
+    moved = np.abs(spectra[0] - rest.mean(axis=0)) ** 2 / (1 + 1 / (count - 1))
+    ratio = moved.mean(axis=0) / np.maximum(within.mean(axis=0), floor)
+    freedom = 2 * min(lines, MOST_DIRECTIONS)
+    worst = int(np.argmax(ratio))
+    limit = f_limit(UNSETTLED / channels, freedom, freedom * (count - 2))
+    return (worst if ratio[worst] > limit else None), float(np.sqrt(ratio[worst]))
+
+
+def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Note]:
+    """Find single periods that are not like the others."""
+    spectra = periods.spectra[first:]
+    count = len(spectra)
+    if count < LEAST_TO_JUDGE:
+        return []
+    size = _without_trend(spectra)
+    typical = median(size, axis=0)
+    out = size > KNOCK**2 * np.maximum(typical, 1e-300)
+    if out.any():
+        # Slow random motion puts one number, its change over the period, on all lines.
+        limit = f_limit(FALSE_ALARM / size.shape[1], 1, max(count // 2, 1))
+        out &= size > limit * np.maximum(typical, 1e-300)
+    knocked = np.flatnonzero(out.any(axis=1))
+    # What is true of many periods is no knock.
+    if not knocked.size or knocked.size > max(1, count // 10):
+        return []
+    ratio = size / np.maximum(typical, 1e-12 * size.max())  # periods of few levels may be equal
+    worst = int(knocked[np.argmax(ratio[knocked].max(axis=1))])
+    channels = np.flatnonzero(out[knocked].any(axis=0))
+    factor = float(np.sqrt(ratio[worst].max()))
+    starts = periods.time[first + knocked, 0]
+    which = ", ".join(
+        f"{first + p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts[:5], strict=False)
+    )
+    text = (
+        f"period {which}{' and more' if knocked.size > 5 else ''} deviates by up to {factor:.3g} "
+        "times the scatter of the others: something knocked; leave it out or record again"
+    )
+    return [Note("knock", "warns", text, on=tuple(periods.names[c] for c in channels))]
+
+
+def _without_trend(spectra: Complexes) -> Floats:
+    """Return the size of each period's deviation in units of the scatter: (period, channel)."""
+    level = np.sqrt((np.abs(spectra.mean(axis=0)) ** 2).mean(axis=0))
+    floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)[:, None]
+    size = np.empty((2, spectra.shape[2], len(spectra)))
+    powers = np.zeros((2, *spectra.shape[1:], len(spectra)))
+    for part in (spectra.real, spectra.imag):
+        each = np.ascontiguousarray(np.moveaxis(part, 0, -1))  # periods last: they are sorted
+        powers[0] += np.square(each - median(each)[..., None])
+        # The middle of the two neighbours is the best guess of a period in slow change.
+        powers[1, ..., 1:-1] += np.square(each[..., 1:-1] - (each[..., :-2] + each[..., 2:]) / 2)
+        powers[1, ..., 0] += np.square(each[..., 0] - each[..., 1])
+        powers[1, ..., -1] += np.square(each[..., -1] - each[..., -2])
+    for kind, power in enumerate(powers):
+        typical = np.maximum(median(power)[..., None], floor)
+        size[kind] = (power / typical).mean(axis=0)
+    # A knock stands out both from the whole and from its neighbours; a drift only from the whole.
+    return np.asarray(size.min(axis=0).T)
+
+
+def check_drift(periods: PeriodicRecord) -> list[Note]:
+    """Find lines that change slowly: their slope against the lines of the record beside it."""
+    count = periods.periods
+    if count < LEAST_PERIODS:
+        return []
+    place = np.linspace(-1.0, 1.0, count)
+    place /= np.sqrt((place**2).sum())
+    z = periods.spectra - periods.mean_spectrum
+    slope = np.einsum("p,pkc->kc", place, z)
+    left = z - place[:, None, None] * slope
+    variance = _slow_variance(left)
+    level = np.sqrt((np.abs(periods.mean_spectrum) ** 2).mean(axis=0))
+    floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)
+    strength = (np.abs(slope) ** 2 / np.maximum(variance, floor)).mean(axis=0)
+    lines = periods.spectra.shape[1]
+    freedom = 2 * min(lines, MOST_DIRECTIONS)
+    limit = DRIFT**2 / lines
+    if (strength > limit).any():
+        limit = max(limit, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
+    rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
+    alone = rest is not None and (strength > limit).any() and (rest <= limit).all()
+    if alone and _turns(periods, slope, ratio):
+        return [_creeping(periods, ratio)]
+    found = []
+    for c in np.flatnonzero(strength > limit):
+        k = int(np.argmax(np.abs(slope[:, c])))
+        ends = 2 * np.abs(slope[k, c]) * place[-1]
+        size = np.abs(periods.mean_spectrum[k, c])
+        text = (
+            f"the line at {periods.frequency[k]:g} Hz changes by {100 * ends / size:.3g} % over "
+            f"the record, {ends / np.sqrt(max(variance[k, c], floor[c])):.3g} times its scatter: "
+            "warm up before recording, or take a shorter record"
+        )
+        found.append(Note("drift", "warns", text, on=(periods.names[c],)))
+    return found
+
+
+def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
+    """Return the mean over lines without that of the rotation, (channel,); None without one."""
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    others = np.abs(periods.harmonics - turns) >= 0.5
+    if not periods.speed or others.all() or not others.any():
+        return None
+    return np.asarray(ratio[others].mean(axis=0))
+
+
+def _turns(periods: PeriodicRecord, slope: Complexes, ratio: Floats) -> bool:
+    """Tell whether the line that changes most turns, as with a speed, or grows, as with a gain."""
+    k, c = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+    relative = slope[k, c] * np.conj(periods.mean_spectrum[k, c])
+    return bool(abs(relative.imag) > abs(relative.real))
+
+
+def _creeping(periods: PeriodicRecord, ratio: Floats) -> Note:
+    """Say that the line of the rotation alone changes slowly."""
+    hertz = abs(periods.speed) / (2 * np.pi)
+    worst = int(np.argmax(ratio.max(axis=0)))
+    text = (
+        f"the line of the rotation, {hertz:g} Hz, changes slowly and no other does: the speed is "
+        "not quite the one stated; give it to more digits, or measure the angle (encoder or "
+        "keyphasor)"
+    )
+    return Note("speed", "warns", text, on=(periods.names[worst],))
+
+
+def _beside(count: int) -> list[int]:
+    """Return the lines of the whole record beside a kept one that tell its slow noise."""
+    return [j % count for m in range(2, min(7, count // 2)) for j in (m, -m)]
+
+
+def _slow_variance(left: Complexes) -> Floats:
+    """Return the variance of a period's lines as far as it is slow, shape (line, channel).
+
+    From the lines of the whole record beside each line, the first (which a curved drift fills)
+    left out: noise that carries over from period to period is larger there than the scatter.
+    """
+    count = len(left)
+    beside = np.fft.fft(left, axis=0)[_beside(count)]
+    near = (np.abs(beside) ** 2).mean(axis=0) / count
+    return np.asarray(np.maximum(near, (np.abs(left) ** 2).mean(axis=0)))
+
+
+RAMP = 1.0
+"""A ramp's line over the deviation of the mean line from which on it biases as much as noise."""
+LEAST = 6
+"""Periods below which a beginning, a middle and an end say little."""
+BENT = 0.2
+"""Distance of the middle from the straight line, over the rise, from which on it is no ramp."""
+ROUNDING = 1e-9
+"""A ramp's line over the channel's own below which it is rounding."""
+
+
+def ramps(record: Record, periods: PeriodicRecord) -> Floats:
+    """Return by how much the offset of each channel rises in a period, 0 where that is no matter.
+
+    A ramp within every period is the same in each, and falls on all lines: on line k of one that
+    rises by d in a period d / (2 pi k).
+    """
+    none = np.zeros(len(record.channels))
+    size, count = periods.samples, periods.periods
+    first = round((periods.begin - record.start) * record.sample_rate)
+    lines = periods.harmonics > 0
+    whole = (len(record.samples) - first) // size
+    if record.valid is not None or whole != count or count < LEAST or not lines.any():
+        return none
+    middle = count // 2
+    at = first + size * np.array([0, middle, count - 1])
+    begin, half, end = (record.samples[k : k + size].mean(axis=0) for k in at)
+    rise = (end - begin) / (count - 1)
+    power = np.abs(periods.spectra - periods.mean_spectrum)[:, lines] ** 2
+    std = np.sqrt(power.sum(axis=0) / (count - 1) / count)
+    line = np.abs(rise) / (2 * np.pi * periods.harmonics[lines, None])
+    level = np.sqrt((np.abs(periods.mean_spectrum) ** 2).mean(axis=0))
+    told = (line > np.maximum(RAMP * std, ROUNDING * level)).any(axis=0)
+    straight = np.abs(half - begin - middle * rise) <= BENT * (count - 1) * np.abs(rise)
+    return np.where(told & straight, rise, 0.0)
+
+
+def without_ramps(record: Record, periods: PeriodicRecord, rise: Floats) -> Record:
+    """Return a record without its ramps; its mean stays."""
+    place = (np.arange(len(record.samples)) - len(record.samples) / 2) / periods.samples
+    return replace(record, samples=record.samples - place[:, None] * rise)
+
+
+def ramp_notes(periods: PeriodicRecord, rise: Floats) -> tuple[Note, ...]:
+    """Say which offsets drift."""
+    return tuple(
+        Note(
+            "drift",
+            "says",
+            f"the offset drifts by {abs(d) * (periods.periods - 1):.3g} {channel.unit} over the "
+            "record: a straight line was taken out",
+            on=(channel.name,),
+        )
+        for channel, d in zip(periods.channels, rise, strict=True)
+        if d
+    )
+
+
+MULTIPLES = (2, 3)
+"""Multiples of the period that are tried: half the line spacing given is the usual mistake."""
+
+BETTER = 4.0
+"""How many times less two periods must differ than one, for the record to repeat after two: noise
+and drift make both differ alike."""
+
+DIFFERENT = 0.01
+"""Part of the power in which successive periods must differ at least: below it nothing is at
+stake."""
+
+SYNCHRONOUS = 0.05
+"""Distance from whole turns, in so many periods, within which the rotation explains it."""
+
+_MOST = 1 << 15  # samples looked at
+
+
+def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
+    """Find a fundamental that is two or three times the true one."""
+    size = periods.samples
+    first = round(periods.begin * record.sample_rate)
+    count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size
+    inputs = [c for c, channel in enumerate(record.channels) if is_input(channel)]
+    chosen = inputs or list(range(len(record.channels)))
+    if count < 2 * max(MULTIPLES):
+        return []
+    samples = record.samples[first : first + count * size, chosen]
+    samples = samples.reshape(count, size, len(chosen))
+    power = np.asarray(samples.var(axis=(0, 1)))
+    alone = _difference(samples, 1, power)
+    turns = record.speed / (2 * np.pi * periods.fundamental)
+    for multiple in MULTIPLES:
+        turned = abs(multiple * turns - round(multiple * turns)) < SYNCHRONOUS
+        if turned and abs(turns - round(turns)) > SYNCHRONOUS:
+            samples = _without_orders(samples, turns, multiple)
+            alone = _difference(samples, 1, power)
+        apart = _difference(samples, multiple, power)
+        clear = (alone > DIFFERENT) & (alone > BETTER * apart)
+        if clear.any():
+            names = tuple(record.names[chosen[c]] for c in np.flatnonzero(clear))
+            true = periods.fundamental / multiple
+            text = (
+                f"the record repeats after {multiple} periods, not after one: the fundamental is "
+                f"{true:.6g} Hz, not {periods.fundamental:.6g}; multiply the harmonics by "
+                f"{multiple}"
+            )
+            return [Note("multiple period", "warns", text, on=names)]
+    return []
+
+
+def _without_orders(samples: Floats, turns: float, multiple: int) -> Floats:
+    """Return the samples without the orders of the rotation, which explain themselves.
+
+    Shape (period, sample, channel); the rotation makes so many turns a period, and a whole number
+    of them in a multiple.
+    """
+    count, size, channels = samples.shape
+    used = count - count % multiple
+    joined = samples[:used].reshape(-1, multiple * size, channels)
+    lines = np.fft.rfft(joined, axis=1)
+    once = round(abs(turns) * multiple)
+    lines[:, once :: max(once, 1)] = 0.0
+    left = np.fft.irfft(lines, n=multiple * size, axis=1)
+    return np.asarray(left.reshape(used, size, channels))
+
+
+def _difference(samples: Floats, lag: int, power: Floats) -> Floats:
+    """Return half the power of what differs between periods so far apart, over that of all."""
+    change = samples[lag:] - samples[:-lag]
+    return np.asarray((change**2).mean(axis=(0, 1)) / (2 * np.maximum(power, 1e-300)))

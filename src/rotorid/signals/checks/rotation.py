@@ -1,0 +1,536 @@
+"""Checks of the speed: whether the record shows the rotation that is stated.
+
+A tone of frequency f leaves ``(-1)^k sinc(k - f T)`` on line k of a record of length T, to a factor
+that all lines have in common. It is fitted beside what references and a transient make of the
+lines around, and f is where it takes up most.
+
+Unbalance leaves a line at the speed in every sensor. Off the lines of the excitation it stands
+alone in what the mean over periods leaves; on one of them it is seen only where nothing is excited.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import scipy
+
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note, Severity
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lazy_time import Steady, unread
+from rotorid.data.record import PeriodicRecord, Record
+from rotorid.signals.checks.channels import is_input
+from rotorid.signals.periods import median
+
+_FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
+_BLOCK = 1 << 16  # samples at once, so that memory does not grow with the record
+NOTICED = 1e-3
+"""Part of the unbalance lost, or leaked into a line, from which on it is worth a warning."""
+
+
+@frozen
+class Synchronism:
+    """How well the rotation fits the periods of the excitation."""
+
+    turns: float  # mean revolutions per period
+    # angle in rad by which the rotation gains on the nearest whole number of turns, over all
+    # periods
+    slip: float
+    drift: float  # change of the speed in rad/s over the record, by regression
+    loss: float  # part of the unbalance's line that averaging over the periods loses
+    # (line,): size of exp(i phi) on each kept line; 1 where all of it is, the line of the rotation
+    # itself set to 0
+    leakage: Floats
+
+
+def synchronism(periods: PeriodicRecord) -> Synchronism:
+    """Compare the rotor angle with the periods.
+
+    Notes
+    -----
+    The columns of the unbalance are averaged and filtered as the data are, from the measured
+    angle, so they lose the same part. What remains is the answer of the rotor to the part that
+    leaks, which is not periodic: an error of about the leakage times the amplification there.
+    """
+    angle, time = unread(periods, "angle"), unread(periods, "time")
+    if isinstance(angle, Steady) and isinstance(time, Steady):
+        return _of_one_speed(periods, angle.slope)
+    return _measured(periods)
+
+
+def _of_one_speed(periods: PeriodicRecord, speed: float) -> Synchronism:
+    """Return it for a constant speed: the sums over periods and over samples are apart."""
+    omega0, count = 2 * np.pi * periods.fundamental, periods.periods
+    turns = speed / omega0
+    nearest = round(turns)
+    gains = speed - omega0 * np.array([*periods.harmonics, nearest])
+    place = np.arange(periods.samples) / periods.sample_rate
+    begin = np.arange(count) / periods.fundamental
+    means = [np.exp(1j * np.multiply.outer(t, gains)).mean(axis=0) for t in (begin, place)]
+    length = (count * periods.samples - 1) / periods.sample_rate
+    return _synchronism(periods, turns, length, 0.0, np.abs(means[0] * means[1]))
+
+
+def _measured(periods: PeriodicRecord) -> Synchronism:
+    """Return it for a measured angle: its line in every period."""
+    angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
+    omega0 = 2 * np.pi * periods.fundamental
+    some = slice(None, None, max(1, len(time) // _FITTED))
+    middle, centre = time.mean(), angle.mean()
+    speed = np.polynomial.polynomial.polyfit(time[some] - middle, angle[some] - centre, 2)
+    turns = float(speed[1] / omega0)
+    orders = np.array([*periods.harmonics, round(turns)])
+    within = 2 * np.pi * np.multiply.outer(np.arange(periods.samples), orders) / periods.samples
+    waves = np.exp(-1j * within)
+    starts = np.exp(-1j * omega0 * np.multiply.outer(periods.time[:, 0], orders))
+    sums = np.zeros(len(orders), dtype=complex)
+    step = max(1, _BLOCK // periods.samples)
+    for begin in range(0, periods.periods, step):
+        part = slice(begin, begin + step)
+        sums += (starts[part] * (np.exp(1j * periods.angle[part]) @ waves)).sum(axis=0)
+    length = float(time[-1] - time[0])
+    return _synchronism(periods, turns, length, float(speed[2]), np.abs(sums / len(time)))
+
+
+def _synchronism(
+    periods: PeriodicRecord, turns: float, length: float, bend: float, sizes: Floats
+) -> Synchronism:
+    """Return what is told of a rotation, from its sizes on the kept lines and, last, its own."""
+    nearest = round(turns)
+    *kept, own = sizes
+    return Synchronism(
+        turns=turns,
+        slip=(turns - nearest) * 2 * np.pi * periods.fundamental * length,
+        drift=2 * bend * length,
+        loss=float(1 - own),
+        leakage=np.where(periods.harmonics == nearest, 0.0, kept),
+    )
+
+
+def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
+    """Return warnings, with numbers, where the rotation does not fit the periods."""
+    if periods.speed == 0:
+        return ()
+    found = synchronism(periods)
+    worst = int(np.argmax(found.leakage))
+    if found.loss < NOTICED and found.leakage[worst] < NOTICED:
+        return ()
+    line = periods.frequency[worst]
+    return (
+        f"the rotation is not synchronous with the excitation: {found.turns:.6g} revolutions per "
+        f"period, {np.degrees(found.slip):.3g} degrees off over {periods.periods} periods, the "
+        f"speed changing by {abs(found.drift) / (2 * np.pi) * 60:.3g} rpm; the line of the "
+        f"unbalance loses {100 * found.loss:.2g} % and leaks up to "
+        f"{100 * found.leakage[worst]:.2g} % into the line at {line:g} Hz",
+    )
+
+
+TONE = 200.0
+"""Power of a line over the median around it from which on it is a tone: of 100,000 lines of noise
+chance lifts one to 25."""
+
+STEADY = 0.3
+"""Difference between a tone's amplitudes in the two halves of the record, over their mean, up to
+which it is one: random vibration of a light mode comes and goes."""
+
+ALONE = 5.0
+"""Size of a line on the grid that was not excited over the next one, from which on it is no
+distortion, which spreads over many lines."""
+
+NEAR = 0.03
+"""Part of the speed within which a tone is the rotation with a speed that is off."""
+
+SAME_UNIT = 0.005
+"""Distance of a ratio of speeds from a factor of units up to which that is the mistake."""
+
+GHOST = 1e-2
+"""Power of a tone on the grid over that of the strongest below which it is that one's trace: of a
+tone between two lines the mean of ten periods keeps a tenth at most, a hundredth of the power."""
+
+SMALL = 1e-6
+"""What the mean leaves, over the channel, below which it is rounding, or of no weight."""
+
+WANDER = 100.0
+"""Variance between periods of the rotation's line over that of the median line: in closed loop
+noise differs by a factor of some ten between lines; a speed that wanders by 1e-3 gives 1e4."""
+SIDEBAND = 6.0
+"""Lines of the whole record on each side of a kept one that a drift of it fills."""
+
+SQUARE = np.radians(20.0)
+"""Distance of two sensors' phases from a right angle within which a tone is an orbit: hum comes
+from one source, and stands in all sensors with one phase or its opposite."""
+
+ROUND = 2.0
+"""Ratio of the axes up to which an orbit is one of a rotor, on bearings that are alike in x and y
+to a factor of two or so."""
+
+CLEAR = 1e4
+"""Power of a tone over the median from which on an orbit is the rotation: a light mode that random
+forces drive goes round too, and stands 200 to 1000 times above."""
+
+ON_GRID = 1e-3
+"""Turns in a period, off a whole number, up to which a tone stands on the grid: 2 Hz in 2 kHz."""
+
+_WIDTH = 101  # lines for the median
+_MOST = 1 << 15  # samples looked at
+_TURN = 2 * np.pi
+_UNITS = (
+    (60 / _TURN, "rad/s given as rpm"),
+    (_TURN / 60, "rpm given as rad/s"),
+    (60.0, "Hz given as rpm"),
+    (1 / 60, "rpm given as Hz"),
+    (_TURN, "Hz given as rad/s"),
+    (1 / _TURN, "rad/s given as Hz"),
+)
+
+
+@frozen
+class Tone:
+    """A line that the excitation does not explain: its frequency in Hz and where it is clearest."""
+
+    frequency: float
+    strength: float
+    channel: str
+
+
+def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
+    """Return the tones that sensors show beside the excitation, the clearest first."""
+    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    found: list[Tone] = []
+    if not sensors:
+        return []
+    on_grid = [] if periods is None else _on_grid(periods, sensors)
+    for c in sensors:
+        rest, level = _rest(record, periods, c)
+        if len(rest) < 4 * _WIDTH:
+            return []
+        if np.sqrt(rest @ rest / len(rest)) <= SMALL * level:
+            continue
+        power, floor = _spectrum(rest)
+        clear = _off_grid(rest, power, floor, record.sample_rate, record.names[c])
+        clear = [t for t in clear if not _is_ghost(t, clear[0], record, periods, len(rest))]
+        found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
+        found += [tone for tone in on_grid if tone.channel == record.names[c]]
+    best: list[Tone] = []
+    width = 2 * record.sample_rate / min(len(record.samples), _MOST)
+    for tone in sorted(found, key=lambda t: -t.strength):
+        if all(abs(tone.frequency - other.frequency) > width for other in best):
+            best.append(tone)
+    return best
+
+
+def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Floats, float]:
+    """Return what the mean over periods leaves of a channel, and its level without it taken."""
+    first, count, size = 0, 1, min(len(record.samples), _MOST)
+    if periods is not None:
+        size = periods.samples
+        first = round(periods.begin * record.sample_rate)
+        count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
+    part = record.samples[first : first + count * size, c].copy()
+    folded = part.reshape(count, size)
+    mean = folded.mean(axis=1 if periods is None else 0, keepdims=True)
+    folded -= mean
+    return part, float(np.sqrt(part @ part / len(part) + mean.var()))
+
+
+@cache
+def _window(count: int) -> Floats:
+    return np.hanning(count)
+
+
+def _spectrum(rest: Floats) -> tuple[Floats, Floats]:
+    """Return the power of a windowed signal, and its floor around each line.
+
+    Of one channel at a time: they stay in the cache, and take no memory anew.
+    """
+    spectrum = np.fft.rfft(rest * _window(len(rest)))
+    power = np.square(spectrum.real)
+    power += np.square(spectrum.imag)
+    blocks = -(-len(power) // _WIDTH)
+    # As many lines as fill the last block are taken from the first.
+    filled = np.concatenate([power, power[: blocks * _WIDTH - len(power)]])
+    medians = np.maximum(median(filled.reshape(blocks, _WIDTH)), 1e-20 * power.sum())
+    return power, np.repeat(medians, _WIDTH)[: len(power)]
+
+
+def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str) -> list[Tone]:
+    clear = power[1:-1] > TONE * floor[1:-1]
+    if not clear[_WIDTH:].any():
+        return []
+    peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    peak[:_WIDTH] = False  # noise that rises towards zero has no median around it there
+    at = 1 + np.flatnonzero(peak & clear)
+    strongest = at[np.argsort(-(power / floor)[at])][:5]
+    found = []
+    for k in strongest:
+        turns = _steady(rest, _refined(power, int(k)) / len(rest))
+        if turns is not None:
+            found.append(Tone(turns * rate, float(power[k] / floor[k]), name))
+    return found
+
+
+def _is_ghost(
+    tone: Tone, strongest: Tone, record: Record, periods: PeriodicRecord | None, samples: int
+) -> bool:
+    """Tell whether a tone on the grid is what the mean over periods holds of a much stronger one.
+
+    Of a tone between the lines the mean keeps a little, and taking it away puts that on all lines.
+    """
+    if periods is None or tone.strength > GHOST * strongest.strength:
+        return False
+    turns = tone.frequency / periods.fundamental
+    return abs(turns - round(turns)) * periods.fundamental < 2 * record.sample_rate / samples
+
+
+def _is_sideband(tone: Tone, record: Record, periods: PeriodicRecord | None, samples: int) -> bool:
+    """Tell whether a tone lies so close to a kept line that a slow change of that makes it."""
+    if periods is None:
+        return False
+    beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * record.sample_rate / samples
+    own = np.abs(periods.frequency - abs(record.speed) / _TURN) < 0.5 * periods.fundamental
+    return bool((beside & ~own).any())
+
+
+def _refined(power: Floats, k: int) -> float:
+    """Return the place of a peak between the lines: a parabola through the logarithms."""
+    left, here, right = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
+    bend = left - 2 * here + right
+    return k + float(0.5 * (left - right) / bend) if bend < 0 else float(k)
+
+
+def _steady(rest: Floats, turns: float) -> float | None:
+    """Return a tone's turns per sample, from its phases in both halves; None where it wavers."""
+    half = len(rest) // 2
+    wave = np.exp(-2j * np.pi * turns * np.arange(2 * half))
+    window = _window(half)
+    first, second = (wave[at] * window @ rest[at] for at in (slice(half), slice(half, 2 * half)))
+    sizes = np.abs([first, second])
+    if abs(sizes[0] - sizes[1]) > STEADY * sizes.mean():
+        return None
+    return float(turns + np.angle(second * np.conj(first)) / (2 * np.pi * half))
+
+
+def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
+    """Return of each sensor the line that stands alone among those that are not kept."""
+    size, count = periods.samples, periods.periods
+    power = np.abs(np.fft.rfft(periods.mean[:, sensors], axis=0) / size) ** 2
+    power[0] = 0.0
+    power[periods.harmonics] = 0.0
+    if len(power) < 3:
+        return []
+    noise = periods.variance[:, sensors].mean(axis=0) / (size * count)
+    place, (second, first) = np.argmax(power, axis=0), np.partition(power, -2, axis=0)[-2:]
+    alone = first >= np.maximum(ALONE**2 * second, TONE * noise)
+    strength = first / np.maximum(np.maximum(noise, 1e-30 * first), 1e-300)
+    return [
+        Tone(float(place[k] * periods.fundamental), float(strength[k]), periods.names[sensors[k]])
+        for k in np.flatnonzero(alone)
+    ]
+
+
+def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Note]:
+    """Hold the speed against the tones of the sensors.
+
+    Parameters
+    ----------
+    record : Record
+    periods : PeriodicRecord, optional
+        Its periods, where it has them: their mean takes the excitation away.
+    """
+    given = abs(record.speed) / _TURN
+    found = tones(record, periods)
+    if not found:
+        return []
+    samples = min(len(record.samples), _MOST)
+    width = 1.5 * record.sample_rate / samples
+    if given == 0:
+        tone = found[0]
+        text = (
+            f"a line at {tone.frequency:.6g} Hz that is not excited, while the speed is 0: give "
+            "the speed if it is the rotation; else hum, or another machine"
+        )
+        return [Note("speed", "says", text, on=(tone.channel,))]
+    if any(abs(tone.frequency - given) <= width for tone in found):
+        return []
+    order = [t for t in found if not _is_order(t.frequency, given, width)]
+    if not order:
+        return []
+    orbits = order[0].strength > CLEAR and _orbits(record, periods, order[0])
+    hidden = _hidden(periods, given, width) and not orbits
+    return [_wrong_speed(order, given, hidden)]
+
+
+def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
+    """Tell whether a tone goes round: half of the sensors that show it have one square to them."""
+    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    size = np.array([_amplitude(record, periods, c, tone.frequency) for c in sensors])
+    found = np.abs(size) > np.abs(size).max() / ROUND**2
+    size = size[found]
+    ratio = size[:, None] / size
+    square = np.abs(np.abs(np.angle(ratio)) - np.pi / 2) < SQUARE
+    alike = np.abs(np.log(np.abs(ratio))) < np.log(ROUND)
+    return bool((square & alike).any(axis=1).mean() >= 0.5)
+
+
+def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency: float) -> complex:
+    """Return the complex amplitude of a tone in a channel, the excitation taken away."""
+    rest, length = _rest(record, periods, c)[0], 0 if periods is None else periods.samples
+    wave = np.exp(-2j * np.pi * frequency / record.sample_rate * np.arange(len(rest)))
+    found = complex((_window(len(rest)) * rest) @ wave) / len(rest) * 2
+    turns = frequency * length / record.sample_rate
+    if periods is not None and abs(turns - round(turns)) < ON_GRID:  # it is in the mean
+        found += complex(periods.mean[:, c] @ wave[:length]) / length * 2
+    return found
+
+
+def check_wander(periods: PeriodicRecord) -> list[Note]:
+    """Find a line of the rotation that scatters from period to period as no other does."""
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    on = np.flatnonzero(np.abs(periods.harmonics - turns) < 0.5)
+    others = np.flatnonzero(np.abs(periods.harmonics - turns) >= 0.5)
+    if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
+        return []
+    variance = periods.spectra.var(axis=0, ddof=1)
+    usual = median(variance[others], axis=0)
+    ratio = variance[on[0]] / np.where(usual > 0, usual, np.inf)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] < WANDER:
+        return []
+    hertz = periods.frequency[on[0]]
+    text = (
+        f"the line of the rotation, {hertz:g} Hz, scatters between periods {ratio[worst]:.3g} "
+        "times as much as the others (variance): the speed wanders or is not the one stated; "
+        "measure the angle (encoder or keyphasor), or hold the speed"
+    )
+    return [Note("wander", "warns", text, on=(periods.names[worst],))]
+
+
+def _is_order(frequency: float, given: float, width: float) -> bool:
+    multiple = max(1, round(frequency / given))
+    return 1 < multiple <= 10 and abs(frequency - multiple * given) <= multiple * width
+
+
+def _hidden(periods: PeriodicRecord | None, given: float, width: float) -> bool:
+    """Tell whether the line of the rotation is on one that is excited."""
+    if periods is None:
+        return False
+    return bool((np.abs(periods.frequency - given) < 2 * width).any())
+
+
+def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
+    near = [t for t in found if abs(t.frequency / given - 1) < NEAR]
+    tone = near[0] if near else found[0]
+    ratio = tone.frequency / given
+    told = (
+        f"the clearest line that is not excited stands at {tone.frequency:.6g} Hz "
+        f"({60 * tone.frequency:.6g} rpm), the speed given is {given:.6g} Hz ({60 * given:.6g} rpm)"
+    )
+    severity: Severity = "warns"
+    for factor, mistake in _UNITS:
+        if abs(ratio / factor - 1) < SAME_UNIT:
+            return Note("speed", severity, f"{told}: {mistake}?", on=(tone.channel,))
+    if near:
+        text = f"{told}: give the speed that the record shows"
+    elif hidden:
+        text, severity = f"{told}: hum, or is that the speed?", "says"
+    else:
+        text = f"{told}, where nothing stands: give the speed at which the machine ran"
+    return Note("speed", severity, text, on=(tone.channel,))
+
+
+AROUND = 12
+"""Lines on each side of the strongest that tell where the tone stands."""
+APART = 1.5
+"""Lines within which it is one tone with the rotation as stated: it stands in place of that one.
+Further off it is looked for beside it."""
+GRID = 41
+"""Places within a line of the strongest that are tried before the best is refined."""
+MUCH = 4.0
+"""How much less power the tone leaves in each channel, on average, at a speed other than the one
+stated and less than APART from it. A speed that wanders, or a second tone, gains less than that."""
+
+
+def shown_rotation(
+    lines: Complexes, motion: Complexes, rotation: Complexes, standing_out: Integers, stated: float
+) -> float | None:
+    """Return where the lines show a rotation, in lines; None where that is as stated.
+
+    Parameters
+    ----------
+    lines : complex array, shape (line, channel)
+        All lines of the record from DC on.
+    motion : complex array, shape (line, column)
+        What motion follows there, besides the rotation.
+    rotation : complex array, shape (line, column)
+        What the rotation as stated puts there; no column where none is taken out.
+    standing_out : int array
+        Lines that noise does not explain.
+    stated : float
+        The rotation as stated, in lines.
+    """
+    distance = np.abs(standing_out - stated)
+    near = standing_out[distance < NEAR * stated]
+    if not len(near):
+        return None
+    if distance.min() < AROUND and (moved := _moved(lines, motion, stated)) is not None:
+        return moved
+    apart = near[np.abs(near - stated) > APART]
+    if not len(apart) or apart.max() + AROUND >= len(lines):  # before them there are plenty
+        return None
+    strongest = int(apart[np.argmax(_strength(lines, apart))])
+    return _place(lines, np.column_stack([motion, rotation]), strongest)[0]
+
+
+def _moved(lines: Complexes, motion: Complexes, stated: float) -> float | None:
+    """Return a place within APART of the one stated that takes up much more; None without."""
+    nearest = round(stated)
+    if nearest + AROUND >= len(lines):
+        return None
+    window = np.arange(nearest - AROUND, nearest + AROUND + 1)
+    reach = APART - 1.0  # to each side; a place is looked for within a line of it
+    tried = [_place(lines, motion, nearest, aside) for aside in (-reach, reach)]
+    place, left = min(tried, key=lambda found: found[1])
+    gain = _left(lines, motion, window, stated) - left
+    near = abs(place - stated) <= APART
+    return place if near and gain > np.log(MUCH) * lines.shape[1] else None
+
+
+def _place(
+    lines: Complexes, design: Complexes, middle: int, aside: float = 0.0
+) -> tuple[float, float]:
+    """Return where about a line a tone takes up most, and the logarithm of what it leaves."""
+    window = np.arange(middle - AROUND, middle + AROUND + 1)
+
+    def misfit(place: float) -> float:
+        return _left(lines, design, window, place)
+
+    places = middle + aside + np.linspace(-1, 1, GRID)
+    best = places[int(np.argmin([misfit(place) for place in places]))]
+    step = places[1] - places[0]
+    found = scipy.optimize.minimize_scalar(
+        misfit, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-5}
+    )
+    return float(found.x), float(found.fun)
+
+
+def _left(lines: Complexes, design: Complexes, window: Integers, place: float) -> float:
+    """Return the logarithm of what a tone at a place leaves, summed over the channels."""
+    tone = np.where(window % 2, -1.0, 1.0) * np.sinc(window - place)
+    return float(np.log(_power_left(lines[window], np.column_stack([design[window], tone]))).sum())
+
+
+def _strength(lines: Complexes, near: Integers) -> Floats:
+    """Return the power of lines over that of those around, of all channels together."""
+    around = np.arange(near.min() - AROUND, near.max() + AROUND + 1)
+    usual = np.median(np.abs(lines[around]) ** 2, axis=0)
+    return np.asarray((np.abs(lines[near]) ** 2 / np.where(usual > 0, usual, np.inf)).sum(axis=1))
+
+
+def _power_left(lines: Complexes, columns: Complexes) -> Floats:
+    """Return what columns leave of each channel, (channel,)."""
+    size = np.sqrt((np.abs(columns) ** 2).sum(axis=0))
+    basis, _ = np.linalg.qr(columns / np.where(size > 0, size, 1.0))
+    left = lines - basis @ (basis.conj().T @ lines)
+    power = (np.abs(left) ** 2).sum(axis=0)
+    return np.asarray(np.maximum(power, 1e-300))

@@ -1,0 +1,455 @@
+"""Checks of time: does every period come when it should? Lost samples, second clocks, periods.
+
+A shift of time tau turns each line by -omega tau. The shift of each period against the others,
+found from all lines at once, is flat where excitation and recording share one clock; it has a
+slope where they do not, and a step where samples were lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note, Severity
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.data.record import PeriodicRecord
+from rotorid.signals.checks.periods import NO_SCATTER
+from rotorid.signals.periods import median
+
+STEP = 8.0
+"""Deviations by which the shift must change at one period to be called a step: with 1000 places to
+choose from, chance gives 4.5 or so."""
+
+SLOPE = 8.0
+"""Deviations of the slope of the shift from which on the clocks differ: a lag of one period in the
+next widens them, which is allowed for, but not beyond a few periods."""
+
+WHOLE = 0.25
+"""Distance of a step from a whole number of samples up to which samples were lost; else the delay
+itself changed."""
+
+EXPLAINED = 0.8
+"""Part of the lines' turning, in units of its noise, that one shift of time must explain."""
+
+LEAST_PERIODS = 4
+"""Periods below which a step or slope of the shift cannot be told from its scatter."""
+
+MOST_STEPS = 5
+"""Steps that are looked for in one record: with more, it is not worth a repair."""
+
+SURE = 4.0
+"""Deviations from which on a channel takes part in a step that the whole record shows."""
+
+OF_TIME = 0.9
+"""Part of the lines' drift, amplitudes included, that one slope of the shift must explain to be a
+clock's: 0.999 and more of clocks 20 ppm apart, 0.7 and less of magnets whose gaps grow with heat,
+which turn the lines of a closed loop, too."""
+
+LEAST_SHIFT = 1e-4
+"""Shift over the record, in samples, below which it is rounding."""
+
+LITTLE = 1.0
+"""Turn of a line in rad up to which no period can be a turn further: noise alone, where a line is
+clear, turns it by a fifth, and by this much in none of a million periods."""
+
+BETTER_MATCH = 0.5
+"""Gain in the coherence of two periods, times the number of lines that share it, for which a jump
+by many samples is granted: the noise of one line five times above it changes the coherence by at
+most 0.4, and that of several averages out."""
+
+
+@frozen
+class Shifts:
+    """Shift in time of each period."""
+
+    tau: Floats  # (period,): s, positive where the period comes late
+    noise: float  # its standard deviation in s, as the noise of the lines explains it
+    explained: float  # part of the lines' turning that the shift explains, in units of their noise
+
+
+def shifts_of(
+    periods: PeriodicRecord, channels: Sequence[int], start: Floats | None = None
+) -> Shifts | None:
+    """Return the shift of each period, or None where no line is clear enough."""
+    lines = _steady_lines(periods)
+    if not len(channels) or not lines.any():
+        return None
+    z = periods.spectra[:, lines][:, :, list(channels)]
+    omega = periods.omega[lines]
+    steps = np.diff(z, axis=0)
+    level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
+    # The median, so that a single jump does not count as noise; 2 ln 2 makes it a variance.
+    noise = np.maximum(median(np.abs(steps) ** 2, axis=0) / (2 * np.log(2)), _floor(level))
+    size = np.sqrt((np.abs(z) ** 2).mean(axis=0))
+    clear = size**2 > 25.0 * noise
+    if not clear.any():
+        return None
+    weight = np.where(clear, 1.0 / noise, 0.0)
+    tau = _refined(z, weight, omega, _cumulated(z, weight, omega, periods, start))
+    information = float((weight * np.abs(z.mean(axis=0)) ** 2 * omega[:, None] ** 2).sum())
+    sharp = float((weight * size**2 * omega[:, None] ** 2).sum())
+    turned = np.exp(1j * tau[:, None, None] * omega[:, None])
+    before, after = _spread(z, weight), _spread(z * turned, weight)
+    chance = float(np.count_nonzero(clear))
+    explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
+    return Shifts(tau, float(1 / np.sqrt(max(information, sharp) * 2)), float(explained))
+
+
+def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
+    """Return the shift of each channel, where every line turns but little against its mean.
+
+    No phase then wraps, and all channels are done at once; None where a line turns by more than
+    `LITTLE`, or none is clear. As `shifts_of`, one by one.
+    """
+    lines = _steady_lines(periods)
+    if not lines.any():
+        return None
+    z, omega = periods.spectra[:, lines], periods.omega[lines]
+    power = z.real**2 + z.imag**2
+    steps = np.diff(z, axis=0)
+    floor = np.stack([_floor(np.sqrt(power.mean(axis=(0, 1))))] * len(omega))
+    scatter = median(steps.real**2 + steps.imag**2, axis=0)
+    noise = np.maximum(scatter / (2 * np.log(2)), floor)
+    clear = power.mean(axis=0) > 25.0 * noise
+    mean = z.mean(axis=0)
+    if not clear.any():
+        return None
+    phase = np.angle(np.where(clear, z * mean.conj(), 1.0))
+    if np.abs(phase).max() > LITTLE:
+        return None
+    weight = np.where(clear, 1.0 / noise, 0.0)
+    squared = omega[:, None] ** 2
+    strength = weight * np.abs(mean) ** 2
+    information = (strength * squared).sum(axis=0)
+    sharp = (weight * power.mean(axis=0) * squared).sum(axis=0)
+    slopes = strength * omega[:, None] / np.where(information > 0, information, 1.0)
+    tau = -np.einsum("plc,lc->pc", phase, slopes)
+    turned = z * _turns(periods.harmonics[lines], 2 * np.pi * periods.fundamental * tau)
+    before, after = (_spreads(values, weight) for values in (z, turned))
+    chance = np.count_nonzero(clear, axis=0)
+    told = before > 2 * chance
+    explained = np.where(told, (before - after) / np.where(told, before - chance, 1.0), 1.0)
+    return {
+        int(c): Shifts(
+            tau[:, c] - tau[0, c],
+            float(1 / np.sqrt(2 * max(information[c], sharp[c]))),
+            float(explained[c]),
+        )
+        for c in np.flatnonzero(chance)
+    }
+
+
+def _turns(harmonics: Integers, angle: Floats) -> Complexes:
+    """Return exp(i k angle) of each harmonic k, (period, line, channel), as products of powers."""
+    once = np.exp(1j * angle)
+    powers = {step: once**step for step in set(np.diff(harmonics, prepend=0).tolist())}
+    turns = np.empty((len(angle), len(harmonics), angle.shape[1]), dtype=np.complex128)
+    here = np.ones_like(once)
+    for at, step in enumerate(np.diff(harmonics, prepend=0)):
+        turns[:, at] = here = here * powers[int(step)]
+    return turns
+
+
+def _spreads(z: Complexes, weight: Floats) -> Floats:
+    apart = z - z.mean(axis=0)
+    return np.asarray((weight * (apart.real**2 + apart.imag**2).mean(axis=0)).sum(axis=0))
+
+
+def _floor(level: Floats) -> Floats:
+    return np.asarray(np.maximum((NO_SCATTER * level) ** 2, 1e-300))
+
+
+def _spread(z: Complexes, weight: Floats) -> float:
+    return float((weight * (np.abs(z - z.mean(axis=0)) ** 2).mean(axis=0)).sum())
+
+
+def _steady_lines(periods: PeriodicRecord) -> Booleans:
+    """Return the lines that the excitation alone makes: not DC, not the rotation's orders."""
+    lines = periods.harmonics > 0
+    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    if turns > 0:
+        order = np.round(periods.harmonics / turns)
+        near = np.abs(periods.harmonics - order * turns) < 0.5
+        if (lines & ~near).any():
+            lines = lines & ~near
+    return np.asarray(lines)
+
+
+def _cumulated(
+    z: Complexes, weight: Floats, omega: Floats, periods: PeriodicRecord, start: Floats | None
+) -> Floats:
+    """Add up the shifts from period to period: small steps, so that no phase wraps."""
+    cross = (weight * z[1:] * z[:-1].conj()).sum(axis=2)
+    late = _coarse(cross, omega, periods) if start is None else np.diff(start)
+    strength = np.abs(cross)
+    for _ in range(4):
+        phase = np.angle(cross * np.exp(1j * late[:, None] * omega))
+        total = (strength * omega**2).sum(axis=1)
+        late = late - (strength * omega * phase).sum(axis=1) / np.maximum(total, 1e-300)
+    return np.concatenate([[0.0], np.cumsum(late)])
+
+
+def _refined(z: Complexes, weight: Floats, omega: Floats, tau: Floats) -> Floats:
+    """Hold each period against the mean of all: sums of steps would wander with the noise."""
+    for _ in range(3):
+        turned = z * np.exp(1j * tau[:, None, None] * omega[:, None])
+        cross = (weight * turned * turned.mean(axis=0).conj()).sum(axis=2)
+        strength = np.abs(cross)
+        slope = (strength * omega * np.angle(cross)).sum(axis=1)
+        tau = tau - slope / np.maximum((strength * omega**2).sum(axis=1), 1e-300)
+    return np.asarray(tau - tau[0])
+
+
+def _coarse(cross: Complexes, omega: Floats, periods: PeriodicRecord) -> Floats:
+    """Return the shift in whole samples at which the cross-correlation is largest."""
+    size = periods.samples
+    full = np.zeros((len(cross), size // 2 + 1), dtype=complex)
+    full[:, np.round(omega / (2 * np.pi * periods.fundamental)).astype(int)] = cross
+    at = np.argmax(np.fft.irfft(full, n=size, axis=1), axis=1)
+    late = np.where(at > size // 2, at - size, at) / periods.sample_rate
+    # Lines with a common divisor repeat within the period: of equal matches the smallest shift.
+    strength = np.abs(cross)
+    lines = strength.sum(axis=1) ** 2 / np.maximum((strength**2).sum(axis=1), 1e-300)
+    still = _match(cross, omega, 0.0) + BETTER_MATCH / np.maximum(lines, 1.0)
+    return np.asarray(np.where(_match(cross, omega, late) > still, late, 0.0))
+
+
+def _match(cross: Complexes, omega: Floats, late: Floats | float) -> Floats:
+    turned = cross * np.exp(1j * np.reshape(late, (-1, 1)) * omega)
+    return np.asarray(turned.real.sum(axis=1) / np.maximum(np.abs(cross).sum(axis=1), 1e-300))
+
+
+@frozen
+class Fit:
+    """The shift as a line with one step: slope per period, step, both with deviations."""
+
+    slope: float
+    slope_std: float
+    step: float
+    step_std: float
+    place: int
+
+
+def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
+    """Fit a line and a step: at the place given, or where it helps most."""
+    count = len(tau)
+    at = _best_place(tau) if at is None else at
+    place = np.arange(count) - (count - 1) / 2
+    columns = [np.ones(count), place, (np.arange(count) >= at).astype(float)]
+    # A loss within a period splits that period, the one before the step or behind it: they are
+    # left to themselves.
+    columns += [(np.arange(count) == q).astype(float) for q in (at - 1, at) if 0 < q < count - 1]
+    table = np.stack(columns, axis=1)
+    q, r = np.linalg.qr(table)
+    solved = np.linalg.lstsq(r, q.T @ tau, rcond=None)[0]
+    deviation = _long_run(tau - table @ solved, len(solved), noise)
+    root = np.linalg.norm(np.linalg.pinv(r), axis=1)
+    return Fit(
+        slope=float(solved[1]),
+        slope_std=float(deviation * root[1]),
+        step=float(solved[2]),
+        step_std=float(deviation * root[2]),
+        place=at,
+    )
+
+
+def _best_place(tau: Floats) -> int:
+    """Return the first period behind the step that explains most."""
+    return 1 + int(np.argmax(_explained_by_steps(tau)))
+
+
+def _may_step(channels: dict[int, Shifts]) -> list[int]:
+    """Return where a step could be clear: elsewhere none explains more than noise alone would.
+
+    The fit leaves two periods to themselves besides, for which a half is allowed.
+    """
+    if not channels:
+        return []
+    most = _explained_by_steps(np.stack([s.tau for s in channels.values()])).max(axis=1)
+    return [
+        c
+        for (c, s), found in zip(channels.items(), most, strict=True)
+        if found > (STEP / 2 * s.noise) ** 2
+    ]
+
+
+def _explained_by_steps(tau: Floats) -> Floats:
+    """Return the sum of squares that a step before each period but the first explains.
+
+    Of one course of shifts, or of several, periods last.
+    """
+    count = tau.shape[-1]
+    place = np.arange(count) - (count - 1) / 2
+    rest = tau - tau.mean(axis=-1, keepdims=True)
+    rest = rest - place * (rest @ place / (place @ place))[..., None]
+    after = np.arange(count - 1, 0, -1)  # periods behind a step at 1, 2, ...
+    moment = np.cumsum(place[::-1])[:-1][::-1]
+    size = after - after**2 / count - moment**2 / (place @ place)
+    gain = np.cumsum(rest[..., ::-1], axis=-1)[..., -2::-1]
+    size = np.where(size > 1e-9 * count, size, np.inf)
+    return np.asarray(gain**2 / size)
+
+
+def _long_run(left: Floats, unknowns: int, noise: float) -> float:
+    """Return the deviation of a period, times what its memory adds to sums over many."""
+    size = float(np.sqrt((left**2).sum() / max(len(left) - unknowns, 1)))
+    memory = float(left[1:] @ left[:-1] / max(float(left @ left), 1e-300))
+    memory = min(max(memory, 0.0), 0.9)
+    return max(size, noise) * float(np.sqrt((1 + memory) / (1 - memory)))
+
+
+def check_timing(periods: PeriodicRecord) -> list[Note]:
+    """Find lost samples, a period that is not the one given, and a second clock."""
+    if periods.periods < LEAST_PERIODS:
+        return []
+    channels = {c: s for c, s in _each_shift(periods).items() if s.explained >= EXPLAINED}
+    found: list[Note] = []
+    for _ in range(MOST_STEPS):
+        step = _largest_step(periods, channels)
+        if step is None:
+            break
+        check, channels = step
+        found.append(check)
+    return found + _clocks(periods, channels, stepped=bool(found))
+
+
+def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
+    """Tell whether the lines of some channels drift as a shift of time makes them, and no more."""
+    lines = _steady_lines(periods)
+    z, omega = periods.spectra[:, lines][:, :, list(channels)], periods.omega[lines]
+    mean, place = z.mean(axis=0), np.arange(len(z)) - (len(z) - 1) / 2
+    noise = median(np.abs(np.diff(z, axis=0)) ** 2, axis=0) / (2 * np.log(2))
+    noise = np.maximum(noise, _floor(np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))))
+    weight = np.where(np.abs(mean) ** 2 > 25.0 * noise, np.abs(mean) ** 2 / noise, 0.0)
+    size = float(place @ place)
+    relative = np.einsum("p,plc->lc", place, z) / size / np.where(weight > 0, mean, 1.0)
+    sharp = np.maximum((weight * omega[:, None] ** 2).sum(axis=0), 1e-300)
+    late = -(weight * omega[:, None] * relative.imag).sum(axis=0) / sharp
+    left = relative + 1j * omega[:, None] * late
+    whole, rest = (float((weight * np.abs(part) ** 2).sum()) for part in (relative, left))
+    chance = np.count_nonzero(weight) / size
+    return bool(rest - chance < (1 - OF_TIME) * max(whole - chance, 0.0))
+
+
+def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
+    """Return the shifts of every channel that tells them."""
+    small = _small_shifts(periods)
+    if small is not None:
+        return small
+    whole = shifts_of(periods, range(len(periods.channels)))
+    if whole is None:
+        return {}
+    # A transient may look like a shift of all; one that makes things worse is none.
+    start = whole.tau if whole.explained > 0 else None
+    each = {c: shifts_of(periods, [c], start) for c in range(len(periods.channels))}
+    return {c: shifts for c, shifts in each.items() if shifts is not None}
+
+
+def _largest_step(
+    periods: PeriodicRecord, channels: dict[int, Shifts]
+) -> tuple[Note, dict[int, Shifts]] | None:
+    """Return the clearest step by whole samples, and the shifts without it."""
+    fits = {c: fit_shifts(channels[c].tau, channels[c].noise) for c in _may_step(channels)}
+    clear = {
+        c: abs(f.step) / f.step_std
+        for c, f in fits.items()
+        if abs(f.step) > STEP * f.step_std and _abrupt(channels[c].tau, f)
+    }
+    if not clear:
+        return None
+    at = fits[max(clear, key=lambda c: clear[c])].place
+    same = {c: fit_shifts(s.tau, s.noise, at) for c, s in channels.items()}
+    moved = {c: f for c, f in same.items() if abs(f.step) > SURE * f.step_std}
+    weights = np.array([f.step_std**-2 for f in moved.values()])
+    amount = float(weights @ np.array([-f.step for f in moved.values()]) / weights.sum())
+    amount *= periods.sample_rate
+    # A first period that stands alone may as well be a transient.
+    if at == 1 or abs(amount) < 0.5 or abs(amount - round(amount)) > WHOLE:
+        return None
+    rest = {
+        c: Shifts(np.where(np.arange(len(s.tau)) >= at, s.tau - same[c].step, s.tau), s.noise, 1.0)
+        if c in moved
+        else s
+        for c, s in channels.items()
+    }
+    return _lost(periods, amount, at, moved, same), rest
+
+
+def _lost(
+    periods: PeriodicRecord, amount: float, at: int, moved: dict[int, Fit], all_: dict[int, Fit]
+) -> Note:
+    """Say how many samples are lost, where, and in which channels."""
+    names = [periods.names[c] for c in moved]
+    # A channel that would show the loss and does not has kept its samples.
+    lost = amount / periods.sample_rate
+    still = [c for c, f in all_.items() if c not in moved and lost > SURE * f.step_std]
+    only = f" in {', '.join(names)} only" if still else ""
+    number = max(1, round(abs(amount)))
+    kind = "lost" if amount > 0 else "too many"
+    begin = periods.time[at - 1, 0]
+    end = periods.time[min(at, periods.periods - 1), -1]
+    severity: Severity = "refuses" if only or periods.speed else "warns"
+    return Note(
+        "lost samples",
+        severity,
+        f"{number} {'sample' if number == 1 else 'samples'} {kind}{only} between {begin:.5g} and "
+        f"{end:.5g} s: use the part before or behind, or record again",
+        on=tuple(names) if only else (),
+    )
+
+
+def _abrupt(tau: Floats, fit: Fit) -> bool:
+    """Tell a step from a bend: most of it lies between the two periods before and behind."""
+    low, high = max(fit.place - 2, 0), min(fit.place + 1, len(tau) - 1)
+    local = tau[high] - tau[low] - fit.slope * (high - low)
+    return bool(abs(local - fit.step) < 0.5 * abs(fit.step))
+
+
+def _clocks(periods: PeriodicRecord, channels: dict[int, Shifts], *, stepped: bool) -> list[Note]:
+    """Say where periods come ever later: the period given is not the true one, or two clocks."""
+    length = periods.samples / periods.sample_rate
+    lines = {c: _line(s) for c, s in channels.items()}
+    least = LEAST_SHIFT / periods.sample_rate / periods.periods
+    moving = {c: slope for c, (slope, std) in lines.items() if abs(slope) > max(SLOPE * std, least)}
+    if not moving or not (stepped or _of_time(periods, list(moving))):
+        return []
+    order = sorted(lines, key=lambda c: lines[c])
+    low, high = lines[order[0]], lines[order[-1]]
+    if high[0] - low[0] > max(SLOPE * float(np.hypot(low[1], high[1])), least):
+        return [_two_clocks(periods, order, [lines[c][0] / length for c in order])]
+    weights = np.array([lines[c][1] ** -2 for c in order])
+    slope = float(weights @ np.array([lines[c][0] for c in order]) / weights.sum())
+    true = periods.fundamental / (1 + slope / length)
+    text = (
+        f"every period comes {abs(slope) * 1e6:.3g} us {'late' if slope > 0 else 'early'} "
+        f"({1e6 * slope / length:+.3g} ppm): the data repeat with {true:.8g} Hz, not "
+        f"{periods.fundamental:.8g}; give the rates that the clocks have, or let one clock drive "
+        "excitation and logger"
+    )
+    return [Note("period", "warns", text)]
+
+
+def _two_clocks(periods: PeriodicRecord, order: list[int], rates: list[float]) -> Note:
+    """Name the channels of each clock: split where the sorted rates have their widest gap."""
+    cut = 1 + int(np.argmax(np.diff(rates)))
+    first, second = (
+        tuple(periods.names[c] for c in sorted(part)) for part in (order[:cut], order[cut:])
+    )
+    apart = 1e6 * float(np.median(rates[cut:]) - np.median(rates[:cut]))
+    text = (
+        f"{', '.join(first)} and {', '.join(second)} run on two clocks, {apart:.3g} ppm apart: "
+        "record all channels with one clock, or resample one group"
+    )
+    return Note("clocks", "refuses", text, on=second)
+
+
+def _line(shifts: Shifts) -> tuple[float, float]:
+    """Return the slope of the shift per period and its deviation."""
+    count = len(shifts.tau)
+    place = np.arange(count) - (count - 1) / 2
+    size = float(place @ place)
+    slope = float(place @ shifts.tau) / size
+    left = shifts.tau - shifts.tau.mean() - slope * place
+    return slope, _long_run(left, 2, shifts.noise) / float(np.sqrt(size))

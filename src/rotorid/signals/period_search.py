@@ -1,0 +1,145 @@
+"""The period of a record, found from its samples alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Floats
+
+_MIDDLE = 0.15  # of the record left out at each end: approach and return are no part of a period
+_OVERLAP = 0.25  # of the middle that a shift must leave to compare
+_LEAST = 0.75  # correlation below which the ringing of a machine may be taken for a period
+_HELD = 0.85  # of the first correlation that every multiple keeps where there is a period
+_AS_GOOD = 1.5  # times the least unexplained part, plus the next: a shorter period as good as it
+_MARGIN = 0.01
+_ALONE = 0.95  # of what repeats that one wave holds: it is the rotation, or hum
+_NICE = 4  # digits of a frequency that somebody typed
+_MOST = 1 << 21  # samples looked at
+
+
+@frozen
+class Period:
+    """A period that a record repeats."""
+
+    samples: float  # its length in samples
+    accuracy: float  # how far, in samples, it may be off
+    correlation: float  # of the record with itself, one period later: 1 without noise
+
+    def fundamental(self, rate: float) -> float | None:
+        """Return the frequency of few digits within the accuracy that is whole in samples."""
+        found = rate / self.samples
+        for digits in range(1, _NICE + 1):
+            frequency = float(f"{found:.{digits - 1}e}")
+            size = rate / frequency
+            near = abs(size - self.samples) <= max(self.accuracy, 0.5)
+            if near and abs(size - round(size)) <= 1e-6 * size:
+                return frequency
+        return None
+
+
+def find_period(samples: Floats) -> Period | None:
+    """Return the shortest period of a signal, shape (sample,), or none.
+
+    The middle of the record is compared with itself, shifted; head and tail, where a machine
+    moves to its place and back, would lengthen what is found.
+
+    Examples
+    --------
+    >>> wave = np.cos(2 * np.pi * np.arange(3000) / 400) ** 3
+    >>> found = find_period(np.concatenate([np.linspace(0, 1, 500), wave, np.zeros(300)]))
+    >>> round(found.samples, 2)
+    400.0
+    """
+    middle = _middle(samples)
+    size = len(middle)
+    if size < 16 or not np.ptp(middle):
+        return None
+    centred = middle - middle.mean()
+    correlation = _correlation(centred, round((1 - _OVERLAP) * size))
+    # The first hill is the signal beside itself.
+    below = np.flatnonzero(correlation < 0.5 * correlation[0])
+    if not below.size:
+        return None
+    inner = correlation[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= correlation[:-2]) & (inner > correlation[2:]))
+    peaks = peaks[peaks > below[0]]
+    if not peaks.size or correlation[peaks].max() < _LEAST:
+        return None
+    unexplained = 1 - correlation[peaks]
+    first = int(peaks[unexplained <= _AS_GOOD * unexplained.min() + _MARGIN][0])
+    return _refined(correlation, first)
+
+
+def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> bool:
+    """Tell whether what repeats is one wave, in some columns, while others move without a period.
+
+    So it is where a rotor turns while one axis is swept: the wave is its unbalance. What somebody
+    repeats on purpose holds several lines, or is in all columns.
+
+    Examples
+    --------
+    >>> time = np.arange(4000) / 1000
+    >>> wave, sweep = np.sin(2 * np.pi * 37 * time), np.sin(2 * np.pi * (5 + 10 * time) * time)
+    >>> only_rotation([wave, sweep], [find_period(wave), find_period(sweep)])
+    True
+    """
+    moving = [(c, p) for c, p in zip(columns, found, strict=True) if np.ptp(c)]
+    repeating = [(c, p) for c, p in moving if p is not None]
+    if not repeating or len(repeating) == len(moving):
+        return False
+    return all(_share_of_wave(c) > _ALONE * p.correlation for c, p in repeating)
+
+
+def _share_of_wave(samples: Floats) -> float:
+    """Return the part of the power that the strongest wave holds."""
+    middle = _middle(samples)
+    window = np.hanning(len(middle))
+    power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
+    top = int(np.argmax(power))
+    return float(power[max(top - 3, 0) : top + 4].sum() / power.sum())
+
+
+def _middle(samples: Floats) -> Floats:
+    count = min(len(samples), _MOST)
+    return samples[round(_MIDDLE * count) : count - round(_MIDDLE * count)]
+
+
+def _correlation(centred: Floats, lags: int) -> Floats:
+    """Return the correlation of what overlaps, for shifts of 0 to `lags`."""
+    size = len(centred)
+    padded = 1 << (size + lags).bit_length()
+    spectrum = np.fft.rfft(centred, padded)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, padded)[: lags + 1]
+    power = np.concatenate([[0.0], np.cumsum(centred**2)])
+    shift = np.arange(lags + 1)
+    both = (power[size - shift] * (power[size] - power[shift])) ** 0.5
+    return np.asarray(products / np.maximum(both, 1e-9 * power[size]))
+
+
+def _refined(correlation: Floats, first: int) -> Period | None:
+    """Follow the peak to its multiples, the last of which tells the period best.
+
+    What rings, or sweeps through a resonance, is like itself one wave later, and less so two.
+    """
+    period, multiple = _top(correlation, first), 1
+    while (expected := period * (multiple + 1)) < len(correlation) - 2:
+        reach = max(1, round(0.02 * period))
+        low = max(round(expected) - reach, 1)
+        place = low + int(np.argmax(correlation[low : round(expected) + reach + 1]))
+        if place >= len(correlation) - 1:
+            break
+        if correlation[place] < _HELD * correlation[first]:
+            return None
+        multiple += 1
+        period = _top(correlation, place) / multiple
+    return Period(period, 1.0 / multiple, float(correlation[first]))
+
+
+def _top(correlation: Floats, place: int) -> float:
+    """Return the top of the parabola through a peak and its neighbours."""
+    left, here, right = correlation[place - 1 : place + 2]
+    bend = left - 2 * here + right
+    return place + (0.5 * float((left - right) / bend) if bend < 0 else 0.0)

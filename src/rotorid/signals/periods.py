@@ -1,0 +1,341 @@
+"""Whole periods of a record: their samples and lines, running mean and variance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lazy_time import Steady
+from rotorid.data.record import Channel, PeriodicRecord
+from rotorid.signals.spectrum import line_spectra, transfer_of_recording
+
+KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
+"""What an error of this module is about, by the place that it names."""
+
+
+class Sampled(Protocol):
+    """A record, or one that is read in blocks."""
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels."""
+        ...
+
+    @property
+    def sample_rate(self) -> float:
+        """Hz."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Where the samples come from."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """Mean speed in rad/s."""
+        ...
+
+
+def period_size(record: Sampled, fundamental: float | None, samples: int | None) -> int:
+    """Return the samples of a period, which are a whole number."""
+    key = "period_samples" if fundamental is None else "fundamental"
+    if (fundamental is None) == (samples is None):
+        raise _error(
+            record,
+            key,
+            "neither or both of fundamental and period_samples",
+            "one of them",
+            "give the fundamental frequency or the samples of a period",
+        )
+    exact = record.sample_rate / _positive(record, fundamental) if samples is None else samples
+    size = round(exact) if math.isfinite(exact) else 0
+    if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
+        source = "" if fundamental is None else f" ({record.sample_rate:g} / {fundamental:g} Hz)"
+        raise _error(
+            record,
+            key,
+            f"a period of {exact:.6g} samples{source}",
+            "a whole number of samples",
+            "give a lower common fundamental and multiply the harmonics, or resample",
+        )
+    if size < 2:
+        raise _error(record, key, f"a period of {size} samples", "2 or more", "sample faster")
+    return size
+
+
+def _positive(record: Sampled, fundamental: float | None) -> float:
+    if fundamental is None or not (math.isfinite(fundamental) and fundamental > 0):
+        raise _error(
+            record,
+            "fundamental",
+            f"a fundamental of {fundamental} Hz",
+            "more than 0 Hz",
+            "give the rate at which the excitation repeats",
+        )
+    return fundamental
+
+
+def lines_of(
+    record: Sampled,
+    size: int,
+    harmonics: Sequence[int] | None,
+    band: tuple[float, float] | None,
+) -> Integers:
+    """Return the harmonics to keep, increasing."""
+    key = "band" if harmonics is None else "harmonics"
+    if (harmonics is None) == (band is None):
+        raise _error(
+            record,
+            key,
+            "neither or both of harmonics and band",
+            "one of them",
+            "say which lines to keep",
+        )
+    chosen: Sequence[int] = () if harmonics is None else harmonics
+    shown = f"the harmonics {list(chosen)}"
+    if band is not None:
+        spacing = record.sample_rate / size
+        shown = f"the band {band[0]:g} to {band[1]:g} Hz"
+        if not band[1] <= (size // 2 + 1e-6) * spacing:
+            raise _error(
+                record,
+                key,
+                f"a band up to {band[1]:g} Hz",
+                f"lines up to {record.sample_rate / 2:g} Hz, half the sample rate",
+                "lower its upper end",
+            )
+        if not 0 <= band[0] <= band[1]:
+            raise _error(
+                record, key, shown, "0 Hz or more, the lower end first", "put the lower end first"
+            )
+        chosen = range(
+            math.ceil(band[0] / spacing - 1e-6), math.floor(band[1] / spacing + 1e-6) + 1
+        )
+    if not len(chosen):
+        raise _error(record, key, f"no line in {shown}", "at least one line", "widen it")
+    lines = sorted({int(k) for k in chosen if 0 <= k <= size // 2 and k == int(k)})
+    if len(lines) < len(chosen):
+        raise _error(
+            record,
+            key,
+            shown,
+            f"different whole numbers from 0 to {size // 2}, half the samples of a period",
+            "name each line once, counted from the fundamental, or lower the fundamental",
+        )
+    return np.array(lines, dtype=np.int64)
+
+
+def first_sample(record: Sampled, skip: float, start: float = 0.0) -> int:
+    """Return the number of samples to skip, of a record whose first is taken at a time `start`."""
+    if not (math.isfinite(skip) and skip >= 0):
+        raise _error(
+            record,
+            "skip",
+            f"skip of {skip} s",
+            "0 s or more",
+            "give the time from the start of the record, in s",
+        )
+    return max(0, math.ceil((skip - start) * record.sample_rate - 1e-6))
+
+
+def too_short(record: Sampled, left: int, size: int) -> InputError:
+    """Return the error for a record without two periods."""
+    return InputError(
+        f"{left} samples after skip, {left // size} whole periods",
+        f"at least two periods of {size} samples",
+        "record longer, skip less, or give the rate at which the excitation repeats",
+        file=record.source,
+    )
+
+
+def check_nyquist(record: Sampled, size: int, lines: Integers) -> None:
+    """Refuse a correction of the Nyquist line, whose phase is not in the samples."""
+    corrected = [c.name for c in record.channels if c.hold or c.delay or c.delay_std]
+    if corrected and 2 * lines[-1] == size:
+        raise _error(
+            record,
+            "harmonics",
+            f"the Nyquist line with the hold or delay of {corrected[0]}",
+            "lines below the Nyquist frequency",
+            "leave that line out",
+        )
+
+
+def _error(record: Sampled, key: str, found: str, expected: str, cure: str) -> InputError:
+    return InputError(found, expected, cure, file=record.source, place=key)
+
+
+_FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
+_CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
+_LEAST = 8  # periods worked on at once, so that merging their means costs little
+
+
+def periods_at_once(size: int, channels: int) -> int:
+    """Return how many periods of a size make a block that stays in the cache."""
+    return max(_LEAST, _CACHED // (size * channels))
+
+
+@dataclass
+class PeriodSums:
+    """What is kept of periods: their number, mean, squares about it, and the lines of each.
+
+    Every period is summed as it differs from the mean of the first ones: no digits are lost to a
+    large mean (Chan, Golub and LeVeque 1983), and sums of parts add in any order.
+    """
+
+    # samples of a period, channels
+    size: int
+    channels: int
+    lines: Integers  # (line,): the multiples of the fundamental to keep
+    count: int = 0
+    spectra: dict[int, Complexes] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._centre: Floats | None = None
+        self._sum = np.zeros((self.size, self.channels))
+        self._squares = np.zeros((self.size, self.channels))
+        self._apart = np.empty((0, self.size, self.channels))
+        self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
+
+    def add(self, periods: Floats, first: int) -> None:
+        """Add periods, shape (period, sample, channel), the first of them number `first`."""
+        step = periods_at_once(self.size, self.channels)
+        for begin in range(0, len(periods), step):
+            part = periods[begin : begin + step]
+            self._add_moments(part)
+            self.spectra[first + begin] = self._lines_of(part)
+        self.count += len(periods)
+
+    def _add_moments(self, part: Floats) -> None:
+        """Add what differs from the first periods' mean, and its squares, in one buffer."""
+        if self._centre is None:
+            self._centre = part.mean(axis=0)
+        if len(self._apart) < len(part):
+            self._apart = np.empty_like(part)
+        apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
+        self._sum += apart.sum(axis=0)
+        self._squares += np.square(apart, out=apart).sum(axis=0)
+
+    def _lines_of(self, part: Floats) -> Complexes:
+        if self._folds is None:
+            return line_spectra(part, self.lines)
+        lines = np.empty((len(part), len(self.lines), self.channels), dtype=np.complex128)
+        for fold in self._folds:
+            sums = np.matmul(fold.waves.T, fold.of(part))
+            lines.real[:, fold.places] = sums[:, : len(fold.places)]
+            lines.imag[:, fold.places] = sums[:, len(fold.places) :]
+        return lines
+
+    @property
+    def mean(self) -> Floats:
+        """Mean over periods of each sample, shape (sample, channel)."""
+        centre = 0.0 if self._centre is None else self._centre
+        return np.asarray(centre + self._sum / max(self.count, 1))
+
+    @property
+    def variance(self) -> Floats:
+        """Unbiased variance over periods of each sample, shape (sample, channel)."""
+        squares = self._squares - self._sum**2 / self.count
+        return np.asarray(np.maximum(squares, 0.0) / (self.count - 1))
+
+    def ordered(self) -> Complexes:
+        """Return the lines of the periods in their order, shape (period, line, channel)."""
+        return np.concatenate([self.spectra[first] for first in sorted(self.spectra)])
+
+    def periods(
+        self,
+        recorded: Sampled,
+        time: Steady | Floats,
+        angle: Steady | Floats,
+        *,
+        phase_known: bool,
+        phase_std: float = 0.0,
+        warnings: tuple[str, ...] = (),
+    ) -> PeriodicRecord:
+        """Return what the sums are of, with hold, delay and dynamics of its channels undone."""
+        rate, channels = recorded.sample_rate, recorded.channels
+        transfer = transfer_of_recording(channels, self.lines * rate / self.size, rate)
+        return PeriodicRecord(
+            channels=channels,
+            sample_rate=rate,
+            harmonics=self.lines,
+            spectra=self.ordered() * transfer,
+            variance=self.variance,
+            mean=self.mean,
+            speed=recorded.speed,
+            time=time,
+            angle=angle,
+            phase_known=phase_known,
+            phase_std=phase_std,
+            source=recorded.source,
+            warnings=warnings,
+        )
+
+
+def median(values: Floats, axis: int = -1) -> Floats:
+    """Return the median over an axis: to sort many short rows is faster than to part them.
+
+    numpy's own loads arrays with masks, which take longer than what is done here at a start.
+    """
+    ordered = np.sort(np.moveaxis(values, axis, -1), axis=-1)
+    middle = ordered.shape[-1] // 2
+    if ordered.shape[-1] % 2:
+        return np.asarray(ordered[..., middle])
+    return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
+
+
+@frozen
+class _Fold:
+    """Lines that halve a period alike: its second half repeats the first, or is its opposite.
+
+    Even lines are those of the sum of both halves, odd ones those of their difference: half the
+    products. A period of an odd number of samples stays whole.
+    """
+
+    places: Integers
+    waves: Floats
+    sign: int
+
+    def of(self, part: Floats) -> Floats:
+        """Return the samples, folded, shape (period, sample, channel)."""
+        if not self.sign:
+            return part
+        half = part.shape[1] // 2
+        join = np.add if self.sign > 0 else np.subtract
+        return np.asarray(join(part[:, :half], part[:, half:]))
+
+
+def _folds(lines: Integers, size: int) -> list[_Fold]:
+    """Return the lines by how they fold, with their cosines and sines, (sample, 2 x line)."""
+    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
+    folds = []
+    for sign in sorted(set(signs.tolist())):
+        places = np.flatnonzero(signs == sign)
+        waves = _waves(lines[places], size)[:, : size // 2 if sign else size]
+        folds.append(_Fold(places, np.ascontiguousarray(waves.T), sign))
+    return folds
+
+
+def quartiles(values: Floats) -> Floats:
+    """Return the quartiles of a row of numbers, the middle one of them its median."""
+    place = np.array([0.25, 0.5, 0.75]) * (len(values) - 1)
+    return np.asarray(np.interp(place, np.arange(len(values)), np.sort(values)))
+
+
+def _waves(lines: Integers, size: int) -> Floats:
+    """Return cosines and sines over a period, shape (2 x line, sample): X = mean x exp(-i wt).
+
+    From whole numbers, so that the sine of the Nyquist line is nothing.
+    """
+    turns = np.multiply.outer(lines, np.arange(size)) % size
+    angle = 2 * np.pi * turns / size
+    sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
+    return np.concatenate([np.cos(angle), -sine]) / size
