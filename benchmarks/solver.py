@@ -35,7 +35,7 @@ from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import solve
-from rotorid.likelihood.starts import search
+from rotorid.likelihood.starts import searched
 from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
 
 
@@ -50,14 +50,14 @@ def problem_of(case: Case, start: dict[str, float]) -> Problem:
 
 def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
     missed, lost, doubtful, wrong = [], 0, 0, []
-    searched, asked = [], []
+    taken, asked = [], []
     for seed in range(seeds):
         case = make(seed)
         true = problem_of(case, dict(case.truth))
         problem = problem_of(case, dict(case.start))
         begin = time.process_time()
-        found = search(problem, problem.layout.start)
-        searched.append(time.process_time() - begin)
+        found = searched(problem, problem.layout.start)
+        taken.append(time.process_time() - begin)
         if found is None or not found[0].converged:
             lost += 1
         best = solve(true, true.layout.start, (0.0,)).point.cost
@@ -79,8 +79,8 @@ def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
             wrong.append(seed)
     print(
         f"{name:42s} missed {len(missed)}/{seeds}, not converged {lost}, doubtful {doubtful}, "
-        f"wrong but ok {len(wrong)}; search {1e3 * np.median(searched):.0f} ms (mean "
-        f"{1e3 * np.mean(searched):.0f}), questions {1e3 * np.median(asked or [0]):.0f} ms (mean "
+        f"wrong but ok {len(wrong)}; search {1e3 * np.median(taken):.0f} ms (mean "
+        f"{1e3 * np.mean(taken):.0f}), questions {1e3 * np.median(asked or [0]):.0f} ms (mean "
         f"{1e3 * np.mean(asked or [0]):.0f}) {missed[:8]} {wrong[:8]}",
         flush=True,
     )

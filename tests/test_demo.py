@@ -10,6 +10,7 @@ import pytest
 
 from rotorid.answer.identify import identify
 from rotorid.core.errors import InputError
+from rotorid.core.watch import watched
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.findings import bias_share, log_ratios
 from rotorid.demo.paper import COLUMNS, TABLE, printed_error
@@ -140,13 +141,14 @@ def test_table_holds_every_base_parameter_once(demo: DemoResult) -> None:
 
 @pytest.mark.slow
 def test_records_depend_on_the_generator_alone() -> None:
-    done = []
+    seen = []
     two = run_demo(2, rng=np.random.default_rng(5))
-    three = run_demo(3, rng=np.random.default_rng(5), progress=lambda *seen: done.append(seen))
+    with watched(lambda say, done=0, of=None: seen.append((done, of))):
+        three = run_demo(3, rng=np.random.default_rng(5))
     for name in two.estimators:
         np.testing.assert_array_equal(two.values[name], three.values[name][:2])
         assert not np.array_equal(three.values[name][0], three.values[name][1])
-    assert done == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [(0, 3), (1, 3), (2, 3)]
 
 
 @pytest.mark.parametrize("runs", [0, -3])

@@ -23,8 +23,9 @@ import click
 from click.shell_completion import CompletionItem
 
 from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
-from rotorid.commands.console import STDOUT, put, silence
+from rotorid.commands.console import STDOUT, progress, put, silence
 from rotorid.core.errors import LINE, InputError, UnfinishedError, one_line
+from rotorid.core.watch import watch
 
 MAX_RUNS = 100_000  # of the demonstration: a day's work
 MAX_SEED = 2**128 - 1  # what a generator keeps of it
@@ -38,11 +39,17 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
+    with progress(quiet):
+        return _worked(command, silent=quiet or STDOUT in options.values(), options=options)
+
+
+def _worked(command: str, *, silent: bool, options: dict[str, Any]) -> int:
+    watch("loading")
     work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
     # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
     calm = import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore")
     try:
-        with calm, silence(quiet or STDOUT in options.values()):
+        with calm, silence(silent):
             return work(**options)
     except EOFError as error:  # which click would take for an interrupt
         raise InputError(
@@ -91,7 +98,10 @@ def _json_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
-        "--quiet", "-q", is_flag=True, help="Print no tables; warnings of usage and errors stay."
+        "--quiet",
+        "-q",
+        is_flag=True,
+        help="Print no tables, nor how far it is; warnings of usage and errors stay.",
     )(command)
 
 
@@ -150,6 +160,11 @@ def inspect(given: str, /, **options: Any) -> int:
 @cli.command(epilog=_example("rotorid identify run.toml --json run.json --report run.html"))
 @click.argument("experiment", type=_FILE)
 @click.option("--method", type=_METHOD, help="In place of the file's.")
+@click.option(
+    "--effort",
+    type=click.Choice(["full", "quick"]),
+    help="In place of the file's; quick ends at the first minimum, and says so.",
+)
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
 @_output_options

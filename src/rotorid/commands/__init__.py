@@ -5,6 +5,7 @@ OK = 0  # done; the data may reject the model, which a warning says
 # stands, but its report could not be made.
 NO_ANSWER = 1
 WRONG_INPUT = 2  # wrong usage or unreadable input: one line, nothing written
-INTERRUPTED = 130  # as a shell has it for SIGINT
+# As a shell has it for SIGINT. Where identify has an answer by then, that of its status.
+INTERRUPTED = 130
 BROKEN_PIPE = 141  # and for SIGPIPE
 SIGNALLED = 128  # plus the number of any other signal

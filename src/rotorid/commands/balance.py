@@ -16,12 +16,12 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
 from rotorid.core.toml import table_within
+from rotorid.core.watch import watch
 from rotorid.report.machine_tables import balance_page
 from rotorid.results.balancing import Balance, balance
 from rotorid.results.centring import Feedforward, centring
@@ -50,18 +50,18 @@ def run(
     speeds = list(speed) or speeds_of(estimate)
     kit = [part.strip() for part in masses.split(",")] if masses else []
     try:
-        with progress("computing"):
-            found = balance(
-                estimate,
-                [*planes, *more],
-                speeds,
-                at=dict(map(_weighed, at)) or None,
-                radius=radius,
-                masses=kit,
-                holes=holes,
-                record=record,
-            )
-            centred = centring(estimate, speeds[0], record=record)
+        watch("computing")
+        found = balance(
+            estimate,
+            [*planes, *more],
+            speeds,
+            at=dict(map(_weighed, at)) or None,
+            radius=radius,
+            masses=kit,
+            holes=holes,
+            record=record,
+        )
+        centred = centring(estimate, speeds[0], record=record)
     except InputError as error:
         raise error.at(file=str(result)) from None
 

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, TextIO
+from threading import Timer
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -28,6 +29,10 @@ from rotorid.core.files import (
     write_files,
 )
 from rotorid.core.tables import Page, page_text
+from rotorid.core.watch import Pace, watch, watched, words
+
+if TYPE_CHECKING:
+    from rich.live import Live
 
 Output = tuple[Path | None, Content]
 RESULT = Kind("rotorid identify --json", rb'\{\s*"schema": "rotorid-estimate/')
@@ -98,12 +103,18 @@ def say(text: str) -> None:
     OSError
         Where it cannot be printed, as on a full disk.
     """
+    display = _DISPLAY.get()
+    if display is not None:
+        display.hide()
     try:
         put(text, sys.stdout)
     except BrokenPipeError:
         raise click.exceptions.Exit(BROKEN_PIPE) from None
     except OSError as error:
         raise OSError(error.errno, error.strerror, "standard output") from None
+    finally:
+        if display is not None:
+            display.wait()
 
 
 def put(text: str, stream: TextIO | None) -> None:
@@ -127,18 +138,74 @@ def _coloured(found: re.Match[str]) -> str:
     return click.style(found.group(), _COLOURS.get(word, "yellow"))
 
 
-@contextmanager
-def progress(description: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the progress of long work on a terminal; nothing where the output is a pipe."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console  # for terminals only
-    from rich.progress import Progress
+PATIENCE = 2.0
+"""Seconds after which a command says what it does."""
 
-    with Progress(console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(description, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+class _Display:
+    """What is being done, on a terminal: from `PATIENCE` after a command begins, or has printed."""
+
+    def __init__(self) -> None:
+        self._pace = Pace()
+        self._text = ""
+        self._live: Live | None = None
+
+    def __call__(self, say: str, done: int = 0, of: int | None = None) -> None:
+        self._text = words(say, done, of, self._pace.left(say, done, of))
+
+    def wait(self) -> None:
+        self._timer = Timer(PATIENCE, self._show)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def hide(self) -> None:
+        self._timer.cancel()
+        self._timer.join()
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def _show(self) -> None:
+        from rich.console import Console  # for terminals only
+        from rich.live import Live
+        from rich.spinner import Spinner
+        from rich.text import Text
+
+        def rendered() -> Spinner:
+            spinner.update(text=Text(self._text))
+            return spinner
+
+        spinner = Spinner("dots")
+        live = Live(
+            console=Console(stderr=True),
+            get_renderable=rendered,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+        live.start()
+        self._live = live
+
+
+_DISPLAY: ContextVar[_Display | None] = ContextVar("display", default=None)
+"""What is shown on the terminal meanwhile: it makes room for what is printed."""
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[None]:
+    """Say on a terminal how far long work is; nothing where stderr is a pipe, or if `quiet`."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    display = _Display()
+    token = _DISPLAY.set(display)
+    display.wait()
+    try:
+        with watched(display):
+            yield
+    finally:
+        _DISPLAY.reset(token)
+        display.hide()
 
 
 def check_outputs(*targets: tuple[Path | None, Kind], force: bool = False) -> list[Path]:
@@ -197,6 +264,8 @@ def answer(page: Page, *, json: Output, report: Output) -> None:
     except (click.exceptions.Exit, OSError) as error:
         faults.append(error)
     if not any(isinstance(fault, InputError) for fault in faults):
+        if report[0] is not None:
+            watch("writing the report")
         try:
             write(report)
         except Exception as error:

@@ -14,7 +14,6 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
@@ -31,8 +30,7 @@ def run(
     targets = check_outputs((json, FIGURES), (report, REPORT), (machine, REPORT), force=force)
     check_apart(targets, [])
     _show_machine(machine)
-    with progress("the paper's example") as told:
-        result = run_demo(runs, rng=np.random.default_rng(NOISE), progress=told)
+    result = run_demo(runs, rng=np.random.default_rng(NOISE))
 
     def html() -> str:
         from rotorid.demo.page import demo_report  # pictures take their time to load
@@ -47,8 +45,7 @@ def run(
 
 def _show_machine(report: Path | None) -> None:
     """Identify the levitated machine, show it beside its truth, and write its report."""
-    with progress("a levitated machine"):
-        result = run_machine(np.random.default_rng(NOISE))
+    result = run_machine(np.random.default_rng(NOISE))
 
     def html() -> str:
         from rotorid.report.estimate import estimate_report  # pictures take their time to load

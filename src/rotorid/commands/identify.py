@@ -4,24 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs, progress
+from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs
 from rotorid.commands.provenance import environment, source_of
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
+from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.data.observation import Measured
+from rotorid.core.watch import watch
+from rotorid.data.observation import Data, Measured
 from rotorid.experiment import Experiment, load_experiment
+from rotorid.models import Model
+
+if TYPE_CHECKING:
+    from rotorid.likelihood.search import Search
 
 
 def run(
     experiment: Path,
     method: Any,
+    effort: Any,
     strict: bool,
     json: Path | None,
     report: Path | None,
@@ -31,19 +38,19 @@ def run(
 ) -> int:
     """Identify what an experiment file describes; the exit code says whether there is an answer."""
     targets = check_outputs((json, RESULT), (report, REPORT), force=force)
-    with progress("reading"):
-        plan = load_experiment(experiment)
-        check_apart(targets, plan.files)
-        estimator, records = plan.estimator(method), plan.records(method)
-    with progress("identifying"):
-        try:
-            estimate = identify(plan.model, records, estimator)
-        except InputError as error:
-            raise error.at(file=str(experiment)) from None
+    watch("reading")
+    plan = load_experiment(experiment)
+    check_apart(targets, plan.files)
+    estimator, records = plan.estimator(method, effort), plan.records(method)
+    watch("identifying")
+    try:
+        estimate = identify(plan.model, records, _BestSoFar(estimator))
+    except InputError as error:
+        raise error.at(file=str(experiment)) from None
     if targets or json is not None:  # what is written says more than a screen
-        with progress("predicting"):
-            estimate = _with_evidence(estimate, plan, records, estimator)
-            estimate = estimate.with_(provenance=provenance(plan, given))
+        watch("predicting")
+        estimate = _with_evidence(estimate, plan, records, estimator)
+        estimate = estimate.with_(provenance=provenance(plan, given))
 
     def html() -> str:
         from rotorid.report.estimate import estimate_report  # pictures take their time to load
@@ -54,6 +61,26 @@ def run(
     answer(page, json=(json, estimate.to_json), report=(report, as_text(html)))
     answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
     return OK if answered else NO_ANSWER
+
+
+@frozen
+class _BestSoFar:
+    """An estimator of which an interrupt leaves the best answer so far; another one ends it."""
+
+    whole: Estimator
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        begin = getattr(self.whole, "search", None)
+        if begin is None:  # done at once
+            return self.whole.estimate(model, records)
+        search: Search = begin(model, records)
+        try:
+            return search.finish()
+        except KeyboardInterrupt:
+            watch("ending with the best answer so far")
+            if (best := search.best) is None:
+                raise
+            return best
 
 
 def _with_evidence(

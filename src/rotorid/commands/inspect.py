@@ -14,11 +14,11 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.notes import worst
+from rotorid.core.watch import watch
 from rotorid.data.line_inspection import LineInspection
 from rotorid.experiment.experiment import inspect_experiment, named_files
 from rotorid.report.records import inspection_page
@@ -30,8 +30,8 @@ def run(experiment: Path, json: Path | None, report: Path | None, force: bool, g
     targets = check_outputs((json, INSPECTION), (report, REPORT), force=force)
     if targets:
         check_apart(targets, named_files(experiment))
-    with progress("reading"):
-        found, told = inspect_experiment(experiment)
+    watch("reading")
+    found, told = inspect_experiment(experiment)
     page = [part for one in found for part in inspection_page(one)]
     if told:
         page = [told, *page]

@@ -17,10 +17,10 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
+from rotorid.core.watch import watch
 from rotorid.models import Model, load_model
 from rotorid.report.machine_tables import modes_page
 from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
@@ -42,10 +42,10 @@ def run(
     targets = check_outputs((json, MODES), (report, REPORT), force=force)
     check_apart(targets, [Path(source)])
     read = source_of(source)
-    with progress("computing"):
-        found = modes(read, speed=speed, record=record)
-        diagram = None if to is None else campbell(read, to, record=record)
-        response = _response(read, finite_speed(speed), record)
+    watch("computing")
+    found = modes(read, speed=speed, record=record)
+    diagram = None if to is None else campbell(read, to, record=record)
+    response = _response(read, finite_speed(speed), record)
     page = modes_page(found, diagram, response, machine_of(read, record).model)
 
     def html() -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rotorid.commands import OK
-from rotorid.commands.console import DRAFT, as_text, check_outputs, progress, say, write
+from rotorid.commands.console import DRAFT, as_text, check_outputs, say, write
 from rotorid.core.errors import printable
 from rotorid.core.files import check_apart
+from rotorid.core.watch import watch
 from rotorid.experiment.draft import draft
 
 
@@ -15,9 +16,9 @@ def run(files: tuple[Path, ...], model: str | None, out: Path | None, force: boo
     """Write a draft experiment file for some records."""
     targets = check_outputs((out, DRAFT), force=force)
     check_apart(targets, [*files, *([] if model is None else [Path(model)])])
-    with progress("reading"):
-        folder = Path() if out is None else out.parent
-        text = printable(draft(files, model, folder), keep="\n")
+    watch("reading")
+    folder = Path() if out is None else out.parent
+    text = printable(draft(files, model, folder), keep="\n")
     if out is None:
         say(text)
     else:

@@ -9,6 +9,7 @@ from rotorid.answer.result_file import load_estimate
 from rotorid.commands import OK
 from rotorid.commands.console import REPORT, as_text, check_outputs, show, write
 from rotorid.core.files import check_apart
+from rotorid.core.watch import watch
 from rotorid.report.estimate import WITHOUT, estimate_report
 
 
@@ -21,6 +22,7 @@ def run(result: Path, out: Path | None, force: bool) -> int:
     check_apart(
         targets, [result, *(Path(source.file) for source in files if os.path.isfile(source.file))]
     )
+    watch("writing the report")
     write((target, as_text(lambda: estimate_report(estimate))))
     show([*([] if estimate.evidence else [WITHOUT]), f"report: {target}"])
     return OK

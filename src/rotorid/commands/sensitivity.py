@@ -14,11 +14,11 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
+from rotorid.core.watch import watch
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.experiment import Experiment, load_experiment
 from rotorid.experiment.read import Recording, measured, periods_of, reference_name
@@ -38,16 +38,16 @@ def run(
 ) -> int:
     """Show the sensitivity of each loop as it was measured, its peak, and its zone."""
     targets = check_outputs((json, SENSITIVITY), (report, REPORT), force=force)
-    with progress("reading"):
-        plan = load_experiment(experiment)
-        plan.require_records()
-        check_apart(targets, plan.files)
-        pairs = _pairs(plan, pair)
-        records, options = _read(plan, pairs)
+    watch("reading")
+    plan = load_experiment(experiment)
+    plan.require_records()
+    check_apart(targets, plan.files)
+    pairs = _pairs(plan, pair)
+    records, options = _read(plan, pairs)
     try:
-        with progress("computing"):
-            named = {e: reference_name(r) for e, r in pairs.items()}
-            found = sensitivity(records, named, **options)
+        watch("computing")
+        named = {e: reference_name(r) for e, r in pairs.items()}
+        found = sensitivity(records, named, **options)
     except InputError as error:
         raise error.at(file=str(experiment)) from None
 

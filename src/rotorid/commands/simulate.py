@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rotorid.commands import OK
-from rotorid.commands.console import as_text, check_outputs, progress, show, write
+from rotorid.commands.console import as_text, check_outputs, show, write
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
+from rotorid.core.watch import watch
 from rotorid.report.record_tables import fault_page, record_page
 from rotorid.rig.file import load_rig
 from rotorid.rig.files import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
@@ -35,8 +36,8 @@ def run(
     targets = check_outputs((out, RECORD), (experiment, EXPERIMENT), force=force)
     plan = load_rig(rig).with_faults(fault)
     check_apart(targets, [Path(rig), Path(plan.model)])
-    with progress("running"):
-        record = plan.record(seed)
+    watch("running")
+    record = plan.record(seed)
     write(
         (out, lambda: record_bytes(record, rig_text=plan.text, faults=fault)),
         (experiment, as_text(lambda: experiment_text(plan, record, out.name))),

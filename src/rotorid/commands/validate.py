@@ -20,12 +20,12 @@ from rotorid.commands.console import (
     as_json,
     as_text,
     check_outputs,
-    progress,
 )
 from rotorid.commands.provenance import done, source_of
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
 from rotorid.core.tables import Page
+from rotorid.core.watch import watch
 from rotorid.experiment import load_experiment
 from rotorid.linear.family import information_of
 from rotorid.report.record_tables import information_lines, validation_table
@@ -42,12 +42,12 @@ def run(
     """Predict the records of an experiment with a result."""
     targets = check_outputs((json, VALIDATION), (report, REPORT), force=force)
     estimate = load_estimate(result)
-    with progress("reading"):
-        plan = load_experiment(experiment)
-        plan.require_records()
-        check_apart(targets, [result, *plan.files])
-        _check_model(estimate, plan.model.name, result)
-        records = plan.records("ml" if estimate.method == "ml" else "batch")
+    watch("reading")
+    plan = load_experiment(experiment)
+    plan.require_records()
+    check_apart(targets, [result, *plan.files])
+    _check_model(estimate, plan.model.name, result)
+    records = plan.records("ml" if estimate.method == "ml" else "batch")
     try:
         turned = [at_best_phase(plan.model, estimate, r, k) for k, r in enumerate(records)]
         placed = [record for record, _ in turned]

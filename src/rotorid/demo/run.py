@@ -12,7 +12,7 @@ their own magnitude.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
+from rotorid.core.watch import silent, watch, watched
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
@@ -197,7 +198,6 @@ def run_demo(
     *,
     rng: np.random.Generator,
     estimators: Mapping[str, Estimator] = ESTIMATORS,
-    progress: Callable[[int, int], None] | None = None,
 ) -> DemoResult:
     """Simulate the paper's example `runs` times and identify it with every estimator."""
     if runs < 1:
@@ -209,15 +209,15 @@ def run_demo(
     example = None
     with threadpool_limits(1, "blas"):  # matrices so small that threads only wait for each other
         for run, child in enumerate(rng.spawn(runs)):
+            watch("identifying records of the paper's example", run, runs)
             record = simulate_record(model, child)
             periods = average(record, FUNDAMENTAL, harmonics=HARMONICS)
-            found = {name: identify(model, periods, e) for name, e in estimators.items()}
+            with watched(silent):
+                found = {name: identify(model, periods, e) for name, e in estimators.items()}
             example = example or Example(model, record, periods, found)
             for name, estimate in found.items():
                 values[name][run] = [estimate.value(base) for base in names]
                 deviations[name][run] = [estimate[base].std or np.nan for base in names]
-            if progress is not None:
-                progress(run + 1, runs)
     assert example is not None
     truth = model.base_values(model.values(model.nominal))
     bounds = predict_accuracy(model, demo_plan(model), MaximumLikelihood(base=True))

@@ -44,7 +44,7 @@ from rotorid.experiment.read import (
     measured,
     quiet_record,
 )
-from rotorid.experiment.schema import ExperimentFile, Method, RecordEntry, response_tables
+from rotorid.experiment.schema import Effort, ExperimentFile, Method, RecordEntry, response_tables
 from rotorid.io import READERS, Source, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.priors import Constraint
@@ -239,13 +239,15 @@ class Experiment:
         ml = self.method(method) == "ml"
         return list(self._likelihood_records if ml else self._force_records)
 
-    def estimator(self, method: Method | None = None) -> Estimator:
+    def estimator(self, method: Method | None = None, effort: Effort | None = None) -> Estimator:
         """Return the estimator that the file asks for, or that of another method.
 
         Parameters
         ----------
         method : {"ls", "batch", "sequential", "ml"}, optional
             In place of the file's.
+        effort : {"full", "quick"}, optional
+            Of maximum likelihood, in place of the file's.
 
         Raises
         ------
@@ -254,7 +256,7 @@ class Experiment:
         """
         try:
             return build_estimator(
-                self.entry, self.method(method), self.fixed, self.constraints, self.model
+                self.entry, self.method(method), self.fixed, self.constraints, self.model, effort
             )
         except InputError as error:
             raise error.at(file=self.file) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rotorid.answer.identify import Estimator
 from rotorid.core.errors import InputError
 from rotorid.experiment.names import bounds, modes, stated
-from rotorid.experiment.schema import ChannelEntry, ExperimentFile, Method
+from rotorid.experiment.schema import ChannelEntry, Effort, ExperimentFile, Method
 from rotorid.models import Model
 from rotorid.models.priors import Constraint
 
@@ -16,10 +16,12 @@ def build_estimator(
     fixed: dict[str, float],
     constraints: tuple[Constraint, ...],
     model: Model,
+    effort: Effort | None = None,
 ) -> Estimator:
     """Return the estimator of an experiment."""
     if method == "ml":
-        return _maximum_likelihood(entry, fixed, constraints, model)
+        effort = effort or entry.estimator.effort
+        return _maximum_likelihood(entry, fixed, constraints, model, effort)
     _refuse_deviations(entry)
     if method == "batch":
         from rotorid.linear.estimators import Batch
@@ -36,6 +38,7 @@ def _maximum_likelihood(
     fixed: dict[str, float],
     constraints: tuple[Constraint, ...],
     model: Model,
+    effort: Effort,
 ) -> Estimator:
     from rotorid.likelihood.estimator import MaximumLikelihood
 
@@ -52,6 +55,7 @@ def _maximum_likelihood(
         force_scale_std=entry.estimator.force_scale_std,
         each=tuple(name for name, p in entry.parameters.items() if p.each),
         modes=modes(entry.modes, model),
+        effort=effort,
     )
 
 

@@ -22,6 +22,7 @@ Hertz = Annotated[float, _quantity("Hz"), Field(ge=1e-9, le=1e12)]
 Seconds = Annotated[float, _quantity("s"), Field(ge=0, le=1e9)]
 Count = Annotated[StrictInt, Field(ge=0, le=10**9)]
 Method = Literal["ls", "batch", "sequential", "ml"]
+Effort = Literal["full", "quick"]
 Quantity = str | int | float  # in a unit that the model knows
 
 
@@ -628,6 +629,7 @@ class EstimatorEntry(Schema):
     gains: list[Literal["ki", "ks", "ks*"]] = Field(default_factory=list)
     delays: list[Literal["force", "position"]] = Field(default_factory=list)
     force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
+    effort: Effort = "full"
 
 
 OPEN = "?"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import partial
 from typing import Literal
@@ -12,12 +12,12 @@ from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.frozen import frozen
 from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.data.observation import Data, Observation, bind_all
-from rotorid.likelihood.doubts import doubted
-from rotorid.likelihood.fit import Fit, Rough, approached, located, questioned_fit
+from rotorid.likelihood.fit import Fit, Rough, Step, answered, approached, located
 from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.search import DONE, DOUBTING, Progress, Search, answers
 from rotorid.likelihood.starts import FINER, NEGLIGIBLE, ROUGH, SHARE, reduced, shift_by_reduction
-from rotorid.likelihood.summary import nothing_found, summarize
+from rotorid.likelihood.summary import nothing_found
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.by_samples import refuse_filtered
 from rotorid.models import Model
@@ -68,6 +68,9 @@ class MaximumLikelihood:
         the residual asks for.
     neighbours : int, optional
         Lines on each side for the correlated covariance.
+    effort : {"full", "quick"}
+        "quick" ends at the first minimum: neither other answers nor mistakes are looked for, and a
+        note says so.
 
     References
     ----------
@@ -94,6 +97,7 @@ class MaximumLikelihood:
     base: bool = False
     covariance: Literal["auto", "white", "correlated"] = "auto"
     neighbours: int | None = None
+    effort: Literal["full", "quick"] = "full"
 
     def __post_init__(self) -> None:
         if self.covariance not in ("auto", "white", "correlated"):
@@ -101,6 +105,12 @@ class MaximumLikelihood:
                 f"covariance {self.covariance!r}",
                 "auto, white or correlated",
                 "choose one of the three; auto looks at the periods",
+            )
+        if self.effort not in ("full", "quick"):
+            raise InputError(
+                f"effort {self.effort!r}",
+                "full or quick",
+                "choose one of the two; quick ends at the first minimum",
             )
         for name in ("constraints", "gains", "delays", "each", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -141,23 +151,52 @@ class MaximumLikelihood:
         ModelError
             Where the model is not linear in its coordinates.
         """
+        return self.search(model, records).finish()
+
+    def search(self, model: Model, records: Sequence[Data]) -> Search:
+        """Return the estimate in steps: the first minimum at once, then what else there is to ask.
+
+        Parameters
+        ----------
+        model : Model
+        records : sequence of PeriodicRecord or Lines
+
+        Returns
+        -------
+        Search
+            An iterator; its last step has what `estimate` returns.
+
+        Raises
+        ------
+        InputError, ModelError
+            As `estimate`, here or at a step.
+        """
         linear_form(model)
         _check_each(model, self.each)
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()
         refuse_filtered(bound, "ml")
+        return Search(self._answers(model, bound, knowledge))
+
+    def _answers(
+        self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
+    ) -> Iterator[Progress]:
         try:
-            model, found = self._fitted(model, bound, knowledge)
+            steps = self._fitted(model, bound, knowledge)
+            yield from answers(model, steps, quick=self.effort == "quick")
         except NotConvergedError as error:
-            return nothing_found(model, bound, knowledge.fixed, str(error))
-        return doubted(model, summarize(model, found), found)
+            none = nothing_found(model, bound, knowledge.fixed, str(error))
+            yield Progress(DONE, answer=lambda: none)
 
     def _fitted(
         self, model: Model, bound: Sequence[Observation], knowledge: Knowledge
-    ) -> tuple[Model, Fit]:
-        """Fit; where the model is reduced, until the whole one would not move the estimate."""
+    ) -> Iterator[Step]:
+        """Fit; where the model is reduced, until the whole one would not move the estimate.
 
-        def found(records: Sequence[Observation], rough: Rough | None = None) -> Fit:
+        The last step has the answer.
+        """
+
+        def found(records: Sequence[Observation], rough: Rough | None = None) -> Iterator[Step]:
             return located(
                 records[0].model if records else model,
                 records,
@@ -175,17 +214,23 @@ class MaximumLikelihood:
             values = {**known, **knowledge.start, **knowledge.fixed}
             records = reduced(bound, values, knowledge.modes, ROUGH)
         if not records or records[0].model is model:
-            return model, questioned_fit(found(bound))
+            for step in found(bound):
+                yield step
+            yield Step(answered(step.fit), DOUBTING)
+            return
         share = SHARE
         rough = approached(records, knowledge, self.nuisances, partial(reduced, bound, share=share))
         while True:
             records = reduced(bound, values if rough is None else rough.values, share=share)
-            at = found(records, rough)
-            small = records[0].model
-            if small is model or _stands(at):
-                answer = questioned_fit(at)
-                if small is model or answer.solution is at.solution or _stands(answer):
-                    return small, answer
+            for step in found(records, rough):
+                yield step
+            at = step.fit
+            whole = records[0].model is model
+            if whole or _stands(at):
+                answer = answered(at)
+                if whole or answer.solution is at.solution or _stands(answer):
+                    yield Step(answer, DOUBTING)
+                    return
                 at = answer
             rough = Rough.of(at, rough)
             share *= FINER

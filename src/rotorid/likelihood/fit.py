@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Literal, TypedDict
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from rotorid.core.errors import InputError, NotConvergedError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
+from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.doubts_angle import Creep, creeps
@@ -24,7 +26,7 @@ from rotorid.likelihood.preparation import Knowledge, Prepared, prepare
 from rotorid.likelihood.problem import Lowest, Problem
 from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
-from rotorid.likelihood.starts import explained, search, thinned
+from rotorid.likelihood.starts import WAYS, Minimum, explained, search, thinned
 from rotorid.likelihood.symmetric_answers import Mirrors
 from rotorid.likelihood.tangent import outside
 from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
@@ -63,6 +65,8 @@ class Fit:
         return covariance
 
 
+SEARCHING = "trying further starts"
+"""What comes next while the minimum is looked for."""
 FEW = 120
 """Lines on which a rotor of few shapes is found: six times as many as it has unknowns, usually."""
 NEAR = 500
@@ -117,6 +121,7 @@ def approached(
     _refuse_silence(records)
     model, asked = records[0].model, asked_unknowns(records, nuisances)
     guess = starting_values(model, records, knowledge, base=False)
+    watch("finding a rotor of fewer shapes")
 
     def posed(chosen: Sequence[Observation], few: int) -> Problem:
         chosen = thinned(chosen, few, periodic=True) or chosen
@@ -135,27 +140,21 @@ def approached(
     return replace(rough, unknowns=nearer.point.unknowns) if nearer.converged else rough
 
 
-def fit(
-    model: Model,
-    records: Sequence[Observation],
-    knowledge: Knowledge,
-    nuisances: Nuisances,
-    *,
-    base: bool = False,
-    covariance: CovarianceChoice = "auto",
-    neighbours: int | None = None,
-) -> Fit:
-    """Minimize the likelihood of one record or several."""
-    options: _Options = {"base": base, "covariance": covariance, "neighbours": neighbours}
-    return questioned_fit(located(model, records, knowledge, nuisances, **options))
+@frozen
+class Step:
+    """Between two ways of a search: the best minimum so far, what comes next and how far it is."""
 
+    fit: Fit
+    say: str = "asking whether other answers fit as well"
+    done: int = 0
+    of: int | None = None
+    # chooses the covariance, and lets rotor angles creep: only what a minimum tells can ask for it
+    refine: Callable[[Fit], Fit] | None = None
 
-class _Options(TypedDict):
-    """How a fit is made."""
-
-    base: bool
-    covariance: CovarianceChoice
-    neighbours: int | None
+    @property
+    def best(self) -> Fit:
+        """The best so far, with its deviations."""
+        return self.fit if self.refine is None else answered(self.refine(self.fit), ask=False)
 
 
 def located(
@@ -168,36 +167,59 @@ def located(
     covariance: CovarianceChoice = "auto",
     neighbours: int | None = None,
     rough: Rough | None = None,
-) -> Fit:
-    """Find the minimum, from that of a simpler problem where there is one."""
+) -> Iterator[Step]:
+    """Look for the minimum, from that of a simpler problem where there is one.
+
+    Each step holds the best so far, the last one the minimum.
+    """
     _refuse_silence(records)
     guess = starting_values(model, records, knowledge, base)
     prepared = prepare(model, knowledge, asked_unknowns(records, nuisances), base, guess)
+
+    def refined(found: Fit) -> Fit:
+        if covariance == "auto" and found.plain is None:
+            chosen = _chosen(found.solution, found.records, neighbours)
+            if any(new is not old for new, old in zip(chosen, found.records, strict=True)):
+                again = _solve(prepared, chosen, found.solution, found.solution.point.unknowns)
+                found = Fit(prepared, *again, tuple(chosen))
+        solution, known = found.solution, found.records
+        crept = creeps(solution.point, known)
+        if not any(c is not None and c.creeps for c in crept):
+            return replace(found, creeps=crept)
+        loose = [_less_sure(record, c) for record, c in zip(known, crept, strict=True)]
+        wider = prepare(model, knowledge, asked_unknowns(loose, nuisances), base, guess)
+        again = _solve(wider, loose, solution, _carried(wider, solution))
+        return Fit(wider, *again, tuple(loose), creeps=crept, plain=found.plain)
+
     if covariance == "correlated":
         records = [_correlated(record, neighbours) for record in records]
-    (solution, inference), plain = _globally(prepared, records, rough)
-    if covariance == "auto" and plain is None:
-        chosen = _chosen(solution, records, neighbours)
-        if any(new is not old for new, old in zip(chosen, records, strict=True)):
-            records = chosen
-            solution, inference = _solve(prepared, records, solution, solution.point.unknowns)
-    crept = creeps(solution.point, records)
-    if any(c is not None and c.creeps for c in crept):
-        records = [_less_sure(record, c) for record, c in zip(records, crept, strict=True)]
-        prepared = prepare(model, knowledge, asked_unknowns(records, nuisances), base, guess)
-        solution, inference = _solve(prepared, records, solution, _carried(prepared, solution))
-    return Fit(prepared, solution, inference, tuple(records), creeps=crept, plain=plain)
+    for step in _globally(prepared, records, rough):
+        yield replace(step, refine=refined)
+    yield Step(refined(step.fit), refine=lambda found: found)
 
 
-def questioned_fit(found: Fit) -> Fit:
-    """Ask whether the minimum is the answer, and what its deviations are."""
+def fit(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    covariance: CovarianceChoice = "auto",
+) -> Fit:
+    """Return the minimum with its deviations, without the steps on the way."""
+    steps = located(model, records, knowledge, nuisances, covariance=covariance)
+    return answered(deque(steps, maxlen=1).pop().fit)
+
+
+def answered(found: Fit, *, ask: bool = True) -> Fit:
+    """Return a minimum with its deviations, after asking whether it is the answer."""
     solution, inference, doubt = found.solution, found.inference, Doubt()
     mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
     turned = mirrors.best(solution) if found.plain is None else solution
     if turned is not solution:
         solution, inference = turned, infer(turned.point, found.problem.exact)
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
-    if solution.converged and explained(solution, inference):
+    if ask and solution.converged and explained(solution, inference):
         start, problem = found.prepared.layout.start, solution.point.problem
         solution, inference, doubt = questioned(problem, start, solution, inference, mirrors)
     inference = by_equation_errors(inference, solution.point, found.records)
@@ -208,8 +230,8 @@ def questioned_fit(found: Fit) -> Fit:
     if common is not None:
         inference = replace(inference, covariance=common.covariance)
     signs = tuple(mirrors.notes(solution, inference)) if solution.converged else ()
-    answered = replace(found, solution=solution, inference=inference, doubt=doubt)
-    return replace(answered, shared=common, signs=signs)
+    answer = replace(found, solution=solution, inference=inference, doubt=doubt)
+    return replace(answer, shared=common, signs=signs)
 
 
 def _by_misfit(solution: Solution, inference: Inference) -> Inference:
@@ -256,30 +278,42 @@ def _refuse_silence(records: Sequence[Observation]) -> None:
 
 def _globally(
     prepared: Prepared, records: Sequence[Observation], rough: Rough | None
-) -> tuple[tuple[Solution, Inference], Plain | None]:
+) -> Iterator[Step]:
     """Look for the minimum from the start, and from others where there is reason.
 
     And for mistakes that are plain before thousands of lines are searched.
     """
-    problem = _problem(prepared, records)
-    near = None
+
+    def fitted(found: Minimum, plain: Plain | None = None) -> Fit:
+        return Fit(prepared, *found, tuple(records), plain=plain)
+
+    problem, ends = _problem(prepared, records), list[Minimum]()
     if rough is not None and rough.leads(prepared.layout):
         problem = replace(problem, sketch=rough.problem, lowest=rough.lowest)
-        near = _near(problem, rough)
-        if near is not None and explained(*near):
-            return near, None
-    found = by_shown_speed(prepared, records, problem)
+        ends += _near(problem, rough)
+        for end in ends:
+            yield Step(fitted(end), SEARCHING)
+            if explained(*end):
+                return
+    found: Minimum | None = by_shown_speed(prepared, records, problem)
     plain = plainly(prepared, records, problem) if found is None else None
     if plain is not None:
-        return (plain.solution, plain.inference), plain
+        yield Step(fitted((plain.solution, plain.inference), plain))
+        return
     start = _in_order(problem, prepared.layout.start, records)
-    found = found or search(problem, start)
+    if found is None:
+        for number, found in enumerate(search(problem, start), 1):
+            yield Step(fitted(found), SEARCHING, min(number, WAYS), WAYS)
     if found is None or not (found[0].converged and explained(*found)):
-        found = _in_other_places(problem, start, records) or found
-    ends = [end for end in (near, found) if end is not None]
+        for other in _in_other_places(problem, start, records):
+            found = other or found
+            if found is not None:
+                yield Step(fitted(found), "trying hidden parts in other places")
+    ends += [found] if found is not None else []
     if not ends:
         raise NotConvergedError("no minimum was found from this start; give a nearer one")
-    return min(ends, key=lambda end: (not end[0].converged, end[0].point.cost)), None
+    best = min(ends, key=lambda end: (not end[0].converged, end[0].point.cost))
+    yield Step(fitted(best), "weighing the noise")
 
 
 def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -> Floats:
@@ -292,28 +326,31 @@ def _in_order(problem: Problem, start: Floats, records: Sequence[Observation]) -
 
 def _in_other_places(
     problem: Problem, start: Floats, records: Sequence[Observation]
-) -> tuple[Solution, Inference] | None:
-    """Return the answer from a start with hidden parts in other places, if that is one.
+) -> Iterator[Minimum | None]:
+    """Yield None after each way, and the answer from a start with hidden parts in other places.
 
     Fixed values and bounds that tell the places shut a start with the parts in the wrong ones off.
     """
     fixed = [i for i, unknown in enumerate(problem.layout.unknowns) if unknown.fixed]
     for exchange in Mirrors.of(problem, records, start, as_free=True).exchanges:
-        moved = exchange.of(start)
+        moved, found = exchange.of(start), None
         moved[fixed] = start[fixed]
-        found = search(problem, moved)
+        for lowest in search(problem, moved):
+            found = lowest
+            yield None
         if found is not None and found[0].converged and explained(*found):
-            return found
-    return None
+            yield found
+            return
 
 
-def _near(problem: Problem, rough: Rough) -> tuple[Solution, Inference] | None:
+def _near(problem: Problem, rough: Rough) -> list[Minimum]:
+    """Return the minimum near that of a simpler problem, where there is one."""
     try:
         found = settle(problem, rough.unknowns)
         found = replace(found, trail=rough.trail)
-        return found, infer(found.point, problem.exact)
+        return [(found, infer(found.point, problem.exact))]
     except np.linalg.LinAlgError:
-        return None
+        return []
 
 
 def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:

@@ -37,12 +37,13 @@ from rotorid.core.frozen import frozen
 from rotorid.core.linalg import whole_svd
 from rotorid.core.notes import Note
 from rotorid.core.values import Booleans, Floats
+from rotorid.core.watch import watch
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.response import response, responses
 from rotorid.likelihood.solver import STAGES, Solution, beside, elsewhere, settle
-from rotorid.likelihood.starts import AGREE, further_starts
+from rotorid.likelihood.starts import AGREE, STARTS, further_starts
 from rotorid.likelihood.symmetric_answers import APART, CLOSE, Mirrors, exchanged
 
 OTHERS = "other answers"
@@ -470,6 +471,7 @@ class _Minimum:
         for number, start in enumerate(further_starts(self.problem, self.start)):
             if number >= ALWAYS and not every:
                 break
+            watch("asking whether other answers fit as well", number, STARTS if every else ALWAYS)
             try:
                 stages = STAGES if number < ALWAYS else LATE
                 end = elsewhere(self.problem, start, self.solution, stages)

@@ -30,6 +30,7 @@ import numpy as np
 
 from rotorid.answer.parts import EXPLAINS, Suspect
 from rotorid.core.frozen import frozen
+from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
@@ -39,9 +40,8 @@ from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.rivals_channels import shown_speed
 from rotorid.likelihood.rivals_terms import BENDS
 from rotorid.likelihood.solver import HOPELESS, Solution, solve
-from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, search
+from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
-from rotorid.likelihood.watch import watch
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.elements import PLANES
@@ -52,6 +52,8 @@ SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
 LARGE = ("drawn far", "angle far", "single", "factor", "several")
 """Stages of changes that are screened, the likeliest first."""
+TRYING = "trying possible mistakes"
+"""What is being done, for whoever watches."""
 KEPT = 12
 """Rivals that an estimate names."""
 FIRST = 3
@@ -191,7 +193,7 @@ class _Search:
 
     def at(self, stage: str) -> list[Finding]:
         """Try all rivals of a stage."""
-        return [f for rival in self.entered(stage) for f in self.followed(rival)]
+        return self.tried_all(self.entered(stage))
 
     def explains(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
@@ -215,7 +217,15 @@ class _Search:
 
     def freed(self, scored: Sequence[Finding]) -> list[Finding]:
         """Try small changes that were scored."""
-        return [f for each in scored for f in self.followed(each.rival)]
+        return self.tried_all([each.rival for each in scored])
+
+    def tried_all(self, rivals: Sequence[Rival]) -> list[Finding]:
+        """Try rivals one by one."""
+        found = []
+        for number, rival in enumerate(rivals):
+            watch(TRYING, number, len(rivals))
+            found += self.followed(rival)
+        return found
 
     def followed(self, rival: Rival) -> list[Finding]:
         """Minimize with a rival, and with what says the same more exactly."""
@@ -254,7 +264,7 @@ class _Search:
         for stage in LARGE:
             stages = [r for r in self.entered(stage) if r.term not in self.tried]
             for number, rival in enumerate(stages):
-                watch("trying possible mistakes", number, len(stages))
+                watch(TRYING, number, len(stages))
                 cost = _screened(self.case, rival)
                 if cost < STANDS_OUT * level:
                     found += self.followed(rival)
@@ -262,9 +272,8 @@ class _Search:
                     waiting.append((cost, rival))
             if self.any_explains(found):
                 return found
-        for _, rival in sorted(waiting, key=lambda pair: pair[0])[:SCREENED]:
-            found += self.followed(rival)
-        return found
+        likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
+        return found + self.tried_all([rival for _, rival in likeliest])
 
     def likeliest(self, stage: str) -> list[Finding]:
         """Follow the best of a stage after screening."""
@@ -519,7 +528,7 @@ def _without_a_mistake(case: Case, mistakes: Sequence[Rival]) -> list[tuple[Poin
 
 def _searched(few: Case, problem: Problem) -> Point | None:
     """Return where the best of all ways on few lines leads on more; None where one is not bad."""
-    found = search(few.problem, few.prepared.layout.start)
+    found = searched(few.problem, few.prepared.layout.start)
     if found is None or not found[0].converged:
         return None
     there = few.at(found[0].point)

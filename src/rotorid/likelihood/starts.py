@@ -20,6 +20,7 @@ ten of its start, until it is settled.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -205,6 +206,9 @@ SUSPICIOUS = 1e-6
 STARTS = 8
 """Further starts. Of random rotors from +-60 % one of two leads to the minimum at worst: 8 fail
 together in less than 1 in 200 of the few that fail at first."""
+WAYS = STARTS + 4
+"""Ways at most: from each start; from the given one with bounds, in finer stages, and held near it.
+"""
 SPREAD = 1.4
 """Further starts lie within this factor of the given one, log-uniform."""
 GENERATOR = 20260
@@ -266,16 +270,20 @@ def _and_held(ways: Iterator[_Way], start: Floats, astray: Callable[[], bool]) -
             yield _Way(0, start, held=True)
 
 
-def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None:
-    """Return the lowest minimum found and what it tells; None where there is none at all."""
-    best: tuple[Solution, Inference] | None = None
+Minimum = tuple[Solution, Inference]
+
+
+def search(problem: Problem, start: Floats) -> Iterator[Minimum]:
+    """Yield the lowest minimum so far after each way, and what it tells; the last is the answer.
+
+    Nothing where no way leads anywhere.
+    """
+    best: Minimum | None = None
     costs: list[tuple[int, float]] = []
     lost: list[tuple[int, float]] = []
     opened: list[tuple[int, float]] = []
     first: Solution | None = None
-    kept = False
     for way in _and_held(_ways(problem, start), start, lambda: bool(lost or opened)):
-        kept = kept or way.held
         if first is not None and _known(problem, way, first):
             costs.append((way.number, first.point.cost))
             if best is not None and _agreed(costs, best):
@@ -300,9 +308,17 @@ def search(problem: Problem, start: Floats) -> tuple[Solution, Inference] | None
             explained(*best) or any(_agreed(c, best) for c in (costs, opened))
         ):
             break
+        yield best
     if best is not None and not explained(*best) and not _agreed(costs + lost, best):
-        return replace(best[0], converged=False), best[1]
-    return best
+        best = replace(best[0], converged=False), best[1]
+    if best is not None:
+        yield best
+
+
+def searched(problem: Problem, start: Floats) -> Minimum | None:
+    """Return the lowest minimum of all ways; None where none leads anywhere."""
+    ends = deque(search(problem, start), maxlen=1)
+    return ends.pop() if ends else None
 
 
 def _gone(problem: Problem, way: _Way) -> Solution:

@@ -29,16 +29,18 @@ from rotorid.likelihood.rivals import Suspicion, suspected
 from rotorid.linear.equations import relative_errors
 from rotorid.models import Model
 
+NOTHING = Suspicion()
+"""Nothing is suspected."""
 
-def summarize(model: Model, fit: Fit) -> Estimate:
-    """Return the estimate of a fit."""
+
+def summarize(model: Model, fit: Fit, suspicion: Suspicion = NOTHING) -> Estimate:
+    """Return the estimate of a fit, with what is suspected where the data reject the model."""
     layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
     records = fit.records
     cost, expectation = point.cost, inference.expectation
     p_value = expectation.p_value(cost)
     inflation = float(np.sqrt(max(1.0, cost / expectation.mean))) if expectation.mean > 0 else 1.0
     values, held = _values(fit, inflation), _held(model, fit)
-    suspicion = _suspicion(model, fit, p_value)
     # Where a search failed, nothing follows of what the records determine.
     arrived = fit.solution.converged
     combinations = open_combinations(layout, point, inference) if arrived else []
@@ -133,13 +135,13 @@ def nothing_found(
     )
 
 
-def _suspicion(model: Model, fit: Fit, p_value: float) -> Suspicion:
+def suspicion_of(model: Model, fit: Fit) -> Suspicion:
     """Look for what is wrong where the data reject the model; where they do not, nothing is."""
-    if p_value >= REJECTED:
-        return Suspicion()
-    point, expected = fit.solution.point, fit.inference.expectation.mean
+    point, expected = fit.solution.point, fit.inference.expectation
+    if expected.p_value(point.cost) >= REJECTED:
+        return NOTHING
     values = physical_at(model, fit)
-    case = Case(fit.prepared, fit.records, point.unknowns, expected, values, point)
+    case = Case(fit.prepared, fit.records, point.unknowns, expected.mean, values, point)
     return suspected(case, fit.plain)
 
 

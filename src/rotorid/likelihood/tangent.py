@@ -12,7 +12,6 @@ from rotorid.core.values import Floats, Integers
 from rotorid.likelihood.linear import RANK, tangent_basis
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.relations import Relations
-from rotorid.likelihood.watch import watch
 
 OUTSIDE = 1e-12
 """What a bound may be violated by, relative to the size of its terms: rounding."""
@@ -138,7 +137,6 @@ def relation_jacobian(exact: Relations, point: Point) -> Floats:
 
 def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> Tangent:
     """Linearize the problem at a point, in the null space of the exact relations."""
-    watch()
     jacobian, free = point.jacobian, point.problem.layout.free
     if not np.abs(jacobian).max(initial=0.0) < 1e150:
         raise np.linalg.LinAlgError("a derivative beyond all bounds")

@@ -44,7 +44,7 @@ def test_what_is_plain_is_told_before_anything_is_searched(
 
     monkeypatch.setattr(solver, "tangent", counting)
     monkeypatch.setattr(plain, "tell", None)
-    monkeypatch.setattr(plain, "search", None)
+    monkeypatch.setattr(plain, "searched", None)
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "rejected"
     assert term in [suspect.term for suspect in estimate.suspects]
@@ -65,10 +65,10 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
 
     def counting(problem: Problem, *rest: object) -> object:
         asked.append(len(problem.likelihoods[0].data))
-        return search(problem, *rest)
+        return searched(problem, *rest)
 
-    search = plain.search
-    monkeypatch.setattr(plain, "search", counting)
+    searched = plain.searched
+    monkeypatch.setattr(plain, "searched", counting)
     monkeypatch.setattr(plain, "tell", lambda *_: plain.Suspicion())
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status in ("rejected", "not_converged")

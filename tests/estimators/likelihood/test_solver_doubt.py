@@ -30,7 +30,7 @@ from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution
-from rotorid.likelihood.starts import search
+from rotorid.likelihood.starts import searched
 from rotorid.likelihood.unknowns import Nuisances
 
 BEARING = [COORDINATES.index(name) for name in BEARINGS]
@@ -203,7 +203,7 @@ def test_a_lower_minimum_becomes_the_answer():
     likelihood = assemble(ready.layout, bind_all(case.model, case.records)[0], 0)
     problem = Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
     start = ready.layout.start
-    solution, inference = search(problem, start)
+    solution, inference = searched(problem, start)
     lowest, _, doubt = information.questioned(problem, start, solution, inference)
     assert doubt.alternatives
     higher = Solution(max(doubt.alternatives, key=lambda p: p.cost), True, 0)

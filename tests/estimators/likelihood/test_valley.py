@@ -16,7 +16,7 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
-from rotorid.likelihood.starts import search
+from rotorid.likelihood.starts import searched
 
 
 def problem_of(case):
@@ -28,7 +28,7 @@ def problem_of(case):
 def explored(name, seed):
     """Return names, the minimum and its valley."""
     problem = problem_of(rotor_case(SETTINGS[name], seed))
-    solution, inference = search(problem, problem.layout.start)
+    solution, inference = searched(problem, problem.layout.start)
     found = valley.explore(solution.point, inference, ~inference.undetermined)
     names = [problem.layout.unknowns[i].name for i in problem.layout.free]
     return dict(zip(names, found.wider, strict=True)), solution, found
@@ -52,7 +52,7 @@ def test_a_lower_floor_is_found_and_followed():
     """From beside the minimum the valley leads to it, and the answer is the minimum."""
     case = rotor_case(SETTINGS["4 sensors, noise x 10"], 4)
     problem = problem_of(case)
-    solution, inference = search(problem, problem.layout.start)
+    solution, inference = searched(problem, problem.layout.start)
     size, along = np.linalg.eigh(inference.covariance / np.outer(inference.scale, inference.scale))
     change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.scale
     off = solver.beside(solution.point, change)

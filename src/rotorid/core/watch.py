@@ -1,0 +1,81 @@
+"""How far long work is: said where it is done, shown by whoever watches.
+
+Work goes through many layers, and each may have something to say: the watch belongs to the context,
+like a log, and not to every call on the way.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol
+
+
+class Watch(Protocol):
+    """Told what is being done, and how much of it is done already."""
+
+    def __call__(self, say: str, done: int = 0, of: int | None = None) -> None:
+        """Take what is being done; `of` is None where nobody knows how much there is."""
+
+
+def silent(say: str, done: int = 0, of: int | None = None) -> None:
+    """Tell nobody."""
+
+
+_WATCH: ContextVar[Watch] = ContextVar("watch", default=silent)
+
+
+@contextmanager
+def watched(by: Watch) -> Iterator[None]:
+    """Let a watch follow what is done meanwhile."""
+    token = _WATCH.set(by)
+    try:
+        yield
+    finally:
+        _WATCH.reset(token)
+
+
+def watch(say: str, done: int = 0, of: int | None = None) -> None:
+    """Tell the watch of this context what is being done, and how far it is."""
+    _WATCH.get()(say, done, of)
+
+
+MINUTES = 99.5
+"""Seconds from which on minutes are told."""
+
+
+def words(say: str, done: int, of: int | None, left: float | None) -> str:
+    """Return what is being done, how far it is, and how long it still takes.
+
+    Examples
+    --------
+    >>> words("trying possible mistakes", 12, 40, 19.7)
+    'trying possible mistakes, 12 of 40, about 20 s left'
+    """
+    count = f", {done} of {of}" if of else ""
+    if left is None:
+        return say + count
+    return (
+        f"{say}{count}, about "
+        + (f"{left:.0f} s" if left < 99 else f"{left / 60:.0f} min")
+        + " left"
+    )
+
+
+class Pace:
+    """How long a stage of work still takes, by what was done of it so far."""
+
+    def __init__(self) -> None:
+        self._stage: tuple[str, int | None, float, int] = ("", None, 0.0, 0)
+
+    def left(self, say: str, done: int, of: int | None) -> float | None:
+        """Return the seconds that are left of a stage; None where nothing tells."""
+        now = time.monotonic()
+        if (say, of) != self._stage[:2]:
+            self._stage = (say, of, now, done)
+        _, _, since, before = self._stage
+        if of is None or done <= before:
+            return None
+        return (now - since) / (done - before) * max(0, of - done)

@@ -1,0 +1,150 @@
+"""What takes long says how far it is, and an interrupt leaves the best answer so far."""
+
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rotor_files import CORED
+
+from rotorid import cli
+from rotorid.commands import console
+
+HUNG, SPRUNG = (229.37, 632.02, 1250.0), (84.56, 109.2, 270.94)  # 1186.48 Hz would be right
+LONG = ["identify", "run.toml", "--json", "run.json"]
+"""A frequency is wrong: the first minimum comes at once, possible mistakes take seconds."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    tables = [
+        f'[[modes]]\nfrequency = "{f} Hz"\nstd = "{2e-4 * f} Hz"\n{support}'
+        for hertz, support in ((HUNG, 'parameters = { k_s = "0 N/m" }\n'), (SPRUNG, ""))
+        for f in hertz
+    ]
+    (tmp_path / "rotor.toml").write_text(CORED)
+    (tmp_path / "run.toml").write_text("\n".join(['model = "rotor.toml"', *tables]))
+    monkeypatch.chdir(tmp_path)
+    # A shell starts what runs in the background with the signal ignored, these tests included.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield tmp_path
+    signal.signal(signal.SIGINT, before)
+
+
+def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
+    """Return what a terminal shows until a text stands there, or until it is closed."""
+    seen, until = b"", time.monotonic() + seconds
+    while text.encode() not in seen and time.monotonic() < until:
+        if select.select([screen], [], [], 0.1)[0]:
+            try:
+                seen += os.read(screen, 65536)
+            except OSError:  # closed at the other end
+                break
+    return seen.decode()
+
+
+def on_a_terminal(*arguments: str) -> tuple[subprocess.Popen[bytes], int]:
+    """Start a command whose stderr is a terminal; return it, and what reads from there."""
+    screen, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rotorid", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(terminal)
+    return process, screen
+
+
+def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(
+    folder: Path,
+) -> None:
+    process, screen = on_a_terminal(*LONG)
+    assert "trying possible mistakes, " in read_until(screen, " s left")
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=30)
+    rest = read_until(screen, "never")
+    os.close(screen)
+    assert process.returncode == 1
+    assert "Traceback" not in rest
+    assert "this is the best answer so far" in " ".join(out.decode().split())
+    result = json.loads((folder / "run.json").read_text())
+    assert result["status"] == "not_converged"
+    assert "interrupted" in [note["about"] for note in result["notes"]]
+    assert all(row["value"] is not None for row in result["parameters"])
+
+
+def test_quiet_says_nothing_on_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick", "-q") == ""
+    shown = shown_in_process(monkeypatch, "identify", "run.toml", "--effort", "quick")
+    assert "looking for the first minimum" in shown
+
+
+def shown_in_process(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
+    """Return what a command without patience shows on a terminal."""
+    monkeypatch.setattr(console, "PATIENCE", 0.0)
+    screen, terminal = pty.openpty()
+    with os.fdopen(terminal, "w") as stream, monkeypatch.context() as patch:
+        patch.setattr(sys, "stderr", stream)
+        patch.setenv("TERM", "xterm")
+        assert cli.run(arguments) == 1
+    seen = read_until(screen, "never", 5.0)
+    os.close(screen)
+    return seen
+
+
+def test_little_effort_is_silent_in_a_pipe_and_says_what_it_left_out(folder: Path) -> None:
+    begin = time.monotonic()
+    process = subprocess.run(
+        [sys.executable, "-m", "rotorid", *LONG, "--effort", "quick"], capture_output=True
+    )
+    assert time.monotonic() - begin < 20
+    assert process.stderr == b""
+    assert process.returncode == 1
+    assert b"the first minimum, with little effort" in process.stdout
+    result = json.loads((folder / "run.json").read_text())
+    assert [n["severity"] for n in result["notes"] if n["about"] == "effort"] == ["unfinished"]
+    assert result["suspects"] == []
+
+
+def test_the_file_may_ask_for_little_effort_and_the_command_line_for_all(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (folder / "run.toml").read_text().replace("1250.0", "1186.48")
+    (folder / "run.toml").write_text(text + '\n[estimator]\neffort = "quick"\n')
+    for more, severities in ((), ["doubts"]), (("--effort", "full"), []):
+        assert cli.run([*LONG, "--quiet", "--force", *more]) == 0
+        result = json.loads((folder / "run.json").read_text())
+        assert result["status"] == "ok"
+        assert [n["severity"] for n in result["notes"] if n["about"] == "effort"] == severities
+
+
+def interrupt(*_: object, **__: object) -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_second_interrupt_ends_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rotorid.likelihood.search.suspicion_of", interrupt)
+    assert cli.run([*LONG, "--quiet"]) == 1
+    assert (folder / "run.json").exists()
+    (folder / "run.json").unlink()
+    monkeypatch.setattr("rotorid.likelihood.search.summarize", interrupt)
+    assert cli.run([*LONG, "--quiet"]) == 130
+    assert not (folder / "run.json").exists()
+    assert capsys.readouterr().err.split() == ["rotorid:", "interrupted"]
+
+
+def test_an_interrupt_before_the_first_minimum_leaves_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rotorid.likelihood.fit.search", interrupt)
+    assert cli.run([*LONG, "--quiet"]) == 130
+    assert not (folder / "run.json").exists()
