@@ -132,7 +132,7 @@ def interrupt(*_: object, **__: object) -> None:
 def test_a_second_interrupt_ends_it(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rotorid.likelihood.search.suspicion_of", interrupt)
+    monkeypatch.setattr("rotorid.likelihood.search.trials_of", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 1
     assert (folder / "run.json").exists()
     (folder / "run.json").unlink()

@@ -295,6 +295,8 @@ def _globally(
             yield Step(fitted(end), SEARCHING)
             if explained(*end):
                 return
+    if problem.sketch is not None:
+        watch("looking for gross mistakes on few lines")
     found: Minimum | None = by_shown_speed(prepared, records, problem)
     plain = plainly(prepared, records, problem) if found is None else None
     if plain is not None:

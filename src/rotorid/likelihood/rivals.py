@@ -23,14 +23,14 @@ alone is followed on more.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from functools import partial
 
 import numpy as np
 
 from rotorid.answer.parts import EXPLAINS, Suspect
 from rotorid.core.frozen import frozen
-from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
@@ -52,8 +52,6 @@ SMALL = ("gain", "mode", "channel", "angle", "term", "drawn", "known", "reads")
 """Stages of small changes, in the order in which they stand where the data cannot tell them."""
 LARGE = ("drawn far", "angle far", "single", "factor", "several")
 """Stages of changes that are screened, the likeliest first."""
-TRYING = "trying possible mistakes"
-"""What is being done, for whoever watches."""
 KEPT = 12
 """Rivals that an estimate names."""
 FIRST = 3
@@ -134,16 +132,29 @@ class Suspicion:
     sentence: str = ""
 
 
-def tell(case: Case, tried: frozenset[str] = frozenset()) -> Suspicion:
+@frozen
+class Tried:
+    """After a rival was tried: how many of its stage were, and what is suspected so far."""
+
+    done: int
+    of: int
+    suspicion: Callable[[], Suspicion]
+
+
+def tell(case: Case, tried: frozenset[str] = frozenset()) -> Iterator[Tried]:
     """Rank what may be wrong, what explains most first, and say what to do about it.
 
-    `tried` are terms of mistakes that are known to explain nothing.
+    Rivals are tried one by one; the last trial has all. `tried` are terms of mistakes that are
+    known to explain nothing.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an estimate astray
-        search = _Search(case, tried)
-        found = search.findings()
-    which = "" if case.records else _which_end(case.model, found, case.expected)
-    return _told(case, found, which)
+    trials = _Search(case, tried).trials()
+    while True:
+        # An estimate astray. Whoever takes the trials has his own way with such numbers.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            trial = next(trials, None)
+        if trial is None:
+            return
+        yield trial
 
 
 def _told(case: Case, found: Sequence[Finding], which: str = "") -> Suspicion:
@@ -153,35 +164,52 @@ def _told(case: Case, found: Sequence[Finding], which: str = "") -> Suspicion:
     return Suspicion(suspects, sentence(case, found, which))
 
 
+Tries = Generator[Tried, None, list[Finding]]
+
+
 @frozen
 class _Search:
     """Tries the rivals of one case."""
 
     case: Case
     tried: frozenset[str] = frozenset()
+    so_far: list[Finding] = field(default_factory=list)
 
-    def findings(self) -> list[Finding]:
+    def trials(self) -> Iterator[Tried]:
+        """Try rivals; the last trial has what is suspected after all."""
+        found = yield from self.findings()
+        case = self.case
+        which = "" if case.records else _which_end(case.model, found, case.expected)
+        yield Tried(0, 0, lambda: _told(case, found, which))
+
+    def trial(self, done: int, of: int) -> Tried:
+        """Return how far it is."""
+        expected, found = self.case.expected, tuple(self.so_far)
+        return Tried(done, of, lambda: _told(self.case, ranked(found, expected, {})))
+
+    def findings(self) -> Tries:
         """Return what was found, what leaves the least cost first."""
         small = self.entered(*SMALL)
         scored = self.scored(small)
-        found = self.at("bound")
-        found += [] if self.any_explains(found) else self.at("bounds")
+        found = yield from self.at("bound")
+        found += [] if self.any_explains(found) else (yield from self.at("bounds"))
         # Of a table first: a negative damping may explain as well that phases count backward. Of
         # responses likewise, which are too far off for screening at the values that were found.
-        found += self.at("table")
-        found += self.freed(scored[:FIRST])
-        found += self.likeliest("modes")
-        found += self.at("trial")
+        found += yield from self.at("table")
+        found += yield from self.freed(scored[:FIRST])
+        found += yield from self.likeliest("modes")
+        found += yield from self.at("trial")
         settled = any(self.explains(f) and (f.likely or f.rival.likely is None) for f in found)
         if settled or not self.case.gross:
-            found += self.freed(scored[FIRST:REFITTED]) + scored[REFITTED:]
+            found += yield from self.freed(scored[FIRST:REFITTED])
+            found += scored[REFITTED:]
         else:
-            found += self.screened()
+            found += yield from self.screened()
             if not self.any_explains(found):
                 found += scored[FIRST:]
         # Another unit may explain anything: it is as if there were more noise.
         if not self.any_explains([f for f in found if f.rival.kind != "unit"]):
-            found += [f for f in self.at("line") if self.explains(f)]
+            found += [f for f in (yield from self.at("line")) if self.explains(f)]
         places: dict[tuple[str, ...], int] = {}
         for number, rival in enumerate(small):
             places.setdefault(rival.on, number)
@@ -191,9 +219,9 @@ class _Search:
         """Return the rivals of some stages, in order."""
         return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
 
-    def at(self, stage: str) -> list[Finding]:
+    def at(self, stage: str) -> Tries:
         """Try all rivals of a stage."""
-        return self.tried_all(self.entered(stage))
+        return self.one_by_one(self.entered(stage))
 
     def explains(self, finding: Finding) -> bool:
         """Tell whether a finding leaves no more than noise does, or little more."""
@@ -215,16 +243,16 @@ class _Search:
                 found.append(Finding(rival, point.cost - drop, drop, share, value, tried=False))
         return sorted(found, key=lambda f: -f.drop)
 
-    def freed(self, scored: Sequence[Finding]) -> list[Finding]:
+    def freed(self, scored: Sequence[Finding]) -> Tries:
         """Try small changes that were scored."""
-        return self.tried_all([each.rival for each in scored])
+        return self.one_by_one([each.rival for each in scored])
 
-    def tried_all(self, rivals: Sequence[Rival]) -> list[Finding]:
-        """Try rivals one by one."""
+    def one_by_one(self, rivals: Sequence[Rival]) -> Tries:
+        """Follow rivals to the minimum."""
         found = []
-        for number, rival in enumerate(rivals):
-            watch(TRYING, number, len(rivals))
+        for number, rival in enumerate(rivals, 1):
             found += self.followed(rival)
+            yield self.trial(number, len(rivals))
         return found
 
     def followed(self, rival: Rival) -> list[Finding]:
@@ -234,6 +262,7 @@ class _Search:
         if changed is None or point is None:
             return []
         found = [self.finding(rival, changed, point)]
+        self.so_far.extend(found)
         for sharper in rival.sharper(self.case, point) if rival.sharper else ():
             found += self.followed(sharper)
         return found
@@ -250,7 +279,7 @@ class _Search:
         excess = self.case.point.cost - self.case.expected
         return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
 
-    def screened(self) -> list[Finding]:
+    def screened(self) -> Tries:
         """Screen mistakes that are no small changes, and follow the best to the minimum.
 
         Whatever stands out is followed at once, and where it explains the data the search ends with
@@ -263,23 +292,25 @@ class _Search:
         level = self.case.screened()
         for stage in LARGE:
             stages = [r for r in self.entered(stage) if r.term not in self.tried]
-            for number, rival in enumerate(stages):
-                watch(TRYING, number, len(stages))
+            for number, rival in enumerate(stages, 1):
                 cost = _screened(self.case, rival)
                 if cost < STANDS_OUT * level:
                     found += self.followed(rival)
                 else:
                     waiting.append((cost, rival))
+                yield self.trial(number, len(stages))
             if self.any_explains(found):
                 return found
         likeliest = sorted(waiting, key=lambda pair: pair[0])[:SCREENED]
-        return found + self.tried_all([rival for _, rival in likeliest])
+        return found + (yield from self.one_by_one([rival for _, rival in likeliest]))
 
-    def likeliest(self, stage: str) -> list[Finding]:
+    def likeliest(self, stage: str) -> Tries:
         """Follow the best of a stage after screening."""
-        entered = self.entered(stage)
-        best = min(entered, key=lambda rival: _screened(self.case, rival), default=None)
-        return [] if best is None else self.followed(best)
+        entered, costs = self.entered(stage), list[float]()
+        for rival in entered:
+            costs.append(_screened(self.case, rival))
+            yield self.trial(len(costs), len(entered))
+        return self.followed(entered[costs.index(min(costs))]) if entered else []
 
 
 def _screened(case: Case, rival: Rival) -> float:
@@ -407,16 +438,25 @@ def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
     )
 
 
-def suspected(case: Case, plain: Plain | None) -> Suspicion:
-    """Look for what is wrong: with what the search came upon, then on as many lines as it needs."""
-    told = _shown(case, plain)
-    if told is not None:
-        return told
+def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
+    """Look for what is wrong: with what the search came upon, then on as many lines as it needs.
+
+    The last trial has what is suspected after all.
+    """
+    shown = _shown(case, plain)
+    if shown is not None:
+        yield Tried(0, 0, lambda: shown)
+        return
     few = _on_whole_rotor(_on_fewer_lines(case))
-    told = tell(few, plain.tried if plain else frozenset())
     exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
     besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
-    return replace(told, sentence=told.sentence + besides)
+
+    def whole(trial: Tried) -> Suspicion:
+        told = trial.suspicion()
+        return replace(told, sentence=told.sentence + besides)
+
+    for trial in tell(few, plain.tried if plain else frozenset()):
+        yield Tried(trial.done, trial.of, partial(whole, trial))
 
 
 def _on_fewer_lines(case: Case) -> Case:

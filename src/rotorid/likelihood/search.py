@@ -11,14 +11,17 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
 from rotorid.likelihood.doubts import doubted
-from rotorid.likelihood.fit import Step
-from rotorid.likelihood.summary import summarize, suspicion_of
+from rotorid.likelihood.fit import Fit, Step
+from rotorid.likelihood.rivals import Suspicion
+from rotorid.likelihood.summary import NOTHING, summarize, trials_of
 from rotorid.models import Model
 
 DONE = "done"
 """What the last step says."""
 DOUBTING = "asking what may be wrong"
 """What comes last."""
+TRYING = "trying possible mistakes"
+"""What that is where the data reject the model."""
 LET_IT_END = "let the search run to its end"
 """What to do about an answer of which not everything was asked."""
 
@@ -137,22 +140,33 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
             yield Progress(DONE, answer=partial(_first, model, step))
             return
         yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
-    found = _answer(model, step, suspect=True)
-    yield Progress(DONE, answer=lambda: found)
+    suspicion: Callable[[], Suspicion] = Suspicion
+    step = replace(step, say=TRYING)
+    for trial in trials_of(_model_of(model, step.best), step.best):
+        suspicion = trial.suspicion
+        so_far = partial(_so_far, model, step, suspicion)
+        yield Progress(TRYING, trial.done, trial.of, answer=so_far)
+    estimate = _answer(model, step, suspicion())
+    yield Progress(DONE, answer=lambda: estimate)
 
 
-def _answer(model: Model, step: Step, *, suspect: bool = False) -> Estimate:
+def _model_of(model: Model, fit: Fit) -> Model:
+    """Return the model of a fit, which may be a rotor with fewer shapes."""
+    return fit.records[0].model if fit.records else model
+
+
+def _answer(model: Model, step: Step, suspicion: Suspicion = NOTHING) -> Estimate:
     """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
-    own = fit.records[0].model if fit.records else model  # a rotor may have been reduced
-    rivals = (suspicion_of(own, fit),) if suspect else ()
-    return doubted(own, summarize(own, fit, *rivals), fit)
+    own = _model_of(model, fit)
+    return doubted(own, summarize(own, fit, suspicion), fit)
 
 
-def _so_far(model: Model, step: Step) -> Estimate:
+def _so_far(model: Model, step: Step, suspicion: Callable[[], Suspicion] = Suspicion) -> Estimate:
     """Return the answer at a step that is not the last."""
-    told = f"the search was stopped before {step.say}: this is the best answer so far"
-    return _answer(model, step).with_notes(Note("interrupted", "unfinished", told, LET_IT_END))
+    told = f"the search was stopped while {step.say}: this is the best answer so far"
+    note = Note("interrupted", "unfinished", told, LET_IT_END)
+    return _answer(model, step, suspicion()).with_notes(note)
 
 
 def _first(model: Model, step: Step) -> Estimate:

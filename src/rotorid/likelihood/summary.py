@@ -25,7 +25,7 @@ from rotorid.likelihood.identifiability import (
 from rotorid.likelihood.modal import close_modes, mode_fits
 from rotorid.likelihood.other_answers import doubt_notes
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.rivals import Suspicion, suspected
+from rotorid.likelihood.rivals import Suspicion, Tried, suspected
 from rotorid.linear.equations import relative_errors
 from rotorid.models import Model
 
@@ -135,14 +135,13 @@ def nothing_found(
     )
 
 
-def suspicion_of(model: Model, fit: Fit) -> Suspicion:
+def trials_of(model: Model, fit: Fit) -> Iterator[Tried]:
     """Look for what is wrong where the data reject the model; where they do not, nothing is."""
     point, expected = fit.solution.point, fit.inference.expectation
-    if expected.p_value(point.cost) >= REJECTED:
-        return NOTHING
-    values = physical_at(model, fit)
-    case = Case(fit.prepared, fit.records, point.unknowns, expected.mean, values, point)
-    return suspected(case, fit.plain)
+    if expected.p_value(point.cost) < REJECTED:
+        values = physical_at(model, fit)
+        case = Case(fit.prepared, fit.records, point.unknowns, expected.mean, values, point)
+        yield from suspected(case, fit.plain)
 
 
 def _deviations(fit: Fit) -> Floats:
