@@ -7,10 +7,13 @@ like a log, and not to every call on the way.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Protocol
+from threading import Event, Thread
+from typing import Protocol, TypeVar
+
+Item = TypeVar("Item")
 
 
 class Watch(Protocol):
@@ -40,6 +43,36 @@ def watched(by: Watch) -> Iterator[None]:
 def watch(say: str, done: int = 0, of: int | None = None) -> None:
     """Tell the watch of this context what is being done, and how far it is."""
     _WATCH.get()(say, done, of)
+
+
+def counting(items: Sequence[Item], say: str) -> Iterator[Item]:
+    """Yield items, and tell at each how many are done."""
+    for number, item in enumerate(items):
+        watch(say, number, len(items))
+        yield item
+
+
+POLLED = 0.2
+"""Seconds after which compiled work is looked at again."""
+
+
+@contextmanager
+def polled(say: str, done: Callable[[], int], of: int) -> Iterator[None]:
+    """Tell how far compiled work is, which tells nothing itself, by what it has done so far."""
+    tell, ended = _WATCH.get(), Event()
+
+    def poll() -> None:
+        while not ended.wait(POLLED):
+            tell(say, done(), of)
+
+    tell(say, 0, of)
+    thread = Thread(target=poll, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 MINUTES = 99.5

@@ -25,7 +25,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.core.watch import silent, watch, watched
+from rotorid.core.watch import counting, silent, watched
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
@@ -208,8 +208,8 @@ def run_demo(
     deviations = {name: np.empty((runs, len(names))) for name in estimators}
     example = None
     with threadpool_limits(1, "blas"):  # matrices so small that threads only wait for each other
-        for run, child in enumerate(rng.spawn(runs)):
-            watch("identifying records of the paper's example", run, runs)
+        children = counting(rng.spawn(runs), "identifying records of the paper's example")
+        for run, child in enumerate(children):
             record = simulate_record(model, child)
             periods = average(record, FUNDAMENTAL, harmonics=HARMONICS)
             with watched(silent):

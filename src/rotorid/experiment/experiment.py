@@ -15,6 +15,7 @@ from rotorid.core.errors import InputError, ReadError
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, read_bytes, read_toml
 from rotorid.core.units import to_si
+from rotorid.core.watch import counting
 from rotorid.data.line_inspection import LineInspection, inspect_lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
@@ -164,7 +165,8 @@ class Experiment:
         found: list[Measured] = []
         so_far = _SoFar([], Overlaps(self.entry.records, self.model.inputs))
         self._check_contents()
-        for number, (entry, plan) in enumerate(zip(self.entry.records, self.channels, strict=True)):
+        records = list(zip(self.entry.records, self.channels, strict=True))
+        for number, (entry, plan) in enumerate(counting(records, "reading records")):
             try:
                 several = self._one(number, entry, plan, so_far, currents=currents)
                 own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
@@ -430,7 +432,8 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
         told = f"read as a draft, every column as it is, because of this: {error}"
         return [_inspect_draft(path.parent, entry) for entry in entries], told
     plan.require_records()
-    return [found for number in range(len(plan.entry.records)) for found in _each(plan, number)], ""
+    records = counting(range(len(plan.entry.records)), "inspecting records")
+    return [found for number in records for found in _each(plan, number)], ""
 
 
 def named_files(path: Path) -> list[Path]:

@@ -10,11 +10,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, printable
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import MAGNITUDE
 from rotorid.core.units import check_unit, si_factor, to_si
 from rotorid.core.values import Booleans, Floats
+from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
@@ -498,7 +499,9 @@ def _blocks(
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
     assert isinstance(table, BlockedTable)
-    left = clock.end
+    left, done = clock.end, 0
+    whole = table.bytes_of(keys) if left is None else 8 * left * len(keys)
+    say = f"reading megabytes of {printable(Path(table.file).name)}"
     largest = dict.fromkeys(factors, 0.0)
     for block in table.blocks(list(dict.fromkeys(keys)), ROWS):
         lengths = {len(column.values) for column in block.values()}
@@ -518,6 +521,8 @@ def _blocks(
                 _check_magnitude(largest[name], factor, name, table)
             np.multiply(values, factor, out=samples[:, place])
         yield samples
+        done += samples.nbytes
+        watch(say, done // 10**6, whole // 10**6)
         if left is not None and (left := left - count) <= 0:
             break
     for name, factor in factors.items():

@@ -20,6 +20,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import ByContent, Complexes, Floats, Integers
+from rotorid.core.watch import counting
 from rotorid.models import Model
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import (
@@ -128,7 +129,10 @@ def campbell(
     if last == 0:
         raise InputError("0", "a speed to go to", "give the highest speed", place="to")
     speeds = np.linspace(0.0, last, POINTS)
-    eigen = [eigen_at(machine, speed, CURVES + SPARE) for speed in speeds.tolist()]
+    eigen = [
+        eigen_at(machine, speed, CURVES + SPARE)
+        for speed in counting(speeds.tolist(), "modes at speeds")
+    ]
     order = _curves(machine, speeds, eigen)
     shape = (len(speeds), order.shape[1])
     hertz, std, ratio = (np.full(shape, np.nan) for _ in range(3))
@@ -234,7 +238,9 @@ def critical_speeds(
     """Return the critical speeds between standstill and a speed, in ascending order."""
     sign = -1.0 if to < 0 else 1.0
     grid = _grid(machine, to)
-    above = [_above(machine, sign * speed) for speed in grid]
+    above = [
+        _above(machine, sign * speed) for speed in counting(grid, "looking for critical speeds")
+    ]
     roots: list[float] = []
     for low, high, one, two in zip(grid[:-1], grid[1:], above[:-1], above[1:], strict=True):
         # A root of the mode that is number k from the top, for each k that one end counts alone.

@@ -534,7 +534,7 @@ def room_of(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)  # others look how far it is
 def run(
     events: Any, steps: Any, bearings: Any, rotor: Any, lags: Any, loop: Any, loads: Any,
     working: Any, log: Any,

@@ -10,6 +10,7 @@ import numpy as np
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
+from rotorid.core.watch import polled
 from rotorid.rig import assembly, errors, kernel
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
@@ -90,7 +91,9 @@ class Rig(Machine):
             assembly.loop_table(self, events, samples, rng),
         )
         loads = assembly.load_table(self, plant, events)
-        code, axis, time, size = kernel.run(*tables, loads, kernel.room_of(*tables), log)
+        room = kernel.room_of(*tables)
+        with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
+            code, axis, time, size = kernel.run(*tables, loads, room, log)
         since = time + events.settling * events.pattern.duration
         name = self.model.inputs[axis]
         if code == kernel.TOUCH:
