@@ -143,6 +143,18 @@ def test_a_second_interrupt_ends_it(
     assert capsys.readouterr().err.split() == ["rotorid:", "interrupted"]
 
 
+def test_an_interrupt_behind_the_search_takes_no_answer_with_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rotorid.results.evidence.record_evidence", interrupt)
+    assert cli.run([*LONG, "--quiet", "--effort", "quick"]) == 1
+    notes = json.loads((folder / "run.json").read_text())["notes"]
+    told = "nothing of the records is kept for a report: KeyboardInterrupt"
+    assert told in [note["found"] for note in notes]
+    monkeypatch.setattr("rotorid.likelihood.search.trials_of", interrupt)
+    assert cli.run([*LONG, "--quiet", "--force"]) == 130
+
+
 def test_an_interrupt_before_the_first_minimum_leaves_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
