@@ -7,7 +7,7 @@ places shows. The edits are in `adverse_edits`, the table of cases in `adverse_c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -22,7 +22,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, Record
 from rotorid.likelihood import summary as result
-from rotorid.likelihood.rivals import Suspicion
+from rotorid.likelihood.rivals import Tried
 from rotorid.models import Model, load_model
 
 TURN = 2 * np.pi
@@ -358,5 +358,5 @@ class Case:
         return found.status in self.called.split() and named and not found.wrong
 
 
-def _no_suspects(*_: object) -> Suspicion:
-    return Suspicion()
+def _no_suspects(*_: object) -> Iterator[Tried]:
+    return iter(())

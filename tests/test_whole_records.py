@@ -170,10 +170,10 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
     (asked,) = Phase.asked(bind_all(MODEL, lines), Nuisances())
     there = np.angle(np.exp(1j * SPEED * later / RATE))
-    assert np.abs(np.angle(np.exp(1j * (asked.unknowns[0].start - there)))) < 0.1
+    assert np.abs(np.angle(np.exp(1j * (asked.scalars[0].start - there)))) < 0.1
     elsewhere = replace(lines[0], speed=1.03 * lines[0].speed)
     (asked,) = Phase.asked(bind_all(MODEL, [elsewhere, lines[1]]), Nuisances())
-    assert asked.unknowns[0].start == 0.0
+    assert asked.scalars[0].start == 0.0
     assert (NEAR, HELD) == (0.02, 0.1)
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "ok"

@@ -236,12 +236,12 @@ FAR = 5.0
 @doubt("ok")
 def part_left_out(asked: Asked) -> Iterator[Note]:
     """Say how far a part between two places of the shaft may move the answer unseen."""
-    model, fit = asked.model, asked.fit
+    fit = asked.fit
     if not fit.records:
         return
-    point, values = fit.solution.point, physical_at(model, fit)
-    case = Case(fit.prepared, fit.records, point.unknowns, values=values, found=point)
-    structure = case.structure
+    point = fit.solution.point
+    case = Case(fit.prepared, fit.records, point.unknowns, values=physical_at(fit), found=point)
+    model, structure = case.model, case.structure
     if structure is None:
         return
     units = [model.units[name] for name in model.coordinates]

@@ -142,7 +142,7 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
         yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
     suspicion: Callable[[], Suspicion] = Suspicion
     step = replace(step, say=TRYING)
-    for trial in trials_of(_model_of(model, step.best), step.best):
+    for trial in trials_of(step.best):
         suspicion = trial.suspicion
         so_far = partial(_so_far, model, step, suspicion)
         yield Progress(TRYING, trial.done, trial.of, answer=so_far)

@@ -135,11 +135,11 @@ def nothing_found(
     )
 
 
-def trials_of(model: Model, fit: Fit) -> Iterator[Tried]:
+def trials_of(fit: Fit) -> Iterator[Tried]:
     """Look for what is wrong where the data reject the model; where they do not, nothing is."""
     point, expected = fit.solution.point, fit.inference.expectation
     if expected.p_value(point.cost) < REJECTED:
-        values = physical_at(model, fit)
+        values = physical_at(fit)
         case = Case(fit.prepared, fit.records, point.unknowns, expected.mean, values, point)
         yield from suspected(case, fit.plain)
 
@@ -154,15 +154,15 @@ def _deviations(fit: Fit) -> Floats:
     return std
 
 
-def physical_at(model: Model, fit: Fit) -> Floats:
-    """Return the physical parameters at the minimum, NaN where base parameters leave them open."""
+def physical_at(fit: Fit) -> Floats:
+    """Return the model's parameters at the minimum, NaN where base parameters leave them open.
+
+    Of the model that was fitted: with base parameters it lacks those that were held.
+    """
     layout, point = fit.prepared.layout, fit.solution.point
     if not layout.base:
         return point.unknowns[layout.of_record(0).held]
-    values = physical_start(layout.model, point.unknowns[: layout.parameters])
-    known = {**dict(zip(layout.model.parameter_names, values.tolist(), strict=True))}
-    known |= fit.prepared.substituted
-    return np.array([known[name] for name in model.parameter_names])
+    return physical_start(layout.model, point.unknowns[: layout.parameters])
 
 
 def _line_misfits(fit: Fit) -> list[LineMisfit]:

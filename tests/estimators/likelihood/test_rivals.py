@@ -81,7 +81,10 @@ def test_how_many_small_changes_are_freed_before_mistakes_are_thought_of(
     gone: list[str] = []
     small = [
         rival(
-            f"mass {k}", left=310.0, gone=gone, small=Small(lambda _, k=k: 50.0 - k, lambda _: 1.0)
+            f"mass {k}",
+            left=310.0,
+            gone=gone,
+            small=Small(lambda _, k=k: 200.0 - 15 * k, lambda _: 1.0),
         )
         for k in range(12)
     ]

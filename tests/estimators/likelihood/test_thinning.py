@@ -16,7 +16,7 @@ from rotorid.likelihood import starts as thinning
 from rotorid.likelihood import summary as result
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import SINGULAR, _motion
-from rotorid.likelihood.rivals import PLAIN, Suspicion
+from rotorid.likelihood.rivals import PLAIN
 from rotorid.likelihood.solver import HOPELESS, Solution
 from rotorid.likelihood.starts import FEW, WORTH, thinned
 from rotorid.likelihood.tangent import Tangent
@@ -116,7 +116,7 @@ def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
         return ways[-1]
 
     monkeypatch.setattr(search, "solve", counting)
-    monkeypatch.setattr(result, "suspected", lambda *_: Suspicion())
+    monkeypatch.setattr(result, "suspected", lambda *_: iter(()))
     assert rid.identify(MODEL, lines, KNOWN).status == "rejected"
     assert len(ways) == 1
     problem, trail = ways[0].point.problem, ways[0].trail
@@ -187,7 +187,7 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
 
     tangent = solver.tangent
     monkeypatch.setattr(solver, "tangent", counting)
-    monkeypatch.setattr(result, "suspected", lambda *_: Suspicion())
+    monkeypatch.setattr(result, "suspected", lambda *_: iter(()))
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status != "ok"
     assert (estimate.misfit.cost > HOPELESS * 8 * 991) == hopeless
