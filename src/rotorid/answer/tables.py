@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rotorid.answer.judge import EFFORT
 from rotorid.answer.parts import DOUBTFUL, Answer, EquationMisfit, LineMisfit, Prediction, Value
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -33,6 +34,8 @@ def page(estimate: Answer, *, intervals: bool = False) -> Page:
 def _doubt(estimate: Answer) -> str:
     """Say in the first line, which may be all that is read, that an answer is doubtful."""
     misfit = estimate.misfit
+    if estimate.status == "ok" and any(note.about == EFFORT for note in estimate.notes):
+        return ", but doubtful (little effort)"
     if estimate.status != "ok" or misfit is None or not misfit.p_value < DOUBTFUL:
         return ""
     return f", but doubtful (p = {misfit.p_value:.1g})"

@@ -7,6 +7,7 @@ from dataclasses import field, replace
 from functools import cached_property, partial
 
 from rotorid.answer.estimate import Estimate
+from rotorid.answer.judge import EFFORT
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
@@ -22,8 +23,6 @@ DOUBTING = "asking what may be wrong"
 """What comes last."""
 TRYING = "trying possible mistakes"
 """What that is where the data reject the model."""
-LET_IT_END = "let the search run to its end"
-"""What to do about an answer of which not everything was asked."""
 
 
 def _nothing() -> None:
@@ -165,16 +164,29 @@ def _answer(model: Model, step: Step, suspicion: Suspicion = NOTHING) -> Estimat
 def _so_far(model: Model, step: Step, suspicion: Callable[[], Suspicion] = Suspicion) -> Estimate:
     """Return the answer at a step that is not the last."""
     told = f"the search was stopped while {step.say}: this is the best answer so far"
-    note = Note("interrupted", "unfinished", told, LET_IT_END)
-    return _answer(model, step, suspicion()).with_notes(note)
+    note = Note("interrupted", "unfinished", told, "let the search run to its end")
+    return _ended_by(note, _answer(model, step, suspicion()))
 
 
 def _first(model: Model, step: Step) -> Estimate:
     """Return the first minimum as an answer: a doubtful one, and none that noise excludes."""
     estimate = _answer(model, step)
-    told = "the first minimum, with little effort: "
-    if any(note.severity in ("rejects", "unfinished") for note in estimate.notes):
-        told += "neither a lower one nor a mistake that explains its misfit was looked for"
-        return estimate.with_notes(Note("effort", "unfinished", told, LET_IT_END))
-    told += "whether other answers fit as well was not asked"
-    return estimate.with_notes(Note("effort", "doubts", told, LET_IT_END))
+    none = any(note.severity in ("rejects", "unfinished") for note in estimate.notes)
+    told = (
+        "neither a lower one nor a mistake that explains its misfit was looked for"
+        if none
+        else "whether other answers fit as well was not asked"
+    )
+    note = Note(
+        EFFORT,
+        "unfinished" if none else "doubts",
+        f"the first minimum, with little effort: {told}",
+        "identify with full effort",
+    )
+    return _ended_by(note, estimate)
+
+
+def _ended_by(note: Note, estimate: Estimate) -> Estimate:
+    """Return an answer of a search that did not end by itself, and so came to nothing else."""
+    kept = tuple(other for other in estimate.notes if other.about != "search")
+    return estimate.with_(notes=kept).with_notes(note)

@@ -49,7 +49,8 @@ def test_little_effort_ends_at_the_first_minimum_and_says_so() -> None:
     assert quick.parameters == first.parameters
     assert quick.misfit == first.misfit
     assert quick.status == "ok"
-    assert about(quick, "effort") == [("doubts", "let the search run to its end")]
+    assert about(quick, "effort") == [("doubts", "identify with full effort")]
+    assert str(quick).startswith("three-mass, ml: ok, but doubtful (little effort)\n")
     assert len(list(QUICK.search(CASE.model, CASE.records))) == 1
 
 
