@@ -2,7 +2,6 @@
 
 import json
 import os
-import pty
 import re
 import select
 import signal
@@ -17,6 +16,7 @@ from rotor_files import CORED
 from rotorid import cli
 from rotorid.commands import console
 
+pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 HUNG, SPRUNG = (229.37, 632.02, 1250.0), (84.56, 109.2, 270.94)  # 1186.48 Hz would be right
 LONG = ["identify", "run.toml", "--json", "run.json"]
 """A frequency is wrong: the first minimum comes at once, possible mistakes take seconds."""
@@ -161,6 +161,14 @@ def test_an_interrupt_before_the_first_minimum_leaves_nothing(
     monkeypatch.setattr("rotorid.likelihood.fit.search", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 130
     assert not (folder / "run.json").exists()
+
+
+def test_what_takes_no_two_seconds_says_nothing(folder: Path) -> None:
+    assert console.PATIENCE == 2.0  # the interface's
+    process, screen = on_a_terminal("models", "jeffcott")
+    process.communicate(timeout=60)
+    assert read_until(screen, "never") == ""
+    os.close(screen)
 
 
 def test_other_commands_say_how_far_they_are(

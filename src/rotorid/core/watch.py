@@ -76,7 +76,7 @@ def polled(say: str, done: Callable[[], int], of: int) -> Iterator[None]:
 
 
 MINUTES = 99.5
-"""Seconds from which on minutes are told."""
+"""Seconds from which on what is left is told in minutes."""
 
 
 def words(say: str, done: int, of: int | None, left: float | None) -> str:
@@ -86,15 +86,14 @@ def words(say: str, done: int, of: int | None, left: float | None) -> str:
     --------
     >>> words("trying possible mistakes", 12, 40, 19.7)
     'trying possible mistakes, 12 of 40, about 20 s left'
+    >>> words("reading", 0, None, 99.0), words("reading", 0, None, 100.0)
+    ('reading, about 99 s left', 'reading, about 2 min left')
     """
     count = f", {done} of {of}" if of else ""
     if left is None:
         return say + count
-    return (
-        f"{say}{count}, about "
-        + (f"{left:.0f} s" if left < 99 else f"{left / 60:.0f} min")
-        + " left"
-    )
+    time_left = f"{left:.0f} s" if left < MINUTES else f"{left / 60:.0f} min"
+    return f"{say}{count}, about {time_left} left"
 
 
 class Pace:
