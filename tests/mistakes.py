@@ -11,8 +11,9 @@ import contextlib
 import io
 import json
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 from rotorid.cli import run
@@ -215,6 +216,58 @@ MISTAKES = (
 )
 
 
+# ---------------------------------------------------------------------------------------------
+# The same rig as a draft has it: the levers of the sensors are parameters.
+
+READ = {"0.2*theta": "L_a*theta", "0.25*theta": "L_b*theta"}
+SENSORS = ("s_xa", "s_ya", "s_xb", "s_yb")
+CURRENTS = {f"i{name[1:]}": f"F{name[1:]}" for name in SENSORS}
+PLANES = (SENSORS[:2], SENSORS[2:])
+LIKE_ANOTHER = "lever of sensor xa 250 mm, not 200"
+"""With levers that are parameters there is no such mistake."""
+
+
+def levers(text: str) -> str:
+    """Write the experiment file of the rigid rig with the parameters in what sensors read."""
+    for old, new in READ.items():
+        text = put(old, new)(text)
+    return text
+
+
+def _in_levers() -> Iterator[Mistake]:
+    for names in (SENSORS, tuple(CURRENTS)):
+        for a, b in combinations(names, 2):
+            told = f"swap[{CURRENTS.get(a, a)}, {CURRENTS.get(b, b)}]"
+            yield Mistake(LEVERS, f"{a} and {b} swapped", swap(a, b), (told,))
+        for a in names:
+            told = CURRENTS.get(a, a)
+            yield Mistake(LEVERS, f"{a} upside down", scale(a, -1), (f"sign[{told}]",))
+    for a in SENSORS:
+        yield Mistake(LEVERS, f"{a} in mil", scale(a, 1 / 25.4), (f"unit[{a}]",))
+        yield Mistake(LEVERS, f"{a} in mm", scale(a, 1e-3), (f"unit[{a}]",))
+        yield Mistake(LEVERS, f"5 % too much of {a}", scale(a, 1.05), (f"gain[{a}]",))
+    xa, ya, xb, yb = SENSORS
+    every = both(*(scale(a, 1e-3) for a in SENSORS))
+    yield Mistake(LEVERS, "all sensors in mm", every, ("unit[s_xa ... s_yb]",))
+    bearings = both(swap(xa, xb), swap(ya, yb))
+    yield Mistake(LEVERS, "the bearings swapped", bearings, ("swap[s_xa, s_xb; s_ya, s_yb]",))
+    axes = both(swap(xa, ya), swap(xb, yb))
+    yield Mistake(LEVERS, "x and y swapped", axes, ("swap[s_xa, s_ya; s_xb, s_yb]",))
+    for plane in PLANES:
+        down = both(*(scale(a, -1) for a in plane))
+        yield Mistake(LEVERS, f"{plane} upside down", down, (f"sign[{', '.join(plane)}]",))
+    # The data cannot tell this from all forces upside down.
+    down = both(*(scale(a, -1) for a in SENSORS))
+    yield Mistake(LEVERS, "all sensors upside down", down, (f"sign[{', '.join(SENSORS)}]",))
+    for mistake in MISTAKES:
+        if mistake.rig == RIGID and mistake.what != LIKE_ANOTHER:
+            yield replace(mistake, rig=LEVERS)
+
+
+LEVERS = "levers"
+MISTAKES_IN_LEVERS = tuple(_in_levers())
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What `identify` said of a mistake: what stood first, and what named it (empty: nothing)."""
@@ -269,3 +322,5 @@ def prepare(folder: Path) -> None:
     with contextlib.redirect_stdout(io.StringIO()):
         for rig in (THREE, RIGID):
             assert run(["simulate", rig, "--out", str(folder / f"{rig}.h5")]) == 0
+    text = (folder / f"{RIGID}.toml").read_text("utf-8")
+    (folder / f"{LEVERS}.toml").write_text(levers(text), "utf-8")

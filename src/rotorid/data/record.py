@@ -76,6 +76,10 @@ class ForceLaw(Protocol):
     def position(self) -> Mapping[str, float]:
         """Displacement in the actuator as a combination of channels."""
 
+    @property
+    def reach(self) -> float:
+        """Displacement in m that it cannot be as large as."""
+
     def flowing(self, force: Floats, position: Floats) -> Floats:
         """Return the current that made a force."""
 

@@ -102,6 +102,8 @@ def _again(
     position = passed.position
     if lines.samples is not None:
         position = displacement(lines, lines.samples, passed.shares @ matrix)
+    if not (np.abs(position) < passed.law.reach).all():
+        return None
     found = replace(passed, flowing=flowing, position=position)
     with np.errstate(all="ignore"):
         sound = np.isfinite(found.force).all() and np.isfinite(found.slope).all()

@@ -87,6 +87,11 @@ class ForceSource:
             if not (key in _BIASED and isinstance(self.law, Differential) and not self.law.bias)
         }
 
+    @property
+    def reach(self) -> float:
+        """Displacement in m at which the rotor would touch the poles."""
+        return np.inf if isinstance(self.law, Flux) else self.law.reach
+
     def flowing(self, force: Floats, position: Floats) -> Floats:
         """Return the current in A that made a force; for a flux law the force itself.
 

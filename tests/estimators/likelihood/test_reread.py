@@ -383,6 +383,18 @@ def test_what_is_undone_of_a_late_sensor_is_the_record_without_the_mistake() -> 
     np.testing.assert_allclose(found.lines.mean / size, right.lines.mean / size, atol=1e-3)
 
 
+@pytest.mark.parametrize(("share", "read_again"), [(0.99, True), (1.01, False)])
+def test_no_magnet_reads_a_displacement_beyond_its_gap(share: float, read_again: bool) -> None:
+    """There forces fall to nothing, and records of nothing would agree with any machine."""
+    record = bind(MODEL, periods(MAGNET))
+    assert record.lines.samples is not None
+    largest = np.abs(record.lines.samples.column(2, record.lines.channels[2])).max()
+    found = multiplied(record, {"x": share * MAGNET.gap / largest})
+    assert found.lines.names.index("F_x") == 0
+    same = np.allclose(found.lines.mean[:, 0], record.lines.mean[:, 0], rtol=1e-3)
+    assert same != read_again
+
+
 UNBALANCE, RUNOUT = 5e-6 - 2e-6j, {"x": 3e-6 + 1e-6j, "y": -2e-6 + 2e-6j}
 
 
