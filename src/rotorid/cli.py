@@ -171,7 +171,10 @@ def inspect(given: str, /, **options: Any) -> int:
 @_debug_option
 @click.pass_obj
 def identify(given: str, /, **options: Any) -> int:
-    """Estimate the parameters of a machine from the records that EXPERIMENT names."""
+    """Estimate the parameters of a machine from the records that EXPERIMENT names.
+
+    Ctrl-C ends a search that takes long with the best answer so far.
+    """
     return _work("identify", given=given, **options)
 
 

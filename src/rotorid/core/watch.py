@@ -48,7 +48,7 @@ def watch(say: str, done: int = 0, of: int | None = None) -> None:
 def counting(items: Sequence[Item], say: str) -> Iterator[Item]:
     """Yield items, and tell at each how many are done."""
     for number, item in enumerate(items):
-        watch(say, number, len(items))
+        watch(say, number, len(items) if len(items) > 1 else None)
         yield item
 
 
