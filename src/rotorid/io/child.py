@@ -25,6 +25,9 @@ LEAST, SPEED = 4, 5e6
 """Seconds of the processor that any file may take, and bytes a second beyond: packages read faster
 by ten times, and with a damaged file some never end."""
 
+MEMORY, COPIES = 2_000_000_000, 4
+"""Bytes that any file may take beyond what this process holds already, and copies of the file."""
+
 FORKS = hasattr(os, "fork") and sys.platform != "darwin"
 """Whether this system makes a process that reads by itself, in milliseconds."""
 
@@ -89,7 +92,7 @@ def _answer(
         _silence()
     with open(sender, "wb") as stream:
         try:
-            _bound(LEAST + int(os.path.getsize(file) / SPEED) if os.path.isfile(file) else LEAST)
+            _bound(os.path.getsize(file) if os.path.isfile(file) else 0)
             for answer in work(*arguments):
                 _send(stream, (_ANSWER, answer))
             _send(stream, (_END,))
@@ -138,13 +141,24 @@ def _silence() -> None:
     faulthandler.disable()
 
 
-def _bound(seconds: int) -> None:
-    """Let the system end this process after so many seconds of the processor, and keep no core."""
+def _bound(size: int) -> None:
+    """Let the system bound time and memory by the size of a file, and keep no core."""
     try:
         import resource
-    except ImportError:  # Windows has no such limit
+    except ImportError:  # Windows has no such limits
         return
-    allowed = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    most = seconds if allowed == resource.RLIM_INFINITY else min(seconds, allowed)
-    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+    seconds = LEAST + int(size / SPEED)
+    for limit, most in (
+        (resource.RLIMIT_CPU, seconds),
+        (resource.RLIMIT_DATA, _held() + MEMORY + COPIES * size),
+    ):
+        allowed = resource.getrlimit(limit)[1]
+        bound = most if allowed == resource.RLIM_INFINITY else min(most, allowed)
+        resource.setrlimit(limit, (bound, bound))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _held() -> int:
+    """Return the bytes that this process holds to write in."""
+    with open("/proc/self/statm", "rb") as told:
+        return int(told.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")

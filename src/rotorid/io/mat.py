@@ -2,63 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rotorid.core.files import open_regular
-from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
-from rotorid.io import mat4, mat5
+from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
-from rotorid.io.mat5 import Packed, Plain, Stored
 from rotorid.io.table import (
     Column,
-    NamedArrays,
+    LoadedArrays,
     Table,
-    as_column,
+    check_size,
     content,
     head,
+    is_numeric,
     not_what_it_says,
     reading,
 )
 
-
-@frozen
-class MatTable(NamedArrays):
-    """A MATLAB file; its numbers are read when they are asked for."""
-
-    stored: Mapping[str, Stored]
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
-        places = {name: self.place(name) for name in names}
-        self.check_held(list(places))
-        whole: dict[str, Floats] = {}
-        for path in dict.fromkeys(place.path for place in places.values()):
-            whole[path] = self._numbers(path)
-        return {name: Column(as_column(whole[p.path], p)) for name, p in places.items()}
-
-    def scalar(self, name: str) -> float:
-        """Return a variable of one number."""
-        return float(self._numbers(self.find_scalar(name)).ravel()[0])
-
-    def _numbers(self, path: str) -> Floats:
-        """Read a variable."""
-        found = self.stored[path]
-        with open_regular(self.file) as stream, reading(self.file, "MAT data"):
-            data: bytes | memoryview
-            if found.packed is None:
-                data = Plain(stream, found.begin + found.size).take(found.begin, found.size)
-            else:
-                begin, size, unpacked = found.packed
-                source = Packed(stream, begin, size)
-                source.end = unpacked
-                source.close()
-                data = source.view(found.begin, found.size)
-            values = np.frombuffer(data, found.dtype).astype(np.float64, copy=False)
-        return values.reshape(self.shapes[path], order="F")
+TWICE = "two variables of that name"
+Contents = tuple[dict[str, Column], dict[str, str]]
 
 
 def open_mat(path: Path) -> Table:
@@ -72,13 +40,55 @@ def open_mat(path: Path) -> Table:
         return open_hdf5(path)
     if kind not in ("a MAT v5 file", "binary data"):  # version 4 has no signature
         raise not_what_it_says(path, start, "a MAT file")
-    size = path.stat().st_size
-    with open_regular(path) as stream, reading(str(path), "MAT data"):
-        if 0 in start[:4]:  # version 4 has a number of four bytes there
-            found = mat4.stored_arrays(stream, size)
+    arrays, others = in_child(_contents, str(path), path)
+    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
+    return LoadedArrays(str(path), shapes, arrays, others=others)
+
+
+def _contents(path: Path) -> Contents:
+    """Return the arrays of a file by their paths, and what else is in it."""
+    from scipy.io import loadmat, whosmat
+
+    file = str(path)
+    with open_regular(path) as opened, reading(file, "MAT data"):
+        stream: Any = opened  # scipy's stubs know no streams
+        declared = whosmat(stream)
+        check_size(sum(math.prod(shape) for _, shape, _ in declared), file)
+        counts = Counter(name for name, _, _ in declared)
+        once = [name for name, count in counts.items() if count == 1]
+        stream.seek(0)
+        found = loadmat(stream, variable_names=once, simplify_cells=True)
+    arrays, others = dict[str, Column](), {name: TWICE for name in counts if name not in once}
+    for path_inside, value in _flat("", {name: found[name] for name in once if name in found}):
+        if kind := _kind(value):
+            others[path_inside] = kind
         else:
-            found = mat5.stored_arrays(stream, size, str(path))
-    stored = {name: one for name, one in found.items() if isinstance(one, Stored)}
-    shapes = {name: tuple(n for n in one.shape if n != 1) for name, one in stored.items()}
-    others = {name: one for name, one in found.items() if isinstance(one, str)}
-    return MatTable(str(path), shapes, stored, others=others)
+            arrays[path_inside] = Column(np.asarray(value, dtype=np.float64))
+    check_size(sum(column.values.size for column in arrays.values()), file)
+    return arrays, others
+
+
+def _flat(prefix: str, fields: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield what structures hold, by its path."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            yield from _flat(f"{prefix}{name}/", value)
+        else:
+            yield prefix + name, value
+
+
+def _kind(value: Any) -> str:
+    """Return what holds no real numbers; empty for what does."""
+    from scipy.sparse import issparse
+
+    if issparse(value):
+        return "a sparse matrix"
+    array = np.asarray(value, dtype=object if isinstance(value, list) else None)
+    if array.dtype.kind in "SU":
+        return "text"
+    if array.dtype.kind == "c":
+        return "complex numbers"
+    if is_numeric(array.dtype):
+        return ""
+    inside = [type(each) for each in array.ravel()[:1]]
+    return "an array of structures" if dict in inside else "cells"
