@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,7 +25,7 @@ LONG = ["identify", "run.toml", "--json", "run.json"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     tables = [
         f'[[modes]]\nfrequency = "{f} Hz"\nstd = "{2e-4 * f} Hz"\n{support}'
         for hertz, support in ((HUNG, 'parameters = { k_s = "0 N/m" }\n'), (SPRUNG, ""))
@@ -50,8 +52,9 @@ def read_until(screen: int, text: str, seconds: float = 60.0) -> str:
     return seen.decode()
 
 
-def on_a_terminal(*arguments: str) -> tuple[subprocess.Popen[bytes], int]:
-    """Start a command whose stderr is a terminal; return it, and what reads from there."""
+@contextmanager
+def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    """Start a command whose stderr is a terminal; yield it, and what reads from there."""
     screen, terminal = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "rotorid", *arguments],
@@ -60,18 +63,23 @@ def on_a_terminal(*arguments: str) -> tuple[subprocess.Popen[bytes], int]:
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
     )
     os.close(terminal)
-    return process, screen
+    try:
+        yield process, screen
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(screen)
 
 
 def test_a_terminal_is_told_what_is_tried_and_an_interrupt_leaves_the_best_so_far(
     folder: Path,
 ) -> None:
-    process, screen = on_a_terminal(*LONG)
-    assert "trying possible mistakes, " in read_until(screen, " s left")
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=30)
-    rest = read_until(screen, "never")
-    os.close(screen)
+    with on_a_terminal(*LONG) as (process, screen):
+        seen = read_until(screen, " s left")
+        assert re.search(r"trying [a-z ]+, \d+ of \d+, about \d+ s left", seen)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+        rest = read_until(screen, "never")
     assert process.returncode == 1
     assert "Traceback" not in rest
     assert "this is the best answer so far" in " ".join(out.decode().split())
