@@ -15,8 +15,8 @@ import errno
 import os
 import re
 import stat
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -167,9 +167,7 @@ def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -
             )
     elif stat.S_ISDIR(mode):
         raise InputError("a folder", "a file to write", "add a file name", file=str(path))
-    elif stat.S_ISSOCK(mode):
-        raise _refusal(path, "a socket")
-    elif stat.S_ISREG(mode) and _standard(path) is None:
+    elif stat.S_ISREG(mode):
         if not os.access(path, os.W_OK):
             raise _refusal(path, "a file that may not be written")
         if kind is not None and not force:
@@ -240,6 +238,8 @@ def write_whole(path: str | Path, content: bytes) -> None:
 def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | None = None) -> None:
     """Make all contents, write them beside their targets, and move them there.
 
+    What is no regular file, such as a device or a pipe, is written to as it is.
+
     Parameters
     ----------
     contents : mapping of Path to callable
@@ -254,57 +254,58 @@ def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | N
         Where another program wrote one meanwhile.
     """
     made = {path: content() for path, content in contents.items()}
-    before = dict(found or {})
-    parts: dict[str, tuple[Path, str]] = {}
+    parts: dict[str, Path] = {}
     try:
         for path, data in made.items():
             with _named(path):
-                if (stream := _stream(path)) is not None:
-                    _write_all(stream, data)
-                    continue
-                target = os.path.realpath(path)
-                part = _free_name(target)
-                parts[part] = path, target
-                _write_part(part, target, data)
-        for path, _ in parts.values():
-            if path in before and seen(path) != before[path]:
-                raise _came_meanwhile(path)
-        for part, (path, target) in parts.items():
-            with _named(path):
-                if path in before and before[path] is None:
-                    _move_new(part, target, path)
+                mode = _mode(path)
+                if mode is None or stat.S_ISREG(mode):
+                    parts[_written(path, data, mode)] = path
                 else:
-                    os.replace(part, target)
+                    _sent(path, data)
+        for path, before in (found or {}).items():
+            if path in parts.values() and seen(path) != before:
+                raise InputError(
+                    "a file that another program wrote there meanwhile",
+                    "what was there when the command began",
+                    "choose another name, or replace the file with --force",
+                    file=str(path),
+                )
+        for part, path in parts.items():
+            with _named(path):
+                os.replace(part, os.path.realpath(path))
     finally:
         for part in parts:
             with contextlib.suppress(OSError):
                 os.unlink(part)
 
 
-def _came_meanwhile(path: Path) -> InputError:
-    return InputError(
-        "a file that another program wrote there meanwhile",
-        "what was there when the command began",
-        "choose another name, or replace the file with --force",
-        file=str(path),
-    )
-
-
-def _move_new(part: str, target: str, path: Path) -> None:
-    """Move a file to a name that nothing has; what has it since is kept.
-
-    Where the disk knows no links, as on memory cards, the name is taken by an empty file first.
-    """
+def _written(path: Path, data: bytes, mode: int | None) -> str:
+    """Write a new file beside the one that it is to replace, with its mode; return its name."""
+    folder, name = os.path.split(os.path.realpath(path))
+    file, part = tempfile.mkstemp(".part", f".{name[:80]}.", folder)
     try:
-        try:
-            os.link(part, target)
-        except FileExistsError:
-            raise
-        except OSError:
-            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
-            os.replace(part, target)
-    except FileExistsError:
-        raise _came_meanwhile(path) from None
+        with open(file, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(file)  # a full disk or quota may show only now
+        os.chmod(part, stat.S_IMODE(mode) if mode is not None else 0o666 & ~_umask())
+    except BaseException:
+        os.unlink(part)
+        raise
+    return part
+
+
+def _sent(path: Path, data: bytes) -> None:
+    """Write to a device or a pipe; one that nobody reads refuses at once."""
+    with open(path, "wb", opener=_open) as stream:
+        os.set_blocking(stream.fileno(), True)
+        stream.write(data)
+
+
+def _umask() -> int:
+    os.umask(mask := os.umask(0o077))
+    return mask
 
 
 @contextlib.contextmanager
@@ -314,68 +315,3 @@ def _named(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from None
-
-
-def _free_name(target: str) -> str:
-    """Return a name beside a target that nothing has; a killed process may have left some."""
-    folder, name = os.path.split(target)
-    for number in count():
-        # 80 characters of the name: with all of a long one the name may be too long.
-        part = os.path.join(folder, f".{name[:80]}.{os.getpid()}-{number}.part")
-        if not os.path.lexists(part):
-            return part
-    raise AssertionError
-
-
-def _write_part(part: str, target: str, data: bytes) -> None:
-    """Write a new file with the mode of the one that it is to replace."""
-    mode = _mode(Path(target))
-    # From its first byte on, nobody reads it who may not read what it replaces.
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    file = os.open(part, flags, 0o666 if mode is None else 0o600)
-    try:
-        if mode is not None and hasattr(os, "fchmod"):
-            os.fchmod(file, stat.S_IMODE(mode))
-    except OSError:
-        os.close(file)
-        raise
-    _write_all(file, data)
-
-
-def _write_all(file: int, data: bytes) -> None:
-    """Write all bytes to an open file, down to the disk where there is one, and close it."""
-    try:
-        left = memoryview(data)
-        while left:
-            left = left[os.write(file, left) :]
-        if stat.S_ISREG(os.fstat(file).st_mode):
-            os.fsync(file)  # a full disk or quota may show only now
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.close(file)
-        raise
-    os.close(file)
-
-
-def _standard(path: Path) -> int | None:
-    """Return which of the process's own outputs a path is, as /dev/stdout in `> file`."""
-    found = os.stat(path)
-    for stream in (1, 2):
-        with contextlib.suppress(OSError):
-            if os.path.samestat(found, os.fstat(stream)):
-                return stream
-    return None
-
-
-def _stream(path: Path) -> int | None:
-    """Open a device, a pipe, or an output of the process's own; ``None`` for a file."""
-    mode = _mode(path)
-    if mode is None:
-        return None
-    if stat.S_ISREG(mode):
-        own = _standard(path)
-        return None if own is None else os.dup(own)
-    # Without waiting: a pipe that nobody reads would keep the answer for ever.
-    file = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
-    os.set_blocking(file, True)
-    return file
