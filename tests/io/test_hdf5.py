@@ -1,6 +1,5 @@
 import os
 import signal
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from rotorid.core.errors import ReadError
 from rotorid.io import hdf5_nodes
 from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
-from rotorid.io.hdf5_storage import bare_of
 
 
 @pytest.fixture
@@ -231,15 +229,13 @@ def numbers(kind: str) -> np.ndarray[Any, Any]:
 @pytest.mark.sampled(10)
 @pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", ">i2", "u1", "<i8", "?", "<f2"])
 @pytest.mark.parametrize("shape", [(24,), (24, 1), (1, 24), (12, 2), (2, 12)])
-def test_bare_numbers_are_those_of_hdf5(kind: str, shape: tuple[int, ...], tmp_path: Path) -> None:
-    """What is read beside HDF5 is what HDF5 reads: after a user's block, in blocks, and whole."""
+def test_numbers_are_those_written(kind: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    """After a user's block, in blocks, and whole."""
     path = tmp_path / "run.h5"
     with h5py.File(path, "w", userblock_size=512) as data:
         data["before"] = np.arange(5.0)
         data["x"] = numbers(kind).reshape(shape)
         data["later"] = np.arange(5.0)
-        bare = bare_of(data["x"])
-    assert (bare is not None) == (kind != "?")
     table = open_hdf5(path)
     names = ["x"] if len(shape) == 1 or 1 in shape else ["x[1]", "x[0]"]
     expected = {"x": numbers(kind).ravel()}
@@ -256,7 +252,7 @@ def test_bare_numbers_are_those_of_hdf5(kind: str, shape: tuple[int, ...], tmp_p
             np.testing.assert_array_equal(np.concatenate(parts), expected[name])
 
 
-def test_numbers_that_hdf5_converts_do_not_lie_bare(tmp_path: Path) -> None:
+def test_numbers_that_hdf5_converts(tmp_path: Path) -> None:
     """Numbers of an analogue converter: 12 bits of 16, from the fourth on."""
     path = tmp_path / "run.h5"
     stored = h5py.h5t.STD_I16LE.copy()
@@ -266,15 +262,4 @@ def test_numbers_that_hdf5_converts_do_not_lie_bare(tmp_path: Path) -> None:
     with h5py.File(path, "w") as data:
         made = h5py.h5d.create(data.id, b"x", stored, h5py.h5s.create_simple((5,)))
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-        assert bare_of(data["x"]) is None
     assert open_hdf5(path).read(["x"])["x"].values.tolist() == values.tolist()
-
-
-def test_a_file_that_was_cut_beside_its_numbers(path: Path) -> None:
-    with h5py.File(path, "r") as data:
-        bare = bare_of(data["force/x"])
-    assert bare is not None
-    table = open_hdf5(path)
-    with path.open("rb") as stream, pytest.raises(ValueError, match="3 numbers beyond its end"):
-        replace(bare, offset=path.stat().st_size - 16).rows(stream)
-    assert table.read(["force/x"])["force/x"].values.tolist() == [0, 1, 2, 3, 4]

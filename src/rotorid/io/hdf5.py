@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,12 @@ import h5py
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.units import si_factor
 from rotorid.io.child import from_child, in_child
 from rotorid.io.hdf5_nodes import Contents, Node, find, opened
 from rotorid.io.hdf5_packing import Packing, attribute, packing_of
-from rotorid.io.hdf5_storage import Bare, bare_of, check_stored
+from rotorid.io.hdf5_storage import check_stored
 from rotorid.io.table import (
     Column,
     NamedArrays,
@@ -29,10 +27,8 @@ from rotorid.io.table import (
     check_held,
     content,
     head,
-    is_column,
     is_numeric,
     not_what_it_says,
-    reading,
 )
 
 _RATE = ("sample_rate", "sampling_rate", "sampling_frequency", "samplerate", "fs")
@@ -41,12 +37,11 @@ _INTERVAL = ("sample_interval", "wf_increment", "dt")
 
 @frozen
 class Told:
-    """What a file says of a column, and where its numbers lie bare in it, if they do."""
+    """What a file says of a column."""
 
     packing: Packing
     unit: str | None
     rate: Rate | None
-    bare: Bare | None
 
     def column(self, stored: Any) -> Column:
         """Return the column of numbers as they are stored."""
@@ -58,26 +53,17 @@ class Hdf5Table(NamedArrays):
     """An HDF5 file; its numbers are read when they are asked for.
 
     A damaged one ends the process that reads it, now and then, so that a child does all that is
-    asked of HDF5. Numbers that lie bare in the file, as most loggers write them, are then read here
-    without it, others come from the child.
+    asked of HDF5.
     """
-
-    known: Mapping[str, Told | None]  # what was told of arrays of which nothing else need be asked
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
         wanted = {name: self.place(name) for name in names}
-        places, size = list(wanted.values()), self.bytes_of(list(wanted))
-        told, answers = self._asked(_arrays, places, size)
-        if all(one.bare for one in told.values()):
-            self.check_held(list(wanted))
+        places = list(wanted.values())
+        answers = from_child(_arrays, self.file, self.file, places, self.bytes_of(list(wanted)))
+        told: Mapping[Place, Told] = next(answers)
         stored: dict[Place, Any] = dict(answers)
-        sources = _sources(places)
-        with open_regular(self.file) as stream, reading(self.file, "HDF5 data"):
-            for place, one in told.items():
-                if one.bare is not None and sources[place] not in stored:
-                    stored[sources[place]] = one.bare.rows(stream)
-        columns = {}
+        sources, columns = _sources(places), {}
         for name, place in wanted.items():
             source = sources[place]
             values = as_column(stored[source], Place("") if source == place else place)
@@ -89,24 +75,13 @@ class Hdf5Table(NamedArrays):
         wanted = {name: self.place(name) for name in names}
         places = list(wanted.values())
         count = max(max(self.shapes[place.path]) for place in places)
-        told, answers = self._asked(_blocks, places, count, rows)
-        bare = {_rows_of(place): one.bare for place, one in told.items() if one.bare}
-        blocks = _bare_blocks(self.file, bare, count, rows) if bare else answers
-        for stored in blocks:
+        answers = from_child(_blocks, self.file, self.file, places, count, rows)
+        told: Mapping[Place, Told] = next(answers)
+        for stored in answers:
             yield {
                 name: told[place].column(_picked(stored[_rows_of(place)], place))
                 for name, place in wanted.items()
             }
-
-    def _asked(
-        self, work: Callable[..., Iterator[Any]], places: Sequence[Place], *arguments: Any
-    ) -> tuple[Mapping[Place, Told], Iterator[Any]]:
-        """Return what the file says of places, and the numbers of those that do not lie bare."""
-        known = {p: t for p in places if p.index is None and (t := self.known.get(p.path))}
-        if len(known) == len(set(places)):
-            return known, iter(())
-        answers = from_child(work, self.file, self.file, places, *arguments)
-        return next(answers), answers
 
     def scalar(self, name: str) -> float:
         """Return a dataset of one number."""
@@ -126,62 +101,31 @@ def open_hdf5(path: Path) -> Hdf5Table:
 @lru_cache(maxsize=1)
 def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
     """Return what is in a file; a record is opened by blocks, and again where it is too small."""
-    shapes = Contents(file, _tell)
-    return Hdf5Table(file, shapes, shapes.told, others=shapes.others)
-
-
-def _tell(node: Node) -> Told | None:
-    """Return what a file says of an array that is one column and lies bare in it."""
-    file, shape = node.dataset.file.filename, node.dataset.shape
-    if not is_column(shape) or (bare := bare_of(node.dataset)) is None:
-        return None
-    check_stored(node.dataset, file)
-    return Told(packing_of(node.dataset, file), *_stated(node, Place("")), bare)
+    shapes = Contents(file)
+    return Hdf5Table(file, shapes, others=shapes.others)
 
 
 def _arrays(file: str, places: Sequence[Place], size: int) -> Iterator[Any]:
-    """Yield what the file says of places, and then the numbers of those that do not lie bare."""
+    """Yield what the file says of places, and then their numbers."""
     sources = _sources(places)
     with opened(file) as data:
         nodes, held = _checked(data, file, places)
         check_held(size, held, file)
-        told = {
-            place: _told(nodes[place.path], place, file, bare=source.index is None)
-            for place, source in sources.items()
-        }
-        yield told
-        for source in dict.fromkeys(s for place, s in sources.items() if not told[place].bare):
+        yield {place: _told(nodes[place.path], place, file) for place in sources}
+        for source in dict.fromkeys(sources.values()):
             numbers = _numbers(nodes[source.path])
             yield source, numbers[()] if source.index is None else _part(numbers, source)
 
 
 def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterator[Any]:
-    """Yield what the file says of places, and then their rows, if not all of them lie bare."""
+    """Yield what the file says of places, and then their rows."""
     with opened(file) as data:
         nodes, _ = _checked(data, file, places)
-        told = {}
-        for place in places:
-            bare = place.index is None or place.axis == 1
-            told[place] = _told(nodes[place.path], place, file, bare=bare)
-        if not all(one.bare for one in told.values()):
-            told = {place: replace(one, bare=None) for place, one in told.items()}
-        yield told
+        yield {place: _told(nodes[place.path], place, file) for place in places}
         sources = {_rows_of(place): _numbers(nodes[place.path]) for place in places}
-        if told[places[0]].bare is None:
-            step = _whole_chunks(nodes.values(), rows)
-            for begin in range(0, count, step):
-                yield {s: _rows(numbers, s, begin, step) for s, numbers in sources.items()}
-
-
-def _bare_blocks(
-    file: str, bare: Mapping[Place, Bare], count: int, rows: int
-) -> Iterator[dict[Place, Any]]:
-    with open_regular(file) as stream, reading(file, "HDF5 data"):
-        for begin in range(0, count, rows):
-            yield {
-                place: (one.flat if place.index is None else one).rows(stream, begin, begin + rows)
-                for place, one in bare.items()
-            }
+        step = _whole_chunks(nodes.values(), rows)
+        for begin in range(0, count, step):
+            yield {s: _rows(numbers, s, begin, step) for s, numbers in sources.items()}
 
 
 def _scalar(file: str, path: str) -> float:
@@ -202,10 +146,9 @@ def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[
     return nodes, held
 
 
-def _told(node: Node, place: Place, file: str, *, bare: bool) -> Told:
+def _told(node: Node, place: Place, file: str) -> Told:
     """Return what a file says of a column."""
-    where = bare_of(node.dataset) if bare and node.field is None else None
-    return Told(packing_of(node.dataset, file), *_stated(node, place), where)
+    return Told(packing_of(node.dataset, file), *_stated(node, place))
 
 
 def _sources(places: Sequence[Place]) -> dict[Place, Place]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -42,14 +42,11 @@ class Node:
 class Found:
     """Shapes of numeric arrays by path, and what else there is.
 
-    `told` is what was asked of each array, where that could be told; `whole` says that these are
-    all of a file, `aliases` that other paths lead to them, too.
+    `whole` says that these are all of a file, `aliases` that other paths lead to them, too.
     """
 
-    tell: Callable[[Node], Any] | None = None
     shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
     others: dict[str, str] = field(default_factory=dict)
-    told: dict[str, Any] = field(default_factory=dict)
     whole: bool = False
     aliases: bool = False
 
@@ -63,8 +60,6 @@ class Found:
                 self.note(f"{path}/{name}", Node(node.dataset, name, ()))
         elif (kind := node.kind) is None:
             self.shapes[path] = tuple(node.dataset.shape)
-            with suppress(Exception):  # which is said where the array is asked for
-                self.told[path] = self.tell(node) if self.tell else None
         else:
             self.others[path] = kind
 
@@ -74,22 +69,11 @@ class Contents(Mapping[str, tuple[int, ...]]):
 
     Some are looked at when the file is opened. Of those of a larger file one that is asked for by
     its path is looked at by itself; all are only where names are searched.
-
-    Parameters
-    ----------
-    file : str
-    tell : callable
-        What else is asked of each of the first arrays, so that few are looked at again.
     """
 
-    def __init__(self, file: str, tell: Callable[[Node], Any]) -> None:
+    def __init__(self, file: str) -> None:
         self._file, self._asked = file, set[str]()
-        self._found: Found = in_child(_look, file, file, FIRST, tell)
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """What was asked of the first arrays."""
-        return self._found.told
+        self._found: Found = in_child(_look, file, file, FIRST)
 
     @property
     def others(self) -> dict[str, str]:
@@ -110,10 +94,10 @@ class Contents(Mapping[str, tuple[int, ...]]):
     def __iter__(self) -> Iterator[str]:
         """Go through the paths of all arrays."""
         if not self._found.whole:
-            every: Found = in_child(_look, self._file, self._file, NODES, None)
+            every: Found = in_child(_look, self._file, self._file, NODES)
             every.shapes |= self._found.shapes  # those found behind links
             self._found.others.update(every.others)
-            self._found = replace(every, others=self._found.others, told=self._found.told)
+            self._found = replace(every, others=self._found.others)
         return iter(self._found.shapes)
 
     def __len__(self) -> int:
@@ -121,9 +105,9 @@ class Contents(Mapping[str, tuple[int, ...]]):
         return sum(1 for _ in self)
 
 
-def _look(file: str, most: int, tell: Callable[[Node], Any] | None) -> Found:
+def _look(file: str, most: int) -> Found:
     """Return what is in a file; where only some of it is asked for, up to what cannot be read."""
-    found = Found(tell)
+    found = Found()
     with opened(file) as data:
         try:
             for path, node in _walk(data, file, most, found):
@@ -131,8 +115,8 @@ def _look(file: str, most: int, tell: Callable[[Node], Any] | None) -> Found:
         except Exception:
             if most >= NODES:
                 raise
-            return replace(found, tell=None)
-    return replace(found, whole=True, tell=None)
+            return found
+    return replace(found, whole=True)
 
 
 def _look_at(file: str, path: str) -> Found:

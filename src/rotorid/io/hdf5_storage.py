@@ -8,56 +8,18 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import replace
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
 
 from rotorid.core.errors import ReadError
 from rotorid.core.files import check_beside, check_regular
-from rotorid.core.frozen import frozen
 from rotorid.core.limits import CHUNK_BYTES, PARTS, REFERENCES
 from rotorid.io.hdf5_nodes import find, opened
 from rotorid.io.table import check_held
 
 _REWRITE = "write the data set whole, or cut it to what was recorded (dataset.resize in h5py)"
-
-
-@frozen
-class Bare:
-    """Numbers that lie in a file in one piece and as they do in memory."""
-
-    offset: int  # bytes before them
-    dtype: np.dtype[Any]
-    shape: tuple[int, ...]
-
-    @property
-    def flat(self) -> Bare:
-        """The same as one row of numbers."""
-        return replace(self, shape=(math.prod(self.shape),))
-
-    def rows(self, stream: BinaryIO, begin: int = 0, end: int | None = None) -> Any:
-        """Read some rows, or all."""
-        first, last, _ = slice(begin, end).indices(self.shape[0])
-        width = math.prod(self.shape[1:])
-        stream.seek(self.offset + first * width * self.dtype.itemsize)
-        count = max(last - first, 0) * width
-        found = np.fromfile(stream, self.dtype, count)
-        if found.size < count:
-            raise ValueError(f"{count - found.size} numbers beyond its end")
-        return found.reshape(-1, *self.shape[1:])
-
-
-def bare_of(dataset: h5py.Dataset) -> Bare | None:
-    """Return where the numbers of a data set lie bare in its file; None where they do not."""
-    plan, offset = dataset.id.get_create_plist(), dataset.id.get_offset()
-    if plan.get_layout() != h5py.h5d.CONTIGUOUS or plan.get_external_count() or offset is None:
-        return None
-    known = dataset.dtype.kind in "iuf" and len(dataset.shape) > 0
-    if not known or dataset.id.get_type() != h5py.h5t.py_create(dataset.dtype):
-        return None  # numbers of fewer bits than bytes, say, which HDF5 converts
-    return Bare(offset, dataset.dtype, tuple(dataset.shape))
 
 
 def check_stored(dataset: h5py.Dataset, file: str, depth: int = 0) -> int:
