@@ -39,6 +39,7 @@ from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns, of_kind
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.problem import Point
+from rotorid.likelihood.rivals_channels import speed_term
 from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
 from rotorid.likelihood.rivals_terms import parts_between
 from rotorid.likelihood.summary import physical_at
@@ -405,7 +406,8 @@ def unit_of_speed(asked: Asked) -> Iterator[Note]:
 def against_the_angle(asked: Asked) -> Iterator[Note]:
     """Judge how the rotation moves against the angle that was given."""
     yield from creeping(asked.fit.records, asked.fit.creeps)
-    if not any(suspect.term.startswith("speed") for suspect in asked.estimate.suspects):
+    speeds = {speed_term(), *map(speed_term, range(len(asked.fit.records)))}
+    if not speeds & {suspect.term for suspect in asked.estimate.suspects}:
         yield from against_angle(asked.fit.solution.point, asked.fit.records)
 
 

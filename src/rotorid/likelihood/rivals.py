@@ -29,8 +29,10 @@ from functools import partial
 
 import numpy as np
 
-from rotorid.answer.parts import EXPLAINS, Suspect
+from rotorid.answer.judge import SUSPECTS
+from rotorid.answer.parts import EXPLAINS
 from rotorid.core.frozen import frozen
+from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
@@ -123,13 +125,11 @@ class Finding:
         told = self.rival.told
         return told(self.value) if callable(told) else told
 
-
-@frozen
-class Suspicion:
-    """What is suspected, and the sentence about it."""
-
-    suspects: tuple[Suspect, ...] = ()
-    sentence: str = ""
+    @property
+    def note(self) -> Note:
+        """It as one of the possible causes."""
+        term, unit = self.rival.term, self.rival.unit
+        return Note(term, "doubts", value=self.value, unit=unit, drop=self.drop, share=self.share)
 
 
 @frozen
@@ -138,16 +138,16 @@ class Tried:
 
     done: int
     of: int
-    suspicion: Callable[[], Suspicion]
+    causes: Callable[[], tuple[Note, ...]]
 
 
-def tell(case: Case, tried: frozenset[str] = frozenset()) -> Iterator[Tried]:
+def tell(case: Case, tried: frozenset[str] = frozenset(), besides: str = "") -> Iterator[Tried]:
     """Rank what may be wrong, what explains most first, and say what to do about it.
 
     Rivals are tried one by one; the last trial has all. `tried` are terms of mistakes that are
-    known to explain nothing.
+    known to explain nothing; `besides` is said behind everything else.
     """
-    trials = _Search(case, tried).trials()
+    trials = _Search(case, tried, besides).trials()
     while True:
         # An estimate astray. Whoever takes the trials has his own way with such numbers.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -157,11 +157,9 @@ def tell(case: Case, tried: frozenset[str] = frozenset()) -> Iterator[Tried]:
         yield trial
 
 
-def _told(case: Case, found: Sequence[Finding], which: str = "") -> Suspicion:
-    suspects = tuple(
-        Suspect(f.rival.term, f.drop, f.share, f.value, f.rival.unit) for f in found[:KEPT]
-    )
-    return Suspicion(suspects, sentence(case, found, which))
+def _told(case: Case, found: Sequence[Finding], besides: str, which: str = "") -> tuple[Note, ...]:
+    said = Note(SUSPECTS, "rejects", sentence(case, found, which) + besides)
+    return said, *(finding.note for finding in found[:KEPT])
 
 
 Tries = Generator[Tried, None, list[Finding]]
@@ -173,6 +171,7 @@ class _Search:
 
     case: Case
     tried: frozenset[str] = frozenset()
+    besides: str = ""
     so_far: list[Finding] = field(default_factory=list)
 
     def trials(self) -> Iterator[Tried]:
@@ -180,12 +179,13 @@ class _Search:
         found = yield from self.findings()
         case = self.case
         which = "" if case.records else _which_end(case.model, found, case.expected)
-        yield Tried(0, 0, lambda: _told(case, found, which))
+        yield Tried(0, 0, lambda: _told(case, found, self.besides, which))
 
     def trial(self, done: int, of: int) -> Tried:
         """Return how far it is."""
         expected, found = self.case.expected, tuple(self.so_far)
-        return Tried(done, of, lambda: _told(self.case, ranked(found, expected, {})))
+        causes = partial(ranked, found, expected, {})
+        return Tried(done, of, lambda: _told(self.case, causes(), self.besides))
 
     def findings(self) -> Tries:
         """Return what was found, what leaves the least cost first."""
@@ -444,19 +444,13 @@ def suspected(case: Case, plain: Plain | None) -> Iterator[Tried]:
     The last trial has what is suspected after all.
     """
     shown = _shown(case, plain)
-    if shown is not None:
+    if shown:
         yield Tried(0, 0, lambda: shown)
         return
     few = _on_whole_rotor(_on_fewer_lines(case))
     exact = any(record.lines.covariance.kind == "inputs" for record in case.records)
     besides = _by_lines(few, case) + (EXACT_INPUTS if exact else "")
-
-    def whole(trial: Tried) -> Suspicion:
-        told = trial.suspicion()
-        return replace(told, sentence=told.sentence + besides)
-
-    for trial in tell(few, plain.tried if plain else frozenset()):
-        yield Tried(trial.done, trial.of, partial(whole, trial))
+    yield from tell(few, plain.tried if plain else frozenset(), besides)
 
 
 def _on_fewer_lines(case: Case) -> Case:
@@ -485,15 +479,15 @@ def _on_whole_rotor(case: Case) -> Case:
     return there.at(there.near()) or case
 
 
-def _shown(case: Case, plain: Plain | None) -> Suspicion | None:
-    """Return the suspicion of what the search came upon: a speed that lines show, a mistake.
+def _shown(case: Case, plain: Plain | None) -> tuple[Note, ...]:
+    """Return the causes among what the search came upon: a speed that lines show, a mistake.
 
-    None where there is none, or where a misfit is left without it.
+    Empty where there is none, or where a misfit is left without it.
     """
     speed = shown_speed(case.records)
     leads = (plain.rivals if plain else ()) if speed is None else (speed,)
     if not leads:
-        return None
+        return ()
     few = case.on_lines(FEW) or case
     # The best here is that of the search, with the unbalance at its best for these lines.
     here = replace(few, found=few.problem.best_at(case.unknowns))
@@ -508,10 +502,9 @@ def _shown(case: Case, plain: Plain | None) -> Suspicion | None:
         if search.explains(finding):
             found, expected = [*found, finding], min(expected, there.expected)
     if not found:
-        return None
+        return ()
     here = replace(here, expected=expected)
-    told = _told(here, ranked(found, expected, {}))
-    return replace(told, sentence=told.sentence + _by_lines(here, case))
+    return _told(here, ranked(found, expected, {}), _by_lines(here, case))
 
 
 def _by_lines(few: Case, every: Case) -> str:

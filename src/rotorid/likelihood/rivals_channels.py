@@ -412,6 +412,11 @@ def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) ->
             yield _speed(told, given, dict.fromkeys(given, size), which)
 
 
+def speed_term(number: int | None = None) -> str:
+    """Return what another speed is called, of all records or of one."""
+    return "speed" if number is None else f"speed[{number}]"
+
+
 def _speed(text: str, given: Mapping[int, float], right: Mapping[int, float], which: str) -> Rival:
     """Return the rival of other speeds of some records."""
 
@@ -426,7 +431,7 @@ def _speed(text: str, given: Mapping[int, float], right: Mapping[int, float], wh
     each = " one after the other" if len(speeds) > 1 else ""
     where = f" of {which}" if which else ""
     return mistake(
-        f"speed[{next(iter(given))}]" if which else "speed",
+        speed_term(next(iter(given)) if which else None),
         (which,) if which else (),
         text,
         f"correct speed{where} (or the lines of the encoder): {told} rpm{each} would do",
@@ -455,7 +460,7 @@ def shown_speed(records: Records) -> Rival | None:
     where = f" of {which}" if which else ""
     told = f"{speed * 30 / np.pi:.6g} rpm ({speed / (2 * np.pi):.6g} Hz)"
     return mistake(
-        "speed",
+        speed_term(),
         (which,) if which else (),
         f"a speed{where} of {told}, which its lines show",
         f"correct speed: {told}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 
@@ -13,8 +13,7 @@ from rotorid.core.notes import Note
 from rotorid.core.watch import Pace, watch, words
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import Fit, Step
-from rotorid.likelihood.rivals import Suspicion
-from rotorid.likelihood.summary import NOTHING, summarize, trials_of
+from rotorid.likelihood.summary import summarize, trials_of
 from rotorid.models import Model
 
 DONE = "done"
@@ -139,13 +138,13 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
             yield Progress(DONE, answer=partial(_first, model, step))
             return
         yield Progress(step.say, step.done, step.of, answer=partial(_so_far, model, step))
-    suspicion: Callable[[], Suspicion] = Suspicion
+    causes: Callable[[], tuple[Note, ...]] = tuple
     step = replace(step, say=TRYING)
     for trial in trials_of(step.best):
-        suspicion = trial.suspicion
-        so_far = partial(_so_far, model, step, suspicion)
+        causes = trial.causes
+        so_far = partial(_so_far, model, step, causes)
         yield Progress(TRYING, trial.done, trial.of, answer=so_far)
-    estimate = _answer(model, step, suspicion())
+    estimate = _answer(model, step, causes())
     yield Progress(DONE, answer=lambda: estimate)
 
 
@@ -154,18 +153,18 @@ def _model_of(model: Model, fit: Fit) -> Model:
     return fit.records[0].model if fit.records else model
 
 
-def _answer(model: Model, step: Step, suspicion: Suspicion = NOTHING) -> Estimate:
+def _answer(model: Model, step: Step, causes: Sequence[Note] = ()) -> Estimate:
     """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
     own = _model_of(model, fit)
-    return doubted(own, summarize(own, fit, suspicion), fit)
+    return doubted(own, summarize(own, fit, causes), fit)
 
 
-def _so_far(model: Model, step: Step, suspicion: Callable[[], Suspicion] = Suspicion) -> Estimate:
+def _so_far(model: Model, step: Step, causes: Callable[[], tuple[Note, ...]] = tuple) -> Estimate:
     """Return the answer at a step that is not the last."""
     told = f"the search was stopped while {step.say}: this is the best answer so far"
     note = Note("interrupted", "unfinished", told, "let the search run to its end")
-    return _ended_by(note, _answer(model, step, suspicion()))
+    return _ended_by(note, _answer(model, step, causes()))
 
 
 def _first(model: Model, step: Step) -> Estimate:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorid.answer.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.judge import OPEN, SUSPECTS, judge
+from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
 from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, ModeFit, Value
 from rotorid.core.notes import Note, remarks
@@ -25,16 +25,13 @@ from rotorid.likelihood.identifiability import (
 from rotorid.likelihood.modal import close_modes, mode_fits
 from rotorid.likelihood.other_answers import doubt_notes
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.rivals import Suspicion, Tried, suspected
+from rotorid.likelihood.rivals import Tried, suspected
 from rotorid.linear.equations import relative_errors
 from rotorid.models import Model
 
-NOTHING = Suspicion()
-"""Nothing is suspected."""
 
-
-def summarize(model: Model, fit: Fit, suspicion: Suspicion = NOTHING) -> Estimate:
-    """Return the estimate of a fit, with what is suspected where the data reject the model."""
+def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
+    """Return the estimate of a fit, with what may cause a misfit that noise excludes."""
     layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
     records = fit.records
     cost, expectation = point.cost, inference.expectation
@@ -46,7 +43,7 @@ def summarize(model: Model, fit: Fit, suspicion: Suspicion = NOTHING) -> Estimat
     combinations = open_combinations(layout, point, inference) if arrived else []
     cures = find_cures(Trial(layout, records, point, inference), combinations)
     notes = (
-        *_causes(suspicion),
+        *causes,
         *(Note("units", "doubts", fault) for fault in model.unit_faults),
         *_notes(fit, p_value),
         *(Note(OPEN, "open", str(found), on=found.names) for found in combinations),
@@ -217,14 +214,6 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
         Value(v.name, v.unit, np.nan, np.nan) if lost else v
         for v, lost in zip(found, unknown, strict=True)
     )
-
-
-def _causes(suspicion: Suspicion) -> Iterator[Note]:
-    """Return what may explain a misfit: the sentence about it, and each possible cause."""
-    if suspicion.sentence:
-        yield Note(SUSPECTS, "rejects", suspicion.sentence)
-    for s in suspicion.suspects:
-        yield Note(s.term, "doubts", value=s.value, unit=s.unit, drop=s.drop, share=s.share)
 
 
 def _notes(fit: Fit, p_value: float) -> Iterator[Note]:

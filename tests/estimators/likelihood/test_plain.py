@@ -69,7 +69,7 @@ def test_what_no_single_mistake_explains_is_searched_on_a_hundred_lines(
 
     searched = plain.searched
     monkeypatch.setattr(plain, "searched", counting)
-    monkeypatch.setattr(plain, "tell", lambda *_: [plain.Tried(0, 0, plain.Suspicion)])
+    monkeypatch.setattr(plain, "tell", lambda *_: [plain.Tried(0, 0, tuple)])
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status in ("rejected", "not_converged")
     assert len(asked) == 1
