@@ -30,7 +30,7 @@ from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import STAGES
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models import Model, load_model, parse_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 UNBALANCE = {"xi", "zeta", "mu", "eta"}
 BEARINGS = ("x1", "y1", "x3", "y3")

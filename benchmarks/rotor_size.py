@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 import rotorid as rid
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 SECTIONS = (20, 30, 16, 40, 20, 34, 18, 24, 36, 20, 16, 30, 22, 28)
 SHRUNK = (1, 3, 5, 8, 10, 11)

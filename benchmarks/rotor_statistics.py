@@ -30,7 +30,7 @@ import rotorid.models
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.results.critical import critical_speeds
 from rotorid.results.machine import machine_of
-from rotorid.rig.lines import line_record
+from rotorid.testing import line_record
 
 FLEXIBLE = (Path(rotorid.models.__file__).parent / "library" / "flexible.toml").read_text("utf-8")
 SENSORS = ("x_a", "y_a", "x_b", "y_b")

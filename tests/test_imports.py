@@ -31,6 +31,7 @@ LAYERS = (
     ("answer.identify", "answer.predict", "answer.validation"),
     ("results",),
     ("rig",),
+    ("testing",),
     ("io",),
     ("experiment",),
     ("demo",),

@@ -10,7 +10,7 @@ from rotorid.linear.family import information
 from rotorid.report.estimate import verdict_of
 from rotorid.results.evidence import with_evidence
 from rotorid.rig.file import load_rig
-from rotorid.rig.lines import line_record
+from rotorid.testing import line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 SPEED = 2 * np.pi * 140

@@ -26,7 +26,7 @@ from rotorid.models.rotor.fem import bending
 from rotorid.models.rotor.model import inertia
 from rotorid.models.rotor.reduction import Band
 from rotorid.report.drawn import drawing
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 BETA = (4.730040744862704, 7.853204624095838, 10.995607838001671)
 SENSORS = ["x_a", "y_a", "x_b", "y_b"]

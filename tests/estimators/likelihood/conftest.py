@@ -14,7 +14,7 @@ from rotorid.core.values import Floats
 from rotorid.data.record import Channel, Drive, PeriodicRecord
 from rotorid.models import Model, load_model
 from rotorid.models.model import Parameter, build_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
 BEARINGS = ("x1", "y1", "x3", "y3")

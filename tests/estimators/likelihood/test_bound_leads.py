@@ -9,7 +9,7 @@ from rotorid import Constraint, MaximumLikelihood
 from rotorid.answer.identify import identify
 from rotorid.core.errors import InputError
 from rotorid.models import load_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 TRUTH = {"m": 2.0, "c": 30.0, "k": 2e5}
 MODEL = load_model("jeffcott")

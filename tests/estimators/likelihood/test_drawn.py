@@ -12,8 +12,8 @@ from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import rivals as suspects
 from rotorid.likelihood.rivals_terms import drawn_candidates
 from rotorid.models.structure import structure_of
-from rotorid.rig.lines import add_noise, line_record
 from rotorid.signals.spectrum import synthesize
+from rotorid.testing import add_noise, line_record
 
 FLEXIBLE = (Path(rotorid.models.__file__).parent / "library" / "flexible.toml").read_text(
     encoding="utf-8"

@@ -12,7 +12,7 @@ from rotorid.answer.identify import identify
 from rotorid.answer.result_file import load_estimate
 from rotorid.core.errors import InputError, ModelError
 from rotorid.models import Model, load_model, parse_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 
 def by_name(estimate):

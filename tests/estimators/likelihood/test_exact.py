@@ -18,7 +18,7 @@ from rotorid.data.record import PeriodicRecord
 from rotorid.likelihood.doubts import STILL, unseen_excess
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT
 from rotorid.models import load_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 FIXED = {"L1": 0.3}
 SIZES = {"runout": (1e-6, "m"), "rotor angle": (np.pi / 180, "rad"), "delay": (1e-5, "s")}

@@ -10,7 +10,7 @@ from rotorid.answer.identify import identify
 from rotorid.data.record import Channel
 from rotorid.likelihood import starts as search
 from rotorid.models import parse_model
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 CHAIN = """
 title = "Two masses in a row, the force on one, the sensor on the other"

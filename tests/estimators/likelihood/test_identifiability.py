@@ -9,7 +9,7 @@ from rotorid import Constraint, MaximumLikelihood
 from rotorid.answer.identify import identify
 from rotorid.data.observation import bind
 from rotorid.likelihood.identifiability import _exponents, _rotation_left_out
-from rotorid.rig.lines import add_noise
+from rotorid.testing import add_noise
 
 
 @pytest.fixture

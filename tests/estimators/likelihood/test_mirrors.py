@@ -16,7 +16,7 @@ from rotorid.likelihood.fit import _problem
 from rotorid.likelihood.preparation import prepare
 from rotorid.likelihood.symmetric_answers import Mirrors, exchanged
 from rotorid.likelihood.unknowns import asked_unknowns
-from rotorid.rig.lines import add_noise, line_record
+from rotorid.testing import add_noise, line_record
 
 OVERHUNG = """
 title = "A disc beside its shaft's end, which bends with it"

@@ -1,4 +1,4 @@
-"""Periodic records straight from their lines, for statistics over many seeds.
+"""For those who test models and estimators: records straight from their lines, over many seeds.
 
 White noise on samples is white noise on every line of every period: independent, circular, of
 variance s^2 / samples. Drawing it there, on the kept lines only, gives records that no test could
@@ -33,7 +33,62 @@ def line_record(
     phase: float = 0.0,
     sensors: Sequence[Channel | str] | None = None,
 ) -> PeriodicRecord:
-    """Return the noise-free record of a linear model in steady state, lines only."""
+    r"""Return the noise-free record of a linear model in steady state, lines only.
+
+    The motion on each line solves ``(K - omega^2 M + 1j omega (D + Omega G)) q = B F + load``.
+
+    Parameters
+    ----------
+    model : Model
+        With equations that are linear in the motion.
+    values : array_like, shape (parameter,)
+        In SI, in the order of ``model.parameter_names``.
+    forces : array_like of complex, shape (line, input)
+        In the unit of each input, as `rotorid.average` has them: an amplitude A is a line of A/2.
+    harmonics : sequence of int
+        Numbers of the lines, multiples of the fundamental.
+    fundamental, sample_rate : float
+        In Hz.
+    periods : int
+    speed : float
+        In rad/s.
+    phase : float
+        Angle of the rotor at the first sample in rad.
+    sensors : sequence of Channel or str, optional
+        What is measured besides the inputs; every coordinate without it.
+
+    Returns
+    -------
+    PeriodicRecord
+
+    Raises
+    ------
+    InputError
+        For forces of another shape, and sensors of what is no coordinate.
+
+    Examples
+    --------
+    >>> import numpy as np, rotorid as rid
+    >>> from rotorid.testing import add_noise, line_record
+    >>> model = rid.load_model("jeffcott")
+    >>> truth = {"m": 2.0, "c": 60.0, "k": 4e5, "xi": 0.0, "zeta": 0.0}
+    >>> forces = np.exp(2j * np.pi * np.random.default_rng(1).uniform(size=(5, 2)))
+    >>> record = line_record(
+    ...     model,
+    ...     [truth[name] for name in model.parameter_names],
+    ...     forces,
+    ...     harmonics=[3, 7, 11, 15, 19],
+    ...     fundamental=5.0,
+    ...     sample_rate=1000.0,
+    ...     periods=40,
+    ...     speed=2 * np.pi * 35.0,
+    ... )
+    >>> deviation = {"F_x": 0.01, "F_y": 0.01, "x": 1e-8, "y": 1e-8}
+    >>> noisy = add_noise(record, deviation, np.random.default_rng(2))
+    >>> estimate = rid.identify(model, noisy, rid.MaximumLikelihood())
+    >>> estimate.status, round(estimate.value("m"), 2)
+    ('ok', 2.0)
+    """
     lines, force = np.array(harmonics, dtype=np.int64), np.asarray(forces, dtype=np.complex128)
     if force.shape != (len(lines), len(model.inputs)):
         raise InputError(
@@ -86,7 +141,19 @@ def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, 
 def add_noise(
     record: PeriodicRecord, deviation: Mapping[str, float], rng: np.random.Generator
 ) -> PeriodicRecord:
-    """Return a record with white noise on its channels."""
+    """Return a record with white noise on its channels.
+
+    Parameters
+    ----------
+    record : PeriodicRecord
+    deviation : mapping of str to float
+        Standard deviation of a sample by the name of a channel, in its unit; 0 for others.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    PeriodicRecord
+    """
     std = np.array([deviation.get(name, 0.0) for name in record.names])
     noise = _unit_noise(record, rng) * (std / np.sqrt(record.samples))
     return replace(record, spectra=record.spectra + noise, variance=record.variance + std**2)
