@@ -51,7 +51,7 @@ CONFINED = {
     "jinja2": {"report"},
     "plotly": {"report"},
     "h5py": {"io", "rig"},
-    "pint": {"core"},
+    "pint": set(),
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "lark": {"models"},

@@ -1,8 +1,5 @@
 """Units and quantities: texts to SI at the border, and nowhere else.
 
-The common spellings are read by a table, which a test holds against pint; pint itself reads what
-is not in it. It takes longer to load than most records take to identify.
-
 An angle counts as a number, as in SI, with one exception that would be wrong by 2 pi: a rate in
 Hz is a number of revolutions per second, a rate in rad/s is not. So ``140 Hz`` is
 ``2 pi 140 rad/s`` where a speed is expected, and a bare ``1/s`` is refused there.
@@ -16,22 +13,21 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import NamedTuple, Protocol
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 
-if TYPE_CHECKING:
-    import pint
-
-
 MAX_LENGTH = 64
-_POWER = re.compile(r"(?:\^|\*\*)\s*-?[1-9]\d?(?!\s*(?:\^|\*\*|[\d.]))")
-# Possessive: a run of n letters taken apart in every way would take 2^n steps.
-_FACTORS = re.compile(r"(?:[A-Za-z_°%µμΩ]++|\b1\b|[\s*/()])*+")
-_SPELLING = str.maketrans({"·": "*", "⋅": "*", "²": "^2", "³": "^3"})
+_SPELLING = str.maketrans(
+    {"·": "*", "⋅": "*", "²": "^2", "³": "^3", "µ": "u", "μ": "u", "Ω": "ohm"}
+)
+_TOKEN = re.compile(
+    r"\s*(?:(?P<name>[A-Za-z_°%]+|\b1\b)"
+    r"|(?:\^|\*\*)\s*(?P<power>-?[1-9]\d?)(?![\d.])|(?P<sign>[*/()]))\s*"
+)
 
-# SI symbols in the order in which they are written, with pint's name and what they are made of.
+# SI symbols in the order in which they are written, with their names and what they are made of.
 _SYMBOLS: dict[str, tuple[str, dict[str, int]]] = {
     "kg": ("gram", {"kg": 1}),
     "N": ("newton", {"kg": 1, "m": 1, "s": -2}),
@@ -45,26 +41,83 @@ _SYMBOLS: dict[str, tuple[str, dict[str, int]]] = {
     "ohm": ("ohm", {"kg": 1, "m": 2, "s": -3, "A": -2}),
     "C": ("coulomb", {"A": 1, "s": 1}),
     "Hz": ("hertz", {"s": -1}),
-    "A": ("ampere", {"A": 1}),
+    "A": ("ampere amp", {"A": 1}),
     "K": ("kelvin", {"K": 1}),
-    "m": ("meter", {"m": 1}),
-    "s": ("second", {"s": 1}),
+    "m": ("meter metre", {"m": 1}),
+    "s": ("second sec", {"s": 1}),
     "rad": ("radian", {"rad": 1}),
 }
 ORDER = {symbol: rank for rank, symbol in enumerate(_SYMBOLS)}
-_ATOMS = {name: symbol for symbol, (name, _) in _SYMBOLS.items()}
-_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
-_PREFIXES = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "M": 6, "G": 9}
+_PREFIXES = {
+    **{"": 0, "p": -12, "n": -9, "u": -6, "m": -3, "c": -2, "d": -1},
+    **{"da": 1, "h": 2, "k": 3, "M": 6, "G": 9, "T": 12, "nano": -9, "micro": -6},
+    **{"milli": -3, "centi": -2, "deci": -1, "kilo": 3, "mega": 6, "giga": 9},
+}
+# Names of units, a number and what it counts; those of the first table take prefixes.
+_PREFIXED = """
+Nm = 1 N m
+Wh = 3600 J
+VA = 1 V A
+Ah = 3600 C
+F farad farads = 1 C/V
+S siemens = 1 1/ohm
+l L liter liters litre litres = 1/1000 m^3
+bar bars = 100000 Pa
+"""
+_ALONE = """
+dimensionless count counts = 1
+% percent = 1/100
+ppm = 1/1000000
+min minute minutes = 60 s
+h hr hour hours = 60 min
+d day days = 24 h
+t tonne tonnes = 1000 kg
+in inch inches = 0.0254 m
+mil mils thou milliinch = 1/1000 in
+uin uinch microinch = 1/1000 mil
+ft foot feet = 12 in
+yd yard yards = 3 ft
+mi mile miles = 5280 ft
+micron microns = 1 um
+angstrom = 0.1 nm
+gn g_n gravity = 9.80665 m/s^2
+lb lbs lbm pound pounds = 0.45359237 kg
+oz ounce ounces = 1/16 lb
+lbf = 1 lb gn
+ozf = 1/16 lbf
+kip = 1000 lbf
+slug slugs = 1 lbf s^2/ft
+kgf kp = 1 kg gn
+dyn dyne = 0.00001 N
+psi = 1 lbf/in^2
+ksi = 1000 psi
+atm = 101325 Pa
+torr = 1/760 atm
+mmHg = 133.322387415 Pa
+poise = 0.1 Pa s
+cP = 1/1000 Pa s
+hp = 550 ft lbf/s
+PS = 75 m kgf/s
+rev revolution revolutions turn turns cycle cycles = 6.283185307179586476925286766559 rad
+deg ° degree degrees = 1/360 rev
+gon = 1/400 rev
+arcmin = 1/60 deg
+arcsec = 1/60 arcmin
+rpm RPM cpm CPM revolutions_per_minute = 1 rev/min
+rps = 1 rev/s
+delta_degC = 1 K
+"""
 
-_WORDS = re.compile(r"[A-Za-z_]+")
 _MISTAKEN = {
     **dict.fromkeys(("grad", "Grad", "GRAD"), "deg for degrees, gon for a 400th of a turn"),
     **dict.fromkeys(("krad", "Mrad"), "rad"),
     **dict.fromkeys(("ton", "tons"), "t for 1000 kg"),
+    **dict.fromkeys(("G", "Gs", "gauss"), "1e-4 T for a gauss, gn for the acceleration of gravity"),
 }
 _COUNTS = re.compile(r"[kKMG]?i?(?:bits?|bytes?|B|baud|Bd|Bq|becquerel)")
 """Names that one language, or one trade, takes for something else than another: read the other way
 they make angles of gigaradians. Counts, of bits or decays, are no quantity of a rotor either."""
+_SHIFTED = {"degC", "degF", "°C", "°F", "celsius", "fahrenheit", "dB"}
 
 
 @frozen
@@ -129,135 +182,119 @@ def with_force(base: Mapping[str, int]) -> dict[str, int]:
     return {atom: power for atom, power in force.items() if power}
 
 
+class _Product(NamedTuple):
+    """A size, a power of ten and the powers of SI symbols: of a name, or of a product of names."""
+
+    size: float = 1.0
+    ten: int = 0
+    atoms: Mapping[str, int] = {}
+
+    def times(self, other: _Product, power: int) -> _Product:
+        atoms = Counter(self.atoms)
+        for atom, own in other.atoms.items():
+            atoms[atom] += own * power
+        return _Product(self.size * other.size**power, self.ten + other.ten * power, atoms)
+
+
 @cache
 def read_unit(text: str) -> Unit:
     """Return the unit of a text; ValueError says why there is none."""
-    spelled = text.translate(_SPELLING)
-    if len(text) > MAX_LENGTH or not _FACTORS.fullmatch(_POWER.sub(" ", spelled)):
+    if len(text) > MAX_LENGTH:
         raise ValueError("no product of units")
-    for name in _WORDS.findall(spelled):
-        if name in _MISTAKEN:
-            raise ValueError(f"{name}: write {_MISTAKEN[name]}")
-        if _COUNTS.fullmatch(name):
-            raise ValueError(f"{name}: write 1 for a count")
-    found = _by_table(spelled) or _by_pint(spelled)
-    if found.turns and "rad" in found.atoms:
+    tokens = _tokens(text.translate(_SPELLING))[::-1]  # the next one is the last
+    try:
+        size, ten, symbols = _product(tokens, _table())
+        size *= float(f"1e{ten}")
+    except OverflowError:
+        raise ValueError("too large or too small") from None
+    if tokens:
+        raise ValueError("no product of units")
+    if not (size > 0 and math.isfinite(size)):
+        raise ValueError("too large or too small")
+    atoms = {atom: power for atom, power in symbols.items() if power}
+    if "Hz" in atoms and "rad" in atoms:
         raise ValueError("turns in a second, times an angle")
+    powers = {name: power for name, power in base_powers(atoms).items() if name != "rad"}
+    return Unit(size, atoms, Dimension.of(powers), "Hz" in atoms)
+
+
+def _tokens(text: str) -> list[str]:
+    """Return names, signs and powers (``^2``) of a text."""
+    tokens, place = [], 0
+    while place < len(text):
+        match = _TOKEN.match(text, place)
+        if match is None:
+            raise ValueError("no product of units")
+        tokens.append(f"^{match['power']}" if match["power"] else match["name"] or match["sign"])
+        place = match.end()
+    return tokens
+
+
+def _product(tokens: list[str], table: Mapping[str, _Product]) -> _Product:
+    """Read factors from left to right, up to the end or a closing parenthesis."""
+    total = _factor(tokens, table)
+    while tokens and tokens[-1] != ")":
+        sign = tokens.pop() if tokens[-1] in "*/" else "*"
+        total = total.times(_factor(tokens, table), -1 if sign == "/" else 1)
+    return total
+
+
+def _factor(tokens: list[str], table: Mapping[str, _Product]) -> _Product:
+    token = tokens.pop() if tokens else ")"
+    if token == "(":
+        found = _product(tokens, table)
+        if not tokens or tokens.pop() != ")":
+            raise ValueError("no product of units")
+    elif token in "*/)" or token.startswith("^"):
+        raise ValueError("no product of units")
+    else:
+        found = _named(token, table)
+    if tokens and tokens[-1].startswith("^"):
+        return _Product().times(found, int(tokens.pop()[1:]))
     return found
 
 
+def _named(name: str, table: Mapping[str, _Product]) -> _Product:
+    if name in _MISTAKEN:
+        raise ValueError(f"{name}: write {_MISTAKEN[name]}")
+    if _COUNTS.fullmatch(name):
+        raise ValueError(f"{name}: write 1 for a count")
+    if name in _SHIFTED:
+        raise ValueError("its zero is not zero in SI")
+    if name not in table:
+        raise ValueError(f"unknown name {name}")
+    return table[name]
+
+
 @cache
-def _table() -> dict[str, tuple[float, int, dict[str, int]]]:
-    """Return what each common name is: a factor, a power of ten, and powers of SI symbols."""
-    table: dict[str, tuple[float, int, dict[str, int]]] = {
-        "cm": (1.0, -2, {"m": 1}),
-        "mil": (25.4, -6, {"m": 1}),
-        "mils": (25.4, -6, {"m": 1}),
-        "Nm": (1.0, 0, {"N": 1, "m": 1}),
-        "min": (60.0, 0, {"s": 1}),
-        "rev": (2 * math.pi, 0, {"rad": 1}),
-        "rpm": (2 * math.pi / 60, 0, {"rad": 1, "s": -1}),
-        "deg": (math.pi / 180, 0, {"rad": 1}),
-        "%": (1.0, -2, {}),
-    }
-    for symbol in _SYMBOLS:
-        stem, own = ("g", -3) if symbol == "kg" else (symbol, 0)
-        for prefix, power in _PREFIXES.items():
-            table[prefix + stem] = (1.0, power + own, {symbol: 1})
+def _table() -> dict[str, _Product]:
+    """Return what each name is; a name that takes no prefix goes before one that has a prefix."""
+    table = {"1": _Product()}
+    for symbol, (names, _) in _SYMBOLS.items():
+        stem, ten = ("g", -3) if symbol == "kg" else (symbol, 0)
+        plurals = [f"{name}s" for name in names.split()]
+        _enter(table, [stem, *names.split(), *plurals], _Product(1.0, ten, {symbol: 1}))
+    for line in _PREFIXED.strip().splitlines():
+        _enter(table, *_defined(line, table))
+    for line in _ALONE.strip().splitlines():
+        alone, own = _defined(line, table)
+        table |= dict.fromkeys(alone, own)
     return table
 
 
-_NAME = r"[A-Za-zµμ%]+(?:\^-?[1-9]\d?)?"
-_PRODUCT = rf"{_NAME}(?:(?:\s*\*\s*|\s+){_NAME})*"
-_COMMON = re.compile(rf"({_PRODUCT}|1)(?:\s*/\s*(?:({_NAME})|\(\s*({_PRODUCT})\s*\)))?")
+def _enter(table: dict[str, _Product], names: Iterable[str], own: _Product) -> None:
+    for name in names:
+        for prefix, ten in _PREFIXES.items():
+            table.setdefault(prefix + name, own._replace(ten=own.ten + ten))
 
 
-def _by_table(text: str) -> Unit | None:
-    """Read a product of common names, over another or over nothing; ``None`` for anything else."""
-    match = _COMMON.fullmatch(text.replace("**", "^"))
-    if match is None:
-        return None
-    above, *below = match.groups(default="")
-    factor, ten, atoms = 1.0, 0, Counter[str]()
-    for part, sign in ((above, 1), ("".join(below), -1)):
-        for name in re.findall(_NAME, part):
-            stem, _, power = name.partition("^")
-            if stem not in _table():
-                return None
-            exponent = sign * int(power or 1)
-            size, tens, symbols = _table()[stem]
-            factor, ten = factor * size**exponent, ten + tens * exponent
-            for symbol, own in symbols.items():
-                atoms[symbol] += own * exponent
-    if abs(ten) > 99:  # pint says what is wrong with it
-        return None
-    present = {atom: power for atom, power in atoms.items() if power}
-    powers = {name: power for name, power in base_powers(present).items() if name != "rad"}
-    return Unit(factor * float(f"1e{ten}"), present, Dimension.of(powers), "Hz" in present)
-
-
-@cache
-def _registry() -> pint.UnitRegistry[float]:
-    import pint  # only where the table does not do
-
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
-    registry.define("newton_meter = newton * meter = Nm")  # pint: 1000 m/kg
-    registry.define("@alias revolution = rev")
-    registry.define("thousandth_inch = 0.001 * inch = mil = mils")  # pint: a mil is an angle
-    return registry
-
-
-def _by_pint(text: str) -> Unit:
-    """Read any text.
-
-    pint multiplies and exponentiates what it reads, so it gets unit names, the number 1 and
-    powers of two digits at most.
-    """
-    from pint import UndefinedUnitError
-
-    try:
-        unit = _registry().parse_units(text)
-        origin = _registry().Quantity(0.0, unit).to_base_units().magnitude
-        size = float(_registry().Quantity(1.0, unit).to_base_units().magnitude)
-    except UndefinedUnitError as error:
-        raise ValueError(f"unknown name {''.join(error.unit_names)}") from None
-    except Exception:  # pint's parser raises whatever its operators do
-        raise ValueError("no product of units") from None
-    if origin != 0.0:
-        raise ValueError("its zero is not zero in SI")
-    if not (size > 0 and math.isfinite(size)):
-        raise ValueError("too large or too small")
-    dimension = {_BASE.get(name, name): n for name, n in _powers(unit.dimensionality)}
-    turns = "hertz" in {_split(name) for name in unit._units}
-    return Unit(size, _atoms(unit), Dimension.of(dimension), turns)
-
-
-def _split(name: str) -> str:
-    """Return pint's name of a unit without its prefix."""
-    candidates = _registry().parse_unit_name(name)
-    return str(candidates[0][1]) if candidates else name
-
-
-def _atoms(unit: pint.Unit) -> dict[str, int]:
-    """Return the SI symbols of a unit and their powers, derived units kept as they are."""
-    atoms: Counter[str] = Counter()
-    for name, exponent in _powers(unit._units):
-        base = _split(name)
-        if base in _ATOMS:
-            parts = {_ATOMS[base]: 1}
-        else:
-            made = _registry().Quantity(1.0, _registry().Unit(name)).to_base_units().units
-            parts = with_force(
-                {_ATOMS.get(_split(n), n): power for n, power in _powers(made._units)}
-            )
-        for atom, power in parts.items():
-            atoms[atom] += power * exponent
-    return {atom: power for atom, power in atoms.items() if power}
-
-
-def _powers(powers: Mapping[str, Any]) -> Iterable[tuple[str, int]]:
-    """Return pint's names and their powers; all are whole, see `_POWER`."""
-    return [(name, int(float(power))) for name, power in powers.items()]
+def _defined(line: str, table: Mapping[str, _Product]) -> tuple[list[str], _Product]:
+    """Return the names of a line of the tables and what they are made of, force as N."""
+    names, _, made = line.partition(" = ")
+    size, _, unit = made.partition(" ")
+    found = _product(_tokens(unit or "1")[::-1], table)
+    atoms = with_force(base_powers(found.atoms))
+    return names.split(), _Product(float(Fraction(size)) * found.size, found.ten, atoms)
 
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?(?![\d.,])")
@@ -309,9 +346,22 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
     return found.factor / wanted.factor * turn
 
 
-def quantity(value: float | str, expected: str, *, place: str = "") -> float:
-    """Return a number in SI as it is, and a text with a unit as a number in the expected unit."""
-    return to_si(value, expected, place=place) if isinstance(value, str) else value
+class _WithUnits(Protocol):
+    """A quantity of pint, or of a package that makes its quantities alike."""
+
+    @property
+    def magnitude(self) -> float: ...
+    @property
+    def units(self) -> object: ...
+
+
+def quantity(value: float | str | _WithUnits, expected: str, *, place: str = "") -> float:
+    """Return a number in SI as it is, anything with a unit as a number in the expected unit."""
+    if isinstance(value, str):
+        return to_si(value, expected, place=place)
+    if hasattr(value, "magnitude") and hasattr(value, "units"):
+        return float(value.magnitude) * si_factor(f"{value.units:~}" or "1", expected, place=place)
+    return value
 
 
 def to_si(value: object, expected: str, *, place: str = "") -> float:
