@@ -104,8 +104,8 @@ def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) ->
     parts = ("linalg", "sparse", "special", "stats", "signal", "optimize", "interpolate", "ndimage")
     slow = {"numpy.ma", *(f"scipy.{part}" for part in parts)}
     slow -= modules("import numpy")[0]  # numpy 1 loads its masked arrays by itself
-    ours = {"estimators.maximum_likelihood", "models.symbolic", "models.rotor", "rig"}
-    tables = {"experiment.phasor_table", "experiment.response_table"}
+    ours = {"likelihood.estimator", "models.symbolic", "models.rotor", "rig"}
+    tables = {"experiment.tables"}
     assert names & {*slow, *(f"rotorid.{name}" for name in ours | tables)} == set()
 
 

@@ -1,13 +1,12 @@
 """What kinds of records there are besides samples: tables, each with a reader of its own.
 
-A kind is an entry of `TABLES`, a name in `schema.Kind`, and the keys by which its channels are
+A kind is an entry of `_table`, a name in `schema.Kind`, and the keys by which its channels are
 told (`ChannelEntry.kind`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 
 from rotorid.core.errors import InputError
@@ -22,14 +21,15 @@ Entries = Mapping[str, ChannelEntry]
 Reader = Callable[[Path, RecordEntry, Entries, Model], Sequence[Lines]]
 Check = Callable[[Entries, Model, Path], Mapping[str, Channel]]
 
-TABLES: Mapping[str, str] = {"phasors": "phasor_table", "responses": "response_table"}
-"""Of each kind: the module that checks its channels against the model, and reads its files."""
-
 
 def _table(kind: str) -> tuple[Check, Reader]:
     """Return what checks the channels of a kind, and what reads its files; loaded when used."""
-    module = import_module(f"rotorid.experiment.{TABLES[kind]}")
-    return module.check_channels, module.read_records
+    from rotorid.experiment import tables
+
+    return {
+        "phasors": (tables.check_phasors, tables.read_phasors),
+        "responses": (tables.check_responses, tables.read_responses),
+    }[kind]
 
 
 def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Frequency responses that an experiment file names, in tables or universal files, to lines."""
+"""Records that are tables: 1x phasors, and frequency responses of text or universal files."""
 
 from __future__ import annotations
 
@@ -10,25 +10,224 @@ import numpy as np
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.units import multiply_units, si_factor, to_si
+from rotorid.core.notes import Note
+from rotorid.core.units import check_unit, multiply_units, si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
-from rotorid.data.tables import response_lines
+from rotorid.data.tables import phasor_lines, response_lines
 from rotorid.experiment.names import source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
-from rotorid.experiment.table_columns import (
-    Columns,
-    check_lengths,
-    complex_column,
-    std_column,
-)
-from rotorid.io import open_tables
+from rotorid.io import open_tables, universal
 from rotorid.io.record import check_magnitude, check_stated, largest_of
 from rotorid.io.table import Table
-from rotorid.io.universal import StoredResponse, read_responses
+from rotorid.io.universal import StoredResponse
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, sensor_terms
+from rotorid.signals.checks.channels import check_phases, check_probes
+
+
+@frozen
+class Columns:
+    """The columns of a table, in SI."""
+
+    table: Table
+    overrule: bool
+
+    def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
+        """Return a column in the unit that is expected."""
+        found = self.table.read([self._key(column, place)]).popitem()[1]
+        declared = unit or found.unit
+        if declared is None:
+            raise InputError(
+                "no unit", f"a unit that converts to {expected}", "write it", place=place
+            )
+        factor = si_factor(declared, expected, place=f"{place}.unit")
+        if unit and found.unit and not self.overrule:
+            check_stated(unit, found.unit, f"{place}.unit")
+        wrong = ~np.isfinite(found.values)
+        if wrong.any():
+            raise InputError(
+                f"{found.values[wrong][0]} in row {int(wrong.argmax()) + 1} of {column!r}",
+                "a number in every row",
+                "fill it in, or delete the row",
+                place=place,
+            )
+        check_magnitude(largest_of(found.values), factor, place)
+        return np.asarray(found.values * factor)
+
+    def has(self, column: str) -> bool:
+        """Tell whether there is a column of that name."""
+        try:
+            self.table.find(column)
+        except InputError:
+            return False
+        return True
+
+    def _key(self, column: str, place: str) -> str:
+        try:
+            return self.table.find(column)
+        except InputError as error:
+            raise error.at(place=place) from None
+
+
+def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
+    """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
+    place = f"channels.{name}"
+    if entry.polar:
+        size = rows.si(entry.amplitude or "", entry.unit, expected, f"{place}.amplitude")
+        turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"{place}.phase")
+        if (size < 0).any():
+            raise InputError(
+                f"the amplitude {size.min():g} in row {int(size.argmin()) + 1}",
+                "0 or more",
+                "turn its phase by 180 deg, or give a signed reading as real",
+                place=f"{place}.amplitude",
+            )
+        check_lengths(size, turned, place)
+        found = size * np.exp(1j * turned)
+    else:
+        real = rows.si(entry.real or "", entry.unit, expected, f"{place}.real")
+        imag = rows.si(entry.imag or "", entry.unit, expected, f"{place}.imag")
+        check_lengths(real, imag, place)
+        found = real + 1j * imag
+    found = found.conj() if entry.lag else found
+    return np.asarray(_factor(rows, entry, place) * found)
+
+
+def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
+    """Return what amplitudes as they stand are multiplied by."""
+    scale = 1.0 if entry.scale is None else entry.scale
+    if isinstance(scale, str):
+        try:
+            scale = rows.table.scalar(scale)
+        except InputError as error:
+            raise error.at(place=f"{place}.scale") from None
+    return float(scale) / 2 if entry.peak_to_peak else float(scale)
+
+
+def std_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Floats | None:
+    """Return the deviation of the amplitude in a unit, a column or one for all rows."""
+    if entry.std is None:
+        return None
+    place = f"channels.{name}.std"
+    if rows.has(entry.std):
+        found = rows.si(entry.std, entry.unit, expected, place)
+    else:
+        found = np.array([to_si(entry.std, expected, place=place)])
+    if not (found > 0).all():
+        raise InputError(
+            f"{found.min():g} in row {int(found.argmin()) + 1}" if len(found) > 1 else entry.std,
+            "a deviation of more than 0",
+            "state how far the amplitude scatters: the last digit of the instrument at least",
+            place=place,
+        )
+    return np.asarray(abs(_factor(rows, entry, f"channels.{name}")) * found)
+
+
+def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
+    """Refuse columns of different lengths."""
+    if len(one) != len(other):
+        raise InputError(
+            f"{len(one)} and {len(other)} rows", "columns of one length", "cut them", place=place
+        )
+
+
+def check_phasors(
+    entries: Mapping[str, ChannelEntry], model: Model, folder: Path
+) -> dict[str, Channel]:
+    """Return the channels of a table, names and what they read checked against the model."""
+    found = {}
+    for name, entry in entries.items():
+        place = f"channels.{name}"
+        unit = model.units.get(name)
+        if entry.unit is None:
+            raise InputError("no unit", "the unit of the amplitude", "write it", place=place)
+        si_factor(entry.unit, unit, place=f"{place}.unit")
+        si_factor(entry.phase_unit, "rad", place=f"{place}.phase_unit")
+        found[name] = source(name, entry, model, folder).channel(
+            name, unit or check_unit(entry.unit)
+        )
+    return found
+
+
+def read_phasors(
+    folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
+) -> list[Lines]:
+    """Read a table of phasors, its files relative to a folder.
+
+    Raises
+    ------
+    InputError
+        For files, columns, units and numbers that cannot be used.
+    """
+    table = open_tables([folder / name for name in entry.paths], header_row=entry.header_row)
+    rows = Columns(table, entry.overrule)
+    try:
+        channels = check_phasors(entries, model, folder)
+        speed = _speeds(rows, entry, entries)
+        units = {name: channels[name].unit for name in entries}
+        read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
+        phasors = _stacked(speed, read, table)
+        stated = [std_column(rows, name, one, units[name]) for name, one in entries.items()]
+        std = _common(list(entries), stated, speed)
+        probes = [k for k, name in enumerate(entries) if name not in model.inputs]
+        checks = [
+            *check_probes(
+                [list(entries)[k] for k in probes],
+                phasors[:, probes],
+                None if std is None else std[:, probes],
+            ),
+            *(c for name, one in entries.items() for c in _phases(rows, name, one)),
+        ]
+        lines = phasor_lines(
+            list(channels.values()), speed, phasors, std, source=table.file, checks=checks
+        )
+        return [lines]
+    except InputError as error:
+        raise error.at(file=table.file) from None
+
+
+def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
+    if entry.speed.column is not None:
+        return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
+    name, first = next(iter(entries.items()))
+    column = first.amplitude or first.real or ""
+    count = len(rows.si(column, first.unit, first.unit or "1", f"channels.{name}"))
+    return np.full(count, entry.speed.value)
+
+
+def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
+    if not entry.polar:
+        return []
+    turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"channels.{name}.phase")
+    factor = si_factor(entry.phase_unit, "rad")
+    return list(check_phases(name, turned / factor, degrees=factor < 1))
+
+
+def _stacked(speed: Floats, phasors: list[Complexes], table: Table) -> Complexes:
+    """Return the phasors of all channels, shape (row, channel)."""
+    for one in phasors:
+        if len(one) != len(speed):
+            raise InputError(
+                f"{len(one)} phasors for {len(speed)} speeds", "a row each", "cut the columns"
+            )
+    return np.column_stack(phasors)
+
+
+def _common(names: list[str], std: list[Floats | None], speed: Floats) -> Floats | None:
+    """Return the deviations of all channels, None where none is stated."""
+    lacking = [name for name, one in zip(names, std, strict=True) if one is None]
+    if len(lacking) == len(names):
+        return None
+    if lacking:
+        raise InputError(
+            f"no std of {', '.join(lacking)}",
+            "the deviation of every channel, or of none where speeds were read twice",
+            "state it",
+            place=f"channels.{lacking[0]}.std",
+        )
+    return np.column_stack([np.broadcast_to(one, len(speed)) for one in std if one is not None])
 
 
 @frozen
@@ -43,7 +242,7 @@ class _Response:
     coherence: Floats | None = None
 
 
-def check_channels(
+def check_responses(
     entries: Mapping[str, ChannelEntry], model: Model, folder: Path
 ) -> dict[str, Channel]:
     """Return the sensors of responses, names, inputs and units checked against the model."""
@@ -62,7 +261,7 @@ def check_channels(
         channel = source(name, own, model, folder).channel(name, "")
         unit = _reading_unit(name, entry, model)
         if entry.unit is not None:
-            _factor(name, entry, entry.unit, unit, model)
+            _reading_factor(name, entry, entry.unit, unit, model)
         found[name] = replace(channel, unit=unit)
     return found
 
@@ -82,7 +281,9 @@ def _reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
     )
 
 
-def _factor(name: str, entry: ChannelEntry, stated: str, reading: str, model: Model) -> float:
+def _reading_factor(
+    name: str, entry: ChannelEntry, stated: str, reading: str, model: Model
+) -> float:
     """Return the number that turns a response into SI; a derivative of another order is told."""
     place, over = f"channels.{name}.unit", model.units[entry.input or ""]
     expected = f"({reading})/({over})"
@@ -111,7 +312,7 @@ def _converts(stated: str, expected: str) -> bool:
     return True
 
 
-def read_records(
+def read_responses(
     folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
 ) -> list[Lines]:
     """Read frequency responses: those to one input, on one grid of frequencies, share their lines.
@@ -122,7 +323,7 @@ def read_records(
         For files, columns, units and numbers that cannot be used.
     """
     paths = [folder / name for name in entry.paths]
-    channels = check_channels(entries, model, folder)
+    channels = check_responses(entries, model, folder)
     stored = [name for name, one in entries.items() if one.column is not None]
     if stored and len(stored) < len(entries):
         raise InputError(
@@ -194,7 +395,7 @@ def _of_universal(
     """Return the responses of universal files, by node and direction."""
     stored: dict[str, StoredResponse] = {}
     for path in paths:
-        stored |= read_responses(path)
+        stored |= universal.read_responses(path)
     found = []
     for name, one in entries.items():
         assert one.input is not None  # checked with the channels
@@ -216,7 +417,7 @@ def _of_universal(
             raise InputError(
                 "no unit, here or in the file", "the unit of the response", "write it", place=place
             )
-        factor = _factor(name, one, unit, channels[name].unit, model)
+        factor = _reading_factor(name, one, unit, channels[name].unit, model)
         check_magnitude(largest_of(np.abs(data.values)), abs(factor), place)
         with np.errstate(invalid="ignore"):  # what is not finite is told with its line
             values = np.asarray(data.values * factor, dtype=np.complex128)
