@@ -16,7 +16,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.linear.equations import Predicted
 from rotorid.models import Model
-from rotorid.signals.checks.periods import NO_SCATTER
+from rotorid.signals.checks.registry import NO_SCATTER
 from rotorid.signals.covariance import correlated_covariance, is_correlated
 
 FAILS = 1e-6

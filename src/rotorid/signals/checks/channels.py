@@ -20,6 +20,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, Record
+from rotorid.signals.checks.registry import SeenRecord, period_check, record_check
 from rotorid.signals.periods import median
 
 INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
@@ -88,6 +89,7 @@ def quantum(samples: Floats) -> float:
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
+@record_check("dead", "every channel moves", lambda seen: (seen.part, seen.scatter))
 def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
     """Find channels that say nothing: the same value in every sample.
 
@@ -123,6 +125,7 @@ def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
     return found
 
 
+@record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
 def check_clipped(record: Record) -> list[Note]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
     found = []
@@ -170,6 +173,7 @@ def _flat(samples: Floats, value: float) -> int:
     return int((after - first)[long].sum())
 
 
+@record_check("quantized", "no channel is too coarse", lambda seen: (seen.part, seen.scatter))
 def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]:
     """Find channels whose steps are so coarse that their rounding does not average out.
 
@@ -212,6 +216,16 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
     return Note("quantized", "warns", text, on=(channel.name,))
 
 
+@record_check(
+    "copied",
+    "no two channels are the same",
+    lambda seen: (seen.part.channels, seen.centred) if seen.periods is None else None,
+)
+@period_check(
+    "copied",
+    "no two channels are the same",
+    lambda seen: (seen.periods.channels, seen.deviations),
+)
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
     """Find pairs of channels whose noise is the same: one column read twice.
 
@@ -478,3 +492,9 @@ def check_phases(name: str, phases: Floats, *, degrees: bool) -> Iterator[Note]:
             'phase_unit = "rad"'
         )
         yield Note("phase unit", "warns", text, on=(name,))
+
+
+@record_check("stuck", "no channel stops in the middle", lambda seen: (seen,))
+def _stuck(seen: SeenRecord) -> list[Note]:
+    whole = seen.record if seen.untorn else seen.part
+    return check_stuck(whole, seen.begin, steady=seen.periods is not None)

@@ -16,6 +16,7 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
+from rotorid.signals.checks.registry import NO_SCATTER, SeenPeriods, period_check, record_check
 from rotorid.signals.periods import median, quartiles
 
 LEAST_PERIODS = 8
@@ -132,10 +133,6 @@ def _last_unsettled(d: Floats, terms: int) -> int:
     return half if begin > _DECAYS * end else 0
 
 
-NO_SCATTER = 1e-9
-"""Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
-leave 1e-13, no converter reaches 1e-8."""
-
 FALSE_ALARM = 1e-7
 """Chance per period or channel of an alarm on noise: with 260 periods of 12 channels it comes to 3
 in 10,000 records."""
@@ -167,6 +164,7 @@ SILENT = 3.0
 in 8000 lines."""
 
 
+@period_check("identical periods", "the periods scatter, so that deviations can be stated")
 def check_identical(periods: PeriodicRecord) -> list[Note]:
     """Find channels without scatter: nothing tells how well their mean is known."""
     level = np.sqrt((periods.mean**2).mean(axis=0))
@@ -193,6 +191,7 @@ def check_identical(periods: PeriodicRecord) -> list[Note]:
     return found
 
 
+@period_check("copied periods", "no period is an earlier one again")
 def check_copied_periods(periods: PeriodicRecord) -> list[Note]:
     """Find periods that are earlier ones again: a file that holds a measurement twice.
 
@@ -233,6 +232,7 @@ def _equal(one: Complexes, other: Complexes) -> bool:
     return bool(np.linalg.norm(one - other) <= NO_SCATTER * np.linalg.norm(one))
 
 
+@period_check("repeats", "the periods repeat")
 def check_repeats(periods: PeriodicRecord) -> list[Note]:
     """Tell whether a few periods are the same at all; many are told by their lines and noise."""
     if periods.periods >= LEAST_PERIODS:
@@ -253,6 +253,7 @@ def check_repeats(periods: PeriodicRecord) -> list[Note]:
     return [Note("repeats", "warns", text)]
 
 
+@period_check("lines below noise", "every line that is used stands above its noise")
 def check_silent(periods: PeriodicRecord) -> list[Note]:
     """Find lines that no channel holds, and channels that hold no line."""
     found = []
@@ -546,6 +547,11 @@ SYNCHRONOUS = 0.05
 _MOST = 1 << 15  # samples looked at
 
 
+@record_check(
+    "multiple period",
+    "the record repeats after one period",
+    lambda seen: (seen.record, seen.periods) if seen.periods and seen.untorn else None,
+)
 def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
     """Find a fundamental that is two or three times the true one."""
     size = periods.samples
@@ -599,3 +605,22 @@ def _difference(samples: Floats, lag: int, power: Floats) -> Floats:
     """Return half the power of what differs between periods so far apart, over that of all."""
     change = samples[lag:] - samples[:-lag]
     return np.asarray((change**2).mean(axis=(0, 1)) / (2 * np.maximum(power, 1e-300)))
+
+
+# What shifts or settles leaves other traces too: they are told once.
+DISTURBED = ("lost samples", "settled")
+
+
+@period_check("settled", "no transient is left", lambda seen: (seen,))
+def _settled(seen: SeenPeriods) -> list[Note]:
+    return [] if seen.notes("lost samples") else check_settled(seen.periods)
+
+
+@period_check("knock", "no period stands out", lambda seen: (seen,))
+def _knocks(seen: SeenPeriods) -> list[Note]:
+    return [] if seen.warned(*DISTURBED) else check_knocks(seen.periods)
+
+
+@period_check("drift", "no line drifts", lambda seen: (seen,))
+def _drift(seen: SeenPeriods) -> list[Note]:
+    return [] if seen.warned(*DISTURBED) or seen.notes("knock") else check_drift(seen.periods)

@@ -1,34 +1,164 @@
-"""Checks of the data before any model: what a record or its periods show by themselves."""
+"""Checks of the data before any model: what a record or its periods show by themselves.
+
+A check is a function in a module of this package, entered beside it, and named nowhere else::
+
+    @record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
+    def check_clipped(record: Record) -> list[Note]: ...
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from importlib import import_module
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Floats
 from rotorid.data.record import PeriodicRecord, Record
-from rotorid.signals.checks.channels import (
-    check_clipped,
-    check_copied,
-    check_dead,
-    check_quantized,
-    check_stuck,
-)
-from rotorid.signals.checks.periods import (
-    NO_SCATTER,
-    check_copied_periods,
-    check_drift,
-    check_identical,
-    check_knocks,
-    check_multiple,
-    check_repeats,
-    check_settled,
-    check_silent,
-)
-from rotorid.signals.checks.rotation import check_speed, check_wander
-from rotorid.signals.checks.timing import check_timing
+
+NO_SCATTER = 1e-9
+"""Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
+leave 1e-13, no converter reaches 1e-8."""
+
+F = TypeVar("F", bound=Callable[..., list[Note]])
+Of = Literal["record", "periods"]
+Arguments = Callable[[Any], tuple[Any, ...] | None]
+
+
+@frozen
+class Check:
+    """A check of a record, or of its periods."""
+
+    name: str
+    in_order: str  # what is said where it finds nothing
+    arguments: Arguments  # of what is seen; None where there is nothing to look at
+    function: Callable[..., list[Note]]
+
+
+_ENTERED: dict[Of, list[Check]] = {"record": [], "periods": []}
+
+
+def record_check(name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
+    """Enter a check of the samples of a record."""
+    return _entering("record", name, in_order, arguments)
+
+
+def period_check(
+    name: str, in_order: str, arguments: Arguments = lambda seen: (seen.periods,)
+) -> Callable[[F], F]:
+    """Enter a check of the periods of a record."""
+    return _entering("periods", name, in_order, arguments)
+
+
+def _entering(of: Of, name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
+    def entered(function: F) -> F:
+        _ENTERED[of].append(Check(name, in_order, arguments, function))
+        return function
+
+    return entered
+
+
+@cache
+def _checks(of: Of) -> dict[str, Check]:
+    """Return the checks of all modules of this package."""
+    package = __name__.rpartition(".")[0]
+    for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
+        import_module(module.name)
+    return {each.name: each for each in _ENTERED[of]}
+
+
+@dataclass(kw_only=True)
+class _Seen:
+    """What is looked at, and what was found."""
+
+    of: Of
+    _found: dict[str, list[Note] | None] = field(default_factory=dict)
+
+    def notes(self, name: str) -> list[Note] | None:
+        """Return what a check found, empty where all is in order; None where it does not apply."""
+        if name not in self._found:
+            one = _checks(self.of)[name]
+            arguments = one.arguments(self)
+            self._found[name] = None if arguments is None else one.function(*arguments)
+        return self._found[name]
+
+    def warned(self, *names: str) -> bool:
+        """Tell whether one of some checks found what is more than said."""
+        return any(note.severity != "says" for name in names for note in self.notes(name) or ())
+
+    def told(self) -> tuple[Note, ...]:
+        """Return what all checks found, and for those that found nothing that they passed."""
+        notes: list[Note] = []
+        for name, one in _checks(self.of).items():
+            found = self.notes(name)
+            notes += [Note(name, "passes", one.in_order)] if found == [] else found or ()
+        return tuple(notes)
+
+
+@dataclass(kw_only=True)
+class SeenRecord(_Seen):
+    """A record as checks see it."""
+
+    of: Of = "record"
+    record: Record
+    periods: PeriodicRecord | None
+    excerpt: Record | None
+
+    @cached_property
+    def part(self) -> Record:
+        """The samples in which channels are looked at one by one."""
+        part = self.record if self.excerpt is None else self.excerpt
+        if part.valid is None:
+            return part
+        return replace(part, samples=part.samples[part.valid], angle=None, valid=None)
+
+    @property
+    def untorn(self) -> bool:
+        """Whether samples follow one another: a mask tears the course of time."""
+        return self.record.valid is None
+
+    @property
+    def centred(self) -> Floats:
+        """The samples less their mean."""
+        return np.asarray(self.part.samples - self.part.samples.mean(axis=0))
+
+    @property
+    def begin(self) -> float:
+        """Time in s of the first sample that is used."""
+        return -np.inf if self.periods is None else self.periods.begin
+
+    @cached_property
+    def scatter(self) -> Floats | None:
+        """The standard deviation of a sample between periods; 0 where it is rounding."""
+        if self.periods is None:
+            return None
+        scatter = np.sqrt(self.periods.variance.mean(axis=0))
+        level = np.sqrt((self.periods.mean**2).mean(axis=0))
+        return np.asarray(np.where(scatter > NO_SCATTER * level, scatter, 0.0))
+
+
+@dataclass(kw_only=True)
+class SeenPeriods(_Seen):
+    """The periods of a record as checks see them."""
+
+    of: Of = "periods"
+    periods: PeriodicRecord
+
+    @cached_property
+    def deviations(self) -> Floats:
+        """What differs from period to period, shape (value, channel); 0 where it is rounding."""
+        spectra = self.periods.spectra
+        z = spectra - self.periods.mean_spectrum
+        level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))
+        noisy = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1))) > NO_SCATTER * level
+        flat = np.where(noisy, z, 0.0).reshape(-1, z.shape[2])
+        return np.concatenate([flat.real, flat.imag])
 
 
 def check_record(
@@ -57,27 +187,7 @@ def check_record(
     >>> [c.about for c in found if c.severity == "warns"]
     ['clipped']
     """
-    part = record if excerpt is None else excerpt
-    if part.valid is not None:
-        part = replace(part, samples=part.samples[part.valid], angle=None, valid=None)
-    scatter = None if periods is None else _scatter(periods)
-    begin = -np.inf if periods is None else periods.begin
-    found = {
-        "dead": check_dead(part, scatter),
-        "stuck": check_stuck(
-            record if record.valid is None else part, begin, steady=periods is not None
-        ),
-        "clipped": check_clipped(part),
-        "quantized": check_quantized(part, scatter),
-    }
-    if periods is None:
-        centred = part.samples - part.samples.mean(axis=0)
-        found["copied"] = check_copied(part.channels, centred)
-    if record.valid is None:  # a mask tears the course of time
-        found["speed"] = check_speed(record, periods)
-        if periods is not None:
-            found["multiple period"] = check_multiple(record, periods)
-    return _with_ok(found)
+    return SeenRecord(record=record, periods=periods, excerpt=excerpt).told()
 
 
 def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
@@ -101,62 +211,4 @@ def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
     >>> [c.about for c in check_periods(periods) if c.severity == "warns"]
     ['identical periods']
     """
-    found = {
-        "identical periods": check_identical(periods),
-        "copied periods": check_copied_periods(periods),
-        "copied": check_copied(periods.channels, _deviations(periods)),
-        "repeats": check_repeats(periods),
-        "lines below noise": check_silent(periods),
-        "lost samples": (timing := check_timing(periods)),
-        "settled": (settled := [] if timing else check_settled(periods)),
-    }
-    found["wander"] = check_wander(periods)
-    # What shifts or settles leaves other traces too: they are told once.
-    disturbed = any(c.severity != "says" for c in (*timing, *settled))
-    found["knock"] = [] if disturbed else check_knocks(periods)
-    found["drift"] = [] if disturbed or found["knock"] else check_drift(periods)
-    return _with_ok(found)
-
-
-def _scatter(periods: PeriodicRecord) -> Floats:
-    """Return the standard deviation of a sample between periods; 0 where it is rounding."""
-    scatter = np.sqrt(periods.variance.mean(axis=0))
-    level = np.sqrt((periods.mean**2).mean(axis=0))
-    return np.asarray(np.where(scatter > NO_SCATTER * level, scatter, 0.0))
-
-
-def _deviations(periods: PeriodicRecord) -> Floats:
-    """Return what differs from period to period, shape (value, channel); 0 where it is rounding."""
-    z = periods.spectra - periods.mean_spectrum
-    level = np.sqrt((np.abs(periods.spectra) ** 2).mean(axis=(0, 1)))
-    noisy = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1))) > NO_SCATTER * level
-    flat = np.where(noisy, z, 0.0).reshape(-1, z.shape[2])
-    return np.concatenate([flat.real, flat.imag])
-
-
-_IN_ORDER = {
-    "dead": "every channel moves",
-    "stuck": "no channel stops in the middle",
-    "clipped": "no channel is cut at a limit",
-    "quantized": "no channel is too coarse",
-    "copied": "no two channels are the same",
-    "copied periods": "no period is an earlier one again",
-    "identical periods": "the periods scatter, so that deviations can be stated",
-    "repeats": "the periods repeat",
-    "lines below noise": "every line that is used stands above its noise",
-    "lost samples": "every period comes when it should",
-    "settled": "no transient is left",
-    "knock": "no period stands out",
-    "drift": "no line drifts",
-    "multiple period": "the record repeats after one period",
-    "speed": "no line contradicts the speed",
-    "wander": "the line of the rotation scatters as the others do",
-}
-
-
-def _with_ok(found: dict[str, list[Note]]) -> tuple[Note, ...]:
-    return tuple(
-        check
-        for name, checks in found.items()
-        for check in (checks or [Note(name, "passes", _IN_ORDER[name])])
-    )
+    return SeenPeriods(periods=periods).told()

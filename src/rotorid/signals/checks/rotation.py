@@ -21,6 +21,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
+from rotorid.signals.checks.registry import period_check, record_check
 from rotorid.signals.periods import median
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
@@ -329,6 +330,11 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     ]
 
 
+@record_check(
+    "speed",
+    "no line contradicts the speed",
+    lambda seen: (seen.record, seen.periods) if seen.untorn else None,
+)
 def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Note]:
     """Hold the speed against the tones of the sensors.
 
@@ -384,6 +390,7 @@ def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency
     return found
 
 
+@period_check("wander", "the line of the rotation scatters as the others do")
 def check_wander(periods: PeriodicRecord) -> list[Note]:
     """Find a line of the rotation that scatters from period to period as no other does."""
     turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)

@@ -15,7 +15,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.record import PeriodicRecord
-from rotorid.signals.checks.periods import NO_SCATTER
+from rotorid.signals.checks.registry import NO_SCATTER, period_check
 from rotorid.signals.periods import median
 
 STEP = 8.0
@@ -300,6 +300,7 @@ def _long_run(left: Floats, unknowns: int, noise: float) -> float:
     return max(size, noise) * float(np.sqrt((1 + memory) / (1 - memory)))
 
 
+@period_check("lost samples", "every period comes when it should")
 def check_timing(periods: PeriodicRecord) -> list[Note]:
     """Find lost samples, a period that is not the one given, and a second clock."""
     if periods.periods < LEAST_PERIODS:
