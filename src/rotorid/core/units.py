@@ -285,7 +285,7 @@ def _table() -> dict[str, _Product]:
 def _enter(table: dict[str, _Product], names: Iterable[str], own: _Product) -> None:
     for name in names:
         for prefix, ten in _PREFIXES.items():
-            table.setdefault(prefix + name, own._replace(ten=own.ten + ten))
+            table.setdefault(prefix + name, _Product(own.size, own.ten + ten, own.atoms))
 
 
 def _defined(line: str, table: Mapping[str, _Product]) -> tuple[list[str], _Product]:
