@@ -224,7 +224,7 @@ SENSORS = ("s_xa", "s_ya", "s_xb", "s_yb")
 CURRENTS = {f"i{name[1:]}": f"F{name[1:]}" for name in SENSORS}
 PLANES = (SENSORS[:2], SENSORS[2:])
 LIKE_ANOTHER = "lever of sensor xa 250 mm, not 200"
-"""With levers that are parameters there is no such mistake."""
+"""Where levers are parameters, it is a factor of one that is mistaken in one sensor."""
 
 
 def levers(text: str) -> str:
@@ -247,6 +247,8 @@ def _in_levers() -> Iterator[Mistake]:
         yield Mistake(LEVERS, f"{a} in mm", scale(a, 1e-3), (f"unit[{a}]",))
         yield Mistake(LEVERS, f"5 % too much of {a}", scale(a, 1.05), (f"gain[{a}]",))
     xa, ya, xb, yb = SENSORS
+    longer = put("x - L_a*theta_y", "x - 1.25*L_a*theta_y")
+    yield Mistake(LEVERS, "lever of s_xa 1.25 L_a", longer, ("plane[s_xa]",))
     every = both(*(scale(a, 1e-3) for a in SENSORS))
     yield Mistake(LEVERS, "all sensors in mm", every, ("unit[s_xa ... s_yb]",))
     bearings = both(swap(xa, xb), swap(ya, yb))

@@ -19,9 +19,11 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.known import Known
 from rotorid.likelihood.layout import physical_factors
+from rotorid.likelihood.linear import Linear
 from rotorid.likelihood.preparation import Prepared, generic
 from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.relations import Monomials, Relations
@@ -326,6 +328,11 @@ class Rival:
     # from the case and the minimum that it leads to, to what says the same more exactly
     sharper: Callable[[Case, Point], Iterator[Rival]] | None = None
 
+    @property
+    def added(self) -> Unknown | None:
+        """The unknown that it frees, where that is a further one."""
+        return None if self.small is None else self.small.unknown
+
     def value_at(self, changed: Case, point: Point) -> float | None:
         """Return its value at the minimum of the case that it changed."""
         return self.value(changed, point) if callable(self.value) else self.value
@@ -335,31 +342,35 @@ class Rival:
 class Slopes:
     """The whitened residual at an estimate by all unknowns, fixed ones and rivals included."""
 
-    case: Case
+    linear: Linear  # at the estimate, in the unknowns that it has
     columns: Floats
     index: Mapping[str, int]
+    known: Known
 
     @classmethod
-    def of(cls, case: Case, rivals: Sequence[Rival]) -> Slopes:
-        """Evaluate the derivative once for all unknowns that rivals add.
+    def turns(cls, case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Slopes, list[Rival]]]:
+        """Yield the derivative by all unknowns that rivals add, evaluated once, and the rivals.
 
-        Unknowns that exclude others of them take turns.
+        Unknowns that exclude others of them have a turn of their own, and those that change what
+        sensors read: with them the same residual is whitened in other rows.
         """
-        added = [r.small.unknown for r in rivals if r.small is not None]
-        unknowns = [unknown for unknown in added if unknown is not None]
-        blocks: list[Floats] = []
-        names: list[str] = []
-        for apart in (False, True):
-            turn = [u for u in unknowns if bool(u.alternative_to) == apart]
-            if apart and not turn:
-                break
-            wide = case.plus(*turn) if turn else case
-            first = len(case.prepared.layout.unknowns) if apart else 0
-            rows = [record.jacobian() for record in wide.point.records]
-            rows.append(wide.point.problem.known.jacobian(wide.unknowns))
-            blocks.append(np.concatenate(rows)[:, first:])
-            names += [u.name for u in wide.prepared.layout.unknowns[first:]]
-        return cls(case, np.concatenate(blocks, axis=1), {n: k for k, n in enumerate(names)})
+        turns: dict[tuple[bool, bool], list[Rival]] = {}
+        for rival in rivals:
+            added = rival.added
+            turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects())))
+            turns.setdefault(turn or (False, False), []).append(rival)
+        for among in turns.values():
+            yield cls._of(case, [rival.added for rival in among if rival.added]), among
+
+    @classmethod
+    def _of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
+        fixed = [replace(u, scalars=tuple(replace(s, std=0.0) for s in u.scalars)) for u in added]
+        wide = case.plus(*fixed) if fixed else case
+        known = wide.point.problem.known
+        rows = [record.jacobian() for record in wide.point.records]
+        columns = np.concatenate([*rows, known.jacobian(wide.unknowns)])
+        index = {u.name: k for k, u in enumerate(wide.prepared.layout.unknowns)}
+        return cls(wide.point.linear, columns, index, known)
 
     def by(self, *names: str) -> Floats:
         """Return the columns of some unknowns."""
@@ -367,7 +378,7 @@ class Slopes:
 
     def slack(self, text: str) -> Floats:
         """Return the columns that take what is known of something out of the residual."""
-        known, count = self.case.point.problem.known, len(self.columns)
+        known, count = self.known, len(self.columns)
         rows = [i for i, each in enumerate(known.texts) if each == text]
         columns = np.zeros((count, len(rows)))
         columns[[count - len(known) + i for i in rows], range(len(rows))] = 1.0

@@ -233,14 +233,14 @@ class _Search:
 
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
         """Return small changes by the score test, the largest drop of the cost first."""
-        slopes, point = Slopes.of(self.case, small), self.case.point
-        found = []
-        for rival in small:
-            assert rival.small is not None
-            drop, step = point.linear.score(rival.small.columns(slopes))
-            if drop > 0:
-                share, value = self.share(drop), rival.small.value(step)
-                found.append(Finding(rival, point.cost - drop, drop, share, value, tried=False))
+        cost, found = self.case.point.cost, list[Finding]()
+        for slopes, among in Slopes.turns(self.case, small):
+            for rival in among:
+                assert rival.small is not None
+                drop, step = slopes.linear.score(rival.small.columns(slopes))
+                if drop > 0:
+                    share, value = self.share(drop), rival.small.value(step)
+                    found.append(Finding(rival, cost - drop, drop, share, value, tried=False))
         return sorted(found, key=lambda f: -f.drop)
 
     def freed(self, scored: Sequence[Finding]) -> Tries:

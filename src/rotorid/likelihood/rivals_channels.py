@@ -6,8 +6,7 @@ likelihood is minimized again. What a sensor reads may hold parameters: it is up
 same.
 
 A sensor beside its plane reads an angle too, one that is not aligned reads the other axis. Its
-share is no factor of a channel: the column is what the sensor would read more, and the sensor is
-changed as the share is found.
+share is no factor of a channel, but an unknown of its own in what the sensor reads.
 """
 
 from __future__ import annotations
@@ -20,16 +19,14 @@ from itertools import combinations, permutations
 import numpy as np
 
 from rotorid.core.values import Floats
-from rotorid.data.observation import Observation, Sensor
-from rotorid.likelihood.case import Case, Records, Rival, Small, freed, mistake, rivals
+from rotorid.data.observation import Observation
+from rotorid.likelihood.case import Case, Records, Rival, freed, mistake, rivals
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_tables import SPEEDS, is_table
-from rotorid.likelihood.unknowns import Multiplier, every_unknown
-from rotorid.likelihood.unknowns.base import amount
+from rotorid.likelihood.unknowns import Multiplier, Share, every_unknown
 from rotorid.likelihood.unknowns.channel_factors import FACTORS, factor_name, snap
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
 from rotorid.models import Model
-from rotorid.models.equations import SensorTerm
 from rotorid.models.structure import Structure
 
 UNLIKE = 5.0
@@ -41,8 +38,6 @@ sorted by the planes that the model gives them, and only neighbours are tried.""
 ASKED = 4
 """Records, those that fit worst, of each of which the speed may be wrong by itself: some twenty
 mistakes each; the record with the mistake is among them, as the others agree."""
-TURNS = 5
-"""Steps towards the share of what a sensor reads besides: Newton's, so that five reach it."""
 BEGINS = 'write phase = "unknown" in that record, or name the column of the mark (keyphasor, angle)'
 """What to do about a record whose rotor angle begins elsewhere."""
 MARKED = (
@@ -146,8 +141,7 @@ def _gain(label: str, names: Sequence[str], start: float = 1.0) -> Rival:
 def _missing(case: Case, every: Iterable[Rival]) -> Iterator[Rival]:
     """Yield what is not estimated already."""
     for rival in every:
-        unknown = None if rival.small is None else rival.small.unknown
-        names = {scalar.name for scalar in unknown.scalars} if unknown is not None else set()
+        names = {scalar.name for scalar in rival.added.scalars} if rival.added else set()
         if not names & case.prepared.layout.index.keys():
             yield rival
 
@@ -512,59 +506,7 @@ Shares = Mapping[str, tuple[int, float]]
 def _share(
     term: str, unit: str, said: str, shares: Shares, on: tuple[str, ...], given: float = 0.0
 ) -> Rival:
-    """Return the rival that sensors read a share of further coordinates; `given`: what is said."""
-
-    def told(value: float | None) -> tuple[str, str]:
-        return f"{said}{amount(value, unit)}", "correct reads in [channels], or turn the sensor"
-
-    def value(case: Case, point: Point) -> float:
-        name, (_, size) = next(iter(shares.items()))
-        (sensor,) = (s for s in case.records[0].sensors if s.channel.name == name)
-        return given + sensor.terms[-1].coefficient / size
-
-    small = Small(lambda slopes: _column(slopes.case, shares), lambda step: given + float(step[0]))
-    return Rival(
-        term, on, "term", partial(_turned_to, shares=shares), told, value, unit, small=small
-    )
-
-
-def _turned_to(case: Case, shares: Shares) -> Case | None:
-    """Return the case with the share that explains most, by steps of the score test."""
-    found, share = case, 0.0
-    for _ in range(TURNS):
-        share += float(found.point.linear.score(_column(found, shares))[1][0])
-        other = case.reading(_each(partial(_reading_more, shares=shares, share=share)))
-        other = replace(other, unknowns=found.point.unknowns)
-        point = other.near()
-        if point is None or point.cost > found.point.cost:
-            break
-        found = replace(other, unknowns=point.unknowns, found=point)
-    return None if found is case else found
-
-
-def _reading_more(record: Observation, shares: Shares, share: float) -> Observation:
-    def more(sensor: Sensor) -> Sensor:
-        coordinate, size = shares.get(sensor.channel.name, (0, 0.0))
-        still = (0,) * len(sensor.terms[0].powers)
-        added = SensorTerm(coordinate, 0, still, size * share)
-        return replace(sensor, terms=(*sensor.terms, added)) if size else sensor
-
-    return replace(record, sensors=tuple(more(sensor) for sensor in record.sensors))
-
-
-def _column(case: Case, shares: Shares) -> Floats:
-    """Return the derivative of the whitened residual by the share."""
-    blocks = []
-    for record, at in zip(case.records, case.point.records, strict=True):
-        motion = at.corrected()[1] * at.problem.scales.coordinates
-        first = len(record.inputs) + len(record.indirect)
-        rows = np.zeros((at.problem.lines, at.problem.all_rows), dtype=np.complex128)
-        for k, sensor in enumerate(record.direct):
-            coordinate, size = shares.get(sensor.channel.name, (0, 0.0))
-            rows -= at.plain[:, :, first + k] * (size * motion[:, coordinate, None])
-        blocks.append(at.whiten(rows[:, :, None]))
-    blocks.append(np.zeros((len(case.point.known), 1)))
-    return np.concatenate(blocks)
+    return freed(Share.of(term, unit, said, shares, given), on=on)
 
 
 @rivals("reads")
@@ -573,9 +515,10 @@ def _shares(case: Case) -> Iterator[Rival]:
     structure, model = case.structure, case.model
     if structure is None or not case.records:
         return
-    record, turn = case.records[0], structure.turn()
+    turn, every = structure.turn(), _read(case)
     partner = {k: int(np.abs(turn[k]).argmax()) for k in range(len(turn)) if turn[k].any()}
-    reads = {s.channel.name: row for s, row in zip(record.direct, record.reads, strict=True)}
+    still = [s.channel.name for s in case.records[0].sensors if s.order == 0]
+    reads = {name: row for name, row in every.items() if name in still and np.isfinite(row).all()}
     for name, row in reads.items():
         lengths = [k for k in np.flatnonzero(row) if model.units[model.coordinates[k]] == "m"]
         if len(lengths) != 1 or lengths[0] not in partner:

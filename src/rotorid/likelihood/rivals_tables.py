@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.lines import Lines, PhasorClock, SilentClock
+from rotorid.data.lines import PhasorClock, SilentClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Records, Rival, mistake, rivals
 from rotorid.likelihood.cost import Evaluation
@@ -52,17 +52,6 @@ NONE = 1e-9
 def is_response(record: Observation) -> bool:
     """Tell whether a record holds frequency responses."""
     return isinstance(record.lines.clock, SilentClock)
-
-
-def _times(record: Observation, factor: Complexes) -> Observation:
-    covariance = record.lines.covariance
-    matrices = covariance.matrices * factor[:, :, None] * factor[:, None, :].conj()
-    lines = replace(
-        record.lines,
-        mean=record.lines.mean * factor,
-        covariance=replace(covariance, matrices=matrices),
-    )
-    return record.with_lines(lines)
 
 
 def growing_mode(
@@ -150,23 +139,15 @@ def _all_rows(case: Case) -> Iterator[Rival]:
     cure = "set lag = true in their channels, or take it out where it stands"
     degrees = 'set phase_unit = "rad" in the channels'
     other_way = "the rotor turning the other way"
-    yield _of_tables("lag", "phases that count the other way, lag for lead", cure, _lag(names))
-    yield _of_tables("phase_unit", "phases in radians taken for degrees", degrees, _radians)
-    speed = _of_tables("speed", other_way, "turn the sign of the speed", _reversed)
+    of_tables = partial(_of, is_table)
+    yield of_tables("lag", "phases that count the other way, lag for lead", cure, _lag(names))
+    yield of_tables("phase_unit", "phases in radians taken for degrees", degrees, _radians)
+    speed = of_tables("speed", other_way, "turn the sign of the speed", _reversed)
     yield replace(speed, on=(), kind="speed")
     for name in names if len(names) > 1 else ():
         said = f"the phase of {name} counting the other way, lag for lead"
         cure = f"set lag = true in the channel of {name}, or take it out where it stands"
-        yield replace(_of_tables(f"lag[{name}]", said, cure, _lag([name])), on=(name,))
-
-
-def _of_tables(term: str, said: str, cure: str, change: Callable[[Observation], Lines]) -> Rival:
-    """Return the rival that changes the tables among the records."""
-
-    def undo(records: Records) -> list[Observation]:
-        return [r.with_lines(change(r)) if is_table(r) else r for r in records]
-
-    return mistake(term, (term,), said, cure, undo)
+        yield replace(of_tables(f"lag[{name}]", said, cure, _lag([name])), on=(name,))
 
 
 @rivals("table")
@@ -175,11 +156,12 @@ def _responses(case: Case) -> Iterator[Rival]:
     orders = {s.order for r in case.records if is_response(r) for s in r.sensors}
     if not orders or not case.gross:
         return
+    of_responses = partial(_of, is_response)
     for order in range(len(KINDS)) if len(orders) == 1 else ():
         (said,) = orders
         if order != said:
             yield replace(
-                _of_responses(
+                of_responses(
                     "derivative",
                     f"responses of {KINDS[order]}, where {KINDS[said]} are said to be read",
                     f'write reads = "x{chr(39) * order}" in channels of names of their own',
@@ -187,14 +169,14 @@ def _responses(case: Case) -> Iterator[Rival]:
                 ),
                 value=float(order),
             )
-    yield _of_responses(
+    yield of_responses(
         "lag",
         "phases that count the other way, lag for lead",
         "set lag = true in the channels, or take it out where it stands",
         lambda r: r.with_lines(replace(r.lines, mean=r.lines.mean.conj())),
     )
     yield replace(
-        _of_responses(
+        of_responses(
             "sign[force]",
             "all responses upside down, as where the force sensor or the shaker is turned about",
             "set scale = -1 in each channel of the responses, or turn the force sensor",
@@ -204,13 +186,17 @@ def _responses(case: Case) -> Iterator[Rival]:
     )
 
 
-def _of_responses(
-    term: str, said: str, cure: str, change: Callable[[Observation], Observation]
+def _of(
+    which: Callable[[Observation], bool],
+    term: str,
+    said: str,
+    cure: str,
+    change: Callable[[Observation], Observation],
 ) -> Rival:
-    """Return the rival that changes the responses among the records."""
+    """Return the rival that changes the records of a kind."""
 
     def undo(records: Records) -> list[Observation]:
-        return [change(record) if is_response(record) else record for record in records]
+        return [change(record) if which(record) else record for record in records]
 
     return mistake(term, (term,), said, cure, undo)
 
@@ -220,13 +206,14 @@ def _shifted(record: Observation, order: int, sign: float = 1.0) -> Observation:
     factor = np.ones(record.lines.mean.shape, dtype=np.complex128)
     columns = [sensor.column for sensor in record.sensors]
     factor[:, columns] = sign * (1j * record.lines.omega[:, None]) ** order
-    return _times(record, factor)
+    matrices = record.lines.covariance.matrices * factor[:, :, None] * factor[:, None, :].conj()
+    return _with(record, record.lines.mean * factor, matrices)
 
 
-def _lag(names: Sequence[str]) -> Callable[[Observation], Lines]:
+def _lag(names: Sequence[str]) -> Callable[[Observation], Observation]:
     """Return what turns the phases of some channels about."""
 
-    def change(record: Observation) -> Lines:
+    def change(record: Observation) -> Observation:
         lines = record.lines
         turned = np.isin(lines.names, names)
         mean = np.where(turned, lines.mean.conj(), lines.mean)
@@ -234,31 +221,32 @@ def _lag(names: Sequence[str]) -> Callable[[Observation], Lines]:
         both = turned[:, None] & turned
         apart = turned[:, None] ^ turned  # one turned and one not: no covariance of the two left
         matrices = np.where(both, matrices.conj(), np.where(apart, 0.0, matrices))
-        return replace(lines, mean=mean, covariance=replace(lines.covariance, matrices=matrices))
+        return _with(record, mean, matrices)
 
     return change
 
 
-def _radians(record: Observation) -> Lines:
+def _with(record: Observation, mean: Complexes, matrices: Complexes) -> Observation:
+    lines = record.lines
+    covariance = replace(lines.covariance, matrices=matrices)
+    return record.with_lines(replace(lines, mean=mean, covariance=covariance))
+
+
+def _radians(record: Observation) -> Observation:
     """Take phases that were read as degrees for radians."""
     lines = record.lines
     angle = np.angle(lines.mean) * (180 / np.pi)
     sensors = [s.column for s in record.sensors]
     mean: Complexes = lines.mean.copy()
     mean[:, sensors] = (np.abs(lines.mean) * np.exp(1j * angle))[:, sensors]
-    return replace(lines, mean=mean)
+    return record.with_lines(replace(lines, mean=mean))
 
 
-def _reversed(record: Observation) -> Lines:
+def _reversed(record: Observation) -> Observation:
     """Let the rotor turn the other way, its phasors as they are."""
     lines = record.lines
-    return replace(
-        lines,
-        speed=-lines.speed,
-        clock=PhasorClock(-lines.speed),
-        mean=lines.mean.conj(),
-        covariance=replace(lines.covariance, matrices=lines.covariance.matrices.conj()),
-    )
+    back = replace(lines, speed=-lines.speed, clock=PhasorClock(-lines.speed))
+    return _with(record.with_lines(back), lines.mean.conj(), lines.covariance.matrices.conj())
 
 
 def _of_time(unknown: Scalar, force: bool) -> float:

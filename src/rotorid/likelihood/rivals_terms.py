@@ -7,7 +7,7 @@ shaft may be otherwise than drawn, the damping that goes with it in proportion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations, combinations_with_replacement
@@ -38,37 +38,33 @@ BENDING = 4
 of the second, bends it, and what it bends by is accelerated in turn."""
 
 
+K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
+"""Matrices by the derivative that they multiply, and by the power of the speed."""
+
+
 @frozen
 class Candidate:
-    """A term that may be missing: its name, and what it adds, matrices (row, coordinate)."""
+    """A term that may be missing: its name, and what it adds."""
 
     name: str
-    # additions to K, to K per rad/s of speed, to D, to D per rad/s, and to M
-    k: Floats
-    k_speed: Floats
-    d: Floats
-    d_speed: Floats
-    m: Floats
-    unit: str = "1"  # of its size
-    rotating: bool = False  # it needs a rotor that turns
+    unit: str  # of its size
+    matrices: Mapping[tuple[int, int], Floats]  # (row, coordinate)
     loads: tuple[RowLoad, ...] = ()
     cure: str = ""  # what to do about it, where that is not to add the term to the model
     # entries of derivatives that the matrices do not have, with unknowns of their own
     bends: tuple[Entry, ...] = ()
 
     @property
+    def rotating(self) -> bool:
+        """Whether it needs a rotor that turns."""
+        return bool(self.loads) or any(power for _, power in self.matrices)
+
+    @property
     def unknown(self) -> Missing:
         """The term as something to be freed."""
-        parts = (
-            (self.k, 0, 0),
-            (self.k_speed, 0, 1),
-            (self.d, 1, 0),
-            (self.d_speed, 1, 1),
-            (self.m, 2, 0),
-        )
         entries = tuple(
             Entry(int(r), int(c), order, float(matrix[r, c]), power)
-            for matrix, order, power in parts
+            for (order, power), matrix in sorted(self.matrices.items())
             for r, c in np.argwhere(matrix)
         )
         entries = (*entries, *self.bends)
@@ -93,11 +89,13 @@ def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidat
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
-        found.append(_constant(structure, f"damping {name}", "s", d=matrix))
-        found.append(_rotating(structure, name, matrix))
+        found.append(_term(structure, f"damping {name}", "s", {D: matrix}))
+        # In the rotating frame: C (q' - Omega J q).
+        turning = {K_SPEED: -matrix @ structure.turn(), D: matrix}
+        found.append(_term(structure, f"rotating damping {name}", "s", turning))
     for name, matrix in masses:
-        found.append(_constant(structure, f"damping {name}", "1/s", d=matrix))
-    for kind, energies in (("k", springs), ("m", masses)):
+        found.append(_term(structure, f"damping {name}", "1/s", {D: matrix}))
+    for kind, energies in ((K, springs), (M, masses)):
         for name, matrix in energies:
             parts = coupled(matrix)
             for part in parts[1:]:
@@ -105,11 +103,7 @@ def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidat
                 block[np.ix_(part, part)] = matrix[np.ix_(part, part)]
                 where = structure.coordinates[part[0]]
                 text = f"asymmetry {name}" + (f" at {where}" if len(parts) > 2 else "")
-                found.append(
-                    _constant(structure, text, "1", k=block)
-                    if kind == "k"
-                    else _constant(structure, text, "1", m=block)
-                )
+                found.append(_term(structure, text, "1", {kind: block}))
     bending = [_bending(structure, units)] if structure.pairs and not springs else []
     return [*found, *bending, *_to_ground(structure, units), *parts_between(structure, units)]
 
@@ -137,7 +131,7 @@ def _bending(structure: Structure, units: Sequence[str]) -> Candidate:
             for r, c in np.argwhere(matrix)
         ]
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
-    return replace(_constant(structure, BENDS, unit), bends=tuple(entries), cure=STIFFEN)
+    return Candidate(BENDS, unit, {}, bends=tuple(entries), cure=STIFFEN)
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
@@ -155,16 +149,16 @@ def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
         stiff, mass, rate, load = _units_at(units[group[0]])
         one = np.zeros((n, n))
         one[list(group), list(group)] = 1.0
-        found.append(_constant(structure, f"stiffness to ground {names}", stiff, k=one))
-        found.append(_constant(structure, f"mass at {names}", mass, m=one))
+        found.append(_term(structure, f"stiffness to ground {names}", stiff, {K: one}))
+        found.append(_term(structure, f"mass at {names}", mass, {M: one}))
         found.append(_load(structure, f"load at {names}", load, group))
         if len(group) == 2:
             cross = np.zeros((n, n))
             cross[group[0], group[1]], cross[group[1], group[0]] = 1.0, -1.0
             name = f"cross-coupling to ground {names}"
-            found.append(_constant(structure, name, stiff, k=cross))
-            found.append(_constant(structure, f"gyroscopic {names}", mass, d_speed=cross))
-            found.append(_constant(structure, f"damping to ground {names}", rate, d=one))
+            found.append(_term(structure, name, stiff, {K: cross}))
+            found.append(_term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross}))
+            found.append(_term(structure, f"damping to ground {names}", rate, {D: one}))
     return found
 
 
@@ -193,7 +187,7 @@ def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]
             heavy += np.outer(half, half)
         names = (structure.coordinates[min(one)], structure.coordinates[min(other)])
         text = f"mass between {names[0]} and {names[1]}"
-        found.append(_constant(structure, text, "kg", m=heavy))
+        found.append(_term(structure, text, "kg", {M: heavy}))
     return found
 
 
@@ -208,36 +202,14 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> C
         for k, c in enumerate(group)
         for part, signal in enumerate(signals)
     )
-    empty = _constant(structure, name, unit)
-    return replace(empty, rotating=True, loads=loads)
+    return Candidate(name, unit, {}, loads)
 
 
-def _constant(
-    structure: Structure,
-    name: str,
-    unit: str,
-    k: Floats | None = None,
-    d: Floats | None = None,
-    m: Floats | None = None,
-    d_speed: Floats | None = None,
+def _term(
+    structure: Structure, name: str, unit: str, matrices: Mapping[tuple[int, int], Floats]
 ) -> Candidate:
     """Return a term from matrices of the coordinates."""
-    n = len(structure.coordinates)
-    zero = np.broadcast_to(0.0, (n, n))
-    stiff, damped, gyro, heavy = (
-        zero if x is None else structure.in_rows(x) for x in (k, d, d_speed, m)
-    )
-    turns = d_speed is not None
-    return Candidate(name, stiff, zero, damped, gyro, heavy, unit, rotating=turns)
-
-
-def _rotating(structure: Structure, name: str, matrix: Floats) -> Candidate:
-    """Damping that acts in the rotating frame: C (q' - Omega J q)."""
-    damping = structure.in_rows(matrix)
-    circulation = structure.in_rows(matrix @ structure.turn())
-    zero = np.zeros_like(matrix)
-    term = f"rotating damping {name}"
-    return Candidate(term, zero, -circulation, damping, zero, zero, "s", rotating=True)
+    return Candidate(name, unit, {at: structure.in_rows(m) for at, m in matrices.items()})
 
 
 def drawn_candidates(
@@ -270,16 +242,14 @@ def _elastic(
 ) -> Candidate:
     """Return the stiffness of some elements, and their damping, as a term."""
     n = len(structure.coordinates)
-    k, k_speed, d = (np.zeros((n, n)) for _ in range(3))
+    matrices = {at: np.zeros((n, n)) for at in (K, K_SPEED, D)}
     for piece in pieces:
         if piece.structural:
             continue
         size = np.prod([known[factor] ** power for factor, power in piece.factors])
-        into = d if piece.order else k_speed if piece.power else k
-        into += size * piece.matrix.toarray()
-    zero = np.broadcast_to(0.0, (n, n))
-    stiff, turning, damped = (structure.in_rows(each) for each in (k, k_speed, d))
-    return Candidate(name, stiff, turning, damped, zero, zero, "1")
+        at = D if piece.order else K_SPEED if piece.power else K
+        matrices[at] += size * piece.matrix.toarray()
+    return _term(structure, name, "1", matrices)
 
 
 def levers(structure: Structure, model: RotorModel) -> Iterator[Lever]:

@@ -10,7 +10,7 @@ import rotorid as rid
 import rotorid.models
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import rivals as suspects
-from rotorid.likelihood.rivals_terms import drawn_candidates
+from rotorid.likelihood.rivals_terms import K_SPEED, D, K, drawn_candidates
 from rotorid.models.structure import structure_of
 from rotorid.signals.spectrum import synthesize
 from rotorid.testing import add_noise, line_record
@@ -196,15 +196,15 @@ def test_terms_of_the_shaft_are_the_derivatives_of_its_matrices():
     terms = {t.name: t for t in drawn_candidates(structure, model, values)}
     stiffer = model.values(model.nominal | {"s_M": 2.0})
     one, other = (model.require_linear().matrices(v, speed) for v in (values, stiffer))
-    found = terms["stiffness section 4"]
+    found = terms["stiffness section 4"].matrices
     size = np.abs(one.K).max()
     np.testing.assert_allclose(
-        found.k + speed * found.k_speed, other.K - one.K, rtol=1e-9, atol=1e-12 * size
+        found[K] + speed * found[K_SPEED], other.K - one.K, rtol=1e-9, atol=1e-12 * size
     )
-    np.testing.assert_allclose(found.d, other.D - one.D, rtol=1e-9, atol=1e-18 * size)
+    np.testing.assert_allclose(found[D], other.D - one.D, rtol=1e-9, atol=1e-18 * size)
     parts = [t for name, t in terms.items() if name.startswith("stiffness section")]
     np.testing.assert_allclose(
-        sum(t.k for t in parts), terms["stiffness shaft"].k, atol=1e-9 * size
+        sum(t.matrices[K] for t in parts), terms["stiffness shaft"].matrices[K], atol=1e-9 * size
     )
     assert len(parts) == len(model.rotor.sections)
     assert len([name for name in terms if name.startswith("stiffness joint")]) == len(parts) - 1

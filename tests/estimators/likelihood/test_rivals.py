@@ -64,7 +64,7 @@ def catalogue(monkeypatch):
     """A catalogue of nothing, to be filled."""
     stages = {stage: [] for stage in rivals.CATALOGUE}
     monkeypatch.setattr(rivals, "CATALOGUE", stages)
-    monkeypatch.setattr(Slopes, "of", lambda case, small: None)
+    monkeypatch.setattr(Slopes, "turns", lambda case, small: [(case.point, small)])
     monkeypatch.setattr(Case, "screened", lambda case: 1000.0)
 
     def enter(stage: str, *entered: Rival) -> None:
