@@ -49,10 +49,7 @@ def _maximum_likelihood(
         known={name: (value, deviations[name]) for name, value in values.items()},
         start=stated(entry.parameters, model, "start"),
         bounds=bounds(entry.parameters, entry.constraints, model),
-        runout=entry.estimator.runout,
-        gains=tuple(entry.estimator.gains),
-        delays=tuple(entry.estimator.delays),
-        force_scale_std=entry.estimator.force_scale_std,
+        **entry.estimator.unknown,
         each=tuple(name for name, p in entry.parameters.items() if p.each),
         modes=modes(entry.modes, model),
         effort=effort,
@@ -85,10 +82,7 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
         raise InputError(
             "measured natural frequencies", "records alone for this method", "use ml", place="modes"
         )
-    asked = entry.estimator
-    keys = ("runout", "gains", "delays", "force_scale_std")
-    given = {key: getattr(asked, key) for key in keys}
-    for key, value in given.items():
+    for key, value in entry.estimator.unknown.items():
         if value:
             raise InputError(
                 f"{key} = {str(value).lower()}",

@@ -631,6 +631,11 @@ class EstimatorEntry(Schema):
     force_scale_std: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
     effort: Effort = "full"
 
+    @property
+    def unknown(self) -> dict[str, Any]:
+        """What is unknown of the measurement, by its keys."""
+        return self.model_dump(exclude={"method", "free_weight", "effort"})
+
 
 OPEN = "?"
 """What `rotorid new` writes where it found nothing."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, fields
 from functools import partial
 from typing import Literal
 
@@ -139,7 +139,7 @@ class MaximumLikelihood:
     @property
     def nuisances(self) -> Nuisances:
         """Which constants of the measurement are unknown."""
-        return Nuisances(self.runout, self.gains, self.delays, self.each, self.force_scale_std)
+        return Nuisances(**{key.name: getattr(self, key.name) for key in fields(Nuisances)})
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
