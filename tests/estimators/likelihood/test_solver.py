@@ -96,7 +96,7 @@ def test_two_ways_to_a_mass_of_nothing_do_not_agree(monkeypatch):
     problem, right = problem_of(case), from_truth(case)
     ways = iter([_without_its_mass(right, 1e-10)] * 3)
     monkeypatch.setattr(search_module, "solve", lambda *way: next(ways, right))
-    found = search_module.search(problem, problem.layout.start)
+    found = search_module.searched(problem, problem.layout.start)
     assert found is not None
     assert found[0].point.cost == pytest.approx(right.point.cost)
 
