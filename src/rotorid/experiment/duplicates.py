@@ -31,7 +31,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.filtered import FilteredRecord
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
-from rotorid.data.record import Channel, PeriodicRecord, Record
+from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.tables import SAME, multiple_of
 from rotorid.experiment.read import Recording, is_reference
 from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
@@ -198,13 +198,7 @@ def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
 
 
 def check_columns(entries: Entries) -> None:
-    """Refuse one column for two channels; the currents of force laws may be one: coils in series.
-
-    Raises
-    ------
-    InputError
-        With the channel that comes second.
-    """
+    """Refuse one column for two channels; force laws may share a current: coils in series."""
     taken: dict[tuple[str, ...], str] = {}
     for name, entry in entries.items():
         for column in columns_of(entry):
@@ -242,15 +236,13 @@ def check_records(
     """Refuse records that take the same samples of the same file.
 
     Two may share a file where they take other times, lines, or sensors of it.
-
-    Raises
-    ------
-    InputError
-        With the record that comes second.
     """
-    places = [{_resolved(folder / name) for name in record.paths} for record in records]
+    by_file: dict[Path, list[int]] = {}
     for number, record in enumerate(records):
-        if record.quiet is not None and _resolved(folder / record.quiet) in places[number]:
+        paths = {_resolved(folder / name) for name in record.paths}
+        for path in paths:
+            by_file.setdefault(path, []).append(number)
+        if record.quiet is not None and _resolved(folder / record.quiet) in paths:
             raise InputError(
                 "the record itself",
                 "one without excitation, which tells the noise",
@@ -258,10 +250,6 @@ def check_records(
                 place=f"records.{number}.quiet",
             )
     sensors = [_sensors(entries, inputs) for entries in channels]
-    by_file: dict[Path, list[int]] = {}
-    for number, files in enumerate(places):
-        for path in files:
-            by_file.setdefault(path, []).append(number)
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
             if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
@@ -269,13 +257,7 @@ def check_records(
 
 
 def check_modes(modes: Sequence[ModeEntry]) -> None:
-    """Refuse a measured natural frequency twice; two modes may have one, where axes are alike.
-
-    Raises
-    ------
-    InputError
-        With the entry that comes second, or third.
-    """
+    """Refuse a measured natural frequency twice; two modes may have one, where axes are alike."""
     for number, one in enumerate(modes):
         before = modes[:number].count(one)
         if before > (0 if one.mode is not None else 1):
@@ -288,13 +270,7 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
 
 
 def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
-    """Refuse copies: files of other names and the same bytes.
-
-    Raises
-    ------
-    InputError
-        With the record that comes second.
-    """
+    """Refuse copies: files of other names and the same bytes."""
     sized: dict[tuple[int, bytes], list[tuple[int, Path]]] = {}
     for number, record in enumerate(records):
         for name in record.paths:
@@ -309,42 +285,29 @@ def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
 
 
 def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
-    """Refuse records whose sensors read the same in every digit: one, exported twice.
-
-    Raises
-    ------
-    InputError
-        With the file that comes second.
-    """
+    """Refuse records whose sensors read the same in every digit: one, exported twice."""
     seen: dict[tuple[object, ...], str] = {}
     for one in found:
-        values, channels = _values(one)
-        kept = [i for i, channel in enumerate(channels) if channel.name not in inputs]
+        whole = one.record if isinstance(one, FilteredRecord) else one
+        values = _values(one)
+        kept = [i for i, channel in enumerate(whole.channels) if channel.name not in inputs]
         sensors = np.ascontiguousarray(values[..., kept])
         if not sensors.any():
             continue  # sensors at rest are alike
-        names = tuple(channels[i].name for i in kept)
+        names = tuple(whole.channels[i].name for i in kept)
         key = (type(one), names, sensors.shape, blake2b(sensors.data).digest())
-        source = one.record.source if isinstance(one, FilteredRecord) else one.source
         if key in seen:
             raise InputError(
                 f"what {seen[key]} holds, in every digit of its sensors",
                 "another measurement",
                 "remove one of the two records: twice it counts as two measurements",
-                file=source,
+                file=whole.source,
             )
-        seen[key] = source
+        seen[key] = whole.source
 
 
 class Overlaps:
-    """Finds samples that two records share, wherever they begin in each: excerpts of one run.
-
-    Parameters
-    ----------
-    records : sequence of RecordEntry
-    inputs : collection of str
-        Names that are no sensors.
-    """
+    """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
     def __init__(self, records: Sequence[RecordEntry], inputs: Collection[str]) -> None:
         self.records, self.inputs = records, inputs
@@ -376,13 +339,7 @@ class Overlaps:
         self.read[number] = record.source, record.sample_rate
 
     def check(self) -> None:
-        """Refuse records that share samples.
-
-        Raises
-        ------
-        InputError
-            With the file that comes second.
-        """
+        """Refuse records that share samples."""
         prints = {number: printer.prints() for number, (_, printer) in self.taken.items()}
         by_sensors: dict[tuple[str, ...], list[int]] = {}
         for number, (sensors, _) in self.taken.items():
@@ -397,7 +354,9 @@ class Overlaps:
     def _refuse(self, first: int, second: int, both: Shared) -> None:
         """Refuse two records of which a part that both use is the same."""
         (one, rate), (other, _) = self.read[first], self.read[second]
-        used = self._used(first, second, both, rate)
+        # samples that neither record leaves out
+        skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
+        used = both.count - max(skips[0] - both.first, skips[1] - both.second, 0)
         if used > _SHARE * min(self.taken[k][1].count for k in (first, second)):
             raise InputError(
                 f"{used} samples that {Path(one).name[:120]} holds too, in every digit of its "
@@ -408,21 +367,9 @@ class Overlaps:
                 file=other,
             )
 
-    def _used(self, first: int, second: int, both: Shared, rate: float) -> int:
-        """Return how many shared samples neither record leaves out by skip."""
-        skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
-        begin = max(skips[0] - both.first, skips[1] - both.second, 0)
-        return both.count - begin
-
 
 def check_tables(found: Sequence[Measured], inputs: Collection[str]) -> None:
-    """Refuse tables of which another holds the same responses, or the same rows of phasors.
-
-    Raises
-    ------
-    InputError
-        With the file that comes second.
-    """
+    """Refuse tables of which another holds the same responses, or the same rows of phasors."""
     tables = [one for one in found if isinstance(one, Lines)][:_COMPARED]
     for one, other in combinations(tables, 2):
         told = None
@@ -557,9 +504,7 @@ def _overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of one file take a sample, or a line, that is the same."""
     begin = max(first.skip or 0.0, second.skip or 0.0)
     end = min(np.inf if one.until is None else one.until for one in (first, second))
-    if begin >= end:
-        return False
-    return _lines_overlap(first, second)
+    return begin < end and _lines_overlap(first, second)
 
 
 def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
@@ -603,13 +548,11 @@ def _same(one: Path, other: Path) -> bool:
     return False
 
 
-def _values(
-    one: Measured,
-) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.generic]], tuple[Channel, ...]]:
+def _values(one: Measured) -> Floats | Complexes:
     """Return the numbers of a record, the last axis the channels."""
     if isinstance(one, FilteredRecord):
-        return one.record.samples, one.record.channels
-    return (one.spectra if isinstance(one, PeriodicRecord) else one.mean), one.channels
+        return one.record.samples
+    return one.spectra if isinstance(one, PeriodicRecord) else one.mean
 
 
 SAME_SPEED = 1e-3
@@ -648,11 +591,6 @@ def check_told(records: Sequence[RecordEntry]) -> None:
 
     A wrong zero of one of them turns its unbalance; the unknown runout takes that up, and nothing
     shows it: another unbalance fits as well.
-
-    Raises
-    ------
-    InputError
-        With the record that comes second.
     """
     untold = [k for k, record in enumerate(records) if turns_untold(record)]
     if len(untold) > 1:
