@@ -19,20 +19,14 @@ import scipy
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note, Severity
+from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Beside, Lines, Samples, WholeClock
 from rotorid.data.record import Channel, Record
-from rotorid.signals.checks.channels import (
-    check_clipped,
-    check_copied,
-    check_dead,
-    check_jumps,
-    check_quantized,
-    check_stuck,
-)
+from rotorid.signals.checks.channels import REFERENCE
 from rotorid.signals.checks.references import Motion, check_quiet, check_references
+from rotorid.signals.checks.registry import check_whole
 from rotorid.signals.checks.rotation import shown_rotation
 from rotorid.signals.covariance import Kind, LineCovariance
 from rotorid.signals.local_polynomial import ORDERS, Local, half_width, local_covariance
@@ -40,8 +34,6 @@ from rotorid.signals.spectrum import transfer_of_recording
 
 TRANSIENT = 2
 """R: J / dof 1.6 to 5 with 0, 1.00 with 2, the same with 3."""
-REFERENCE = "stuck reference"
-"""The check of references that stop: what they do not hold counts as noise, and rejects nothing."""
 
 
 @frozen
@@ -232,40 +224,16 @@ class _Parts:
 def _checked(
     window: _Window, channels: tuple[Channel, ...], references: tuple[str, ...]
 ) -> tuple[Note, ...]:
-    """Return what is wrong with single channels, without what needs periods.
-
-    Of references only what stops: no line of them is used.
-    """
+    """Return what is wrong with what is used of a record, without what needs periods."""
     record = window.record
     columns = [record.names.index(channel.name) for channel in channels]
-    used = record.samples[window.first : window.first + window.count, columns]
-    part = Record(channels, used, record.sample_rate)
-    whole = replace(
-        record,
-        samples=record.samples[window.first : window.first + window.count],
-        angle=None,
-        valid=None,
-        start=record.start + window.first / record.sample_rate,
+    samples = record.samples[window.first : window.first + window.count]
+    start = record.start + window.first / record.sample_rate
+    return check_whole(
+        replace(record, samples=samples, angle=None, valid=None, start=start),
+        Record(channels, samples[:, columns], record.sample_rate),
+        references,
     )
-    stuck = check_stuck(whole, steady=False, references=references)
-    stuck = [replace(c, about=REFERENCE) if {*c.on} & {*references} else c for c in stuck]
-    idle = [c for name in references for c in _idle(name, whole.column(name))]
-    if references and len(idle) == len(references):  # not an axis at rest: all of them
-        idle = [replace(check, severity="warns") for check in idle]
-    # Not refused: of a simulation without noise two sensors may well be alike.
-    copied = check_copied(channels, used - used.mean(axis=0))
-    told = [replace(c, severity="warns") for c in copied]
-    single = (*check_dead(part), *stuck, *idle, *check_clipped(part), *check_quantized(part))
-    return (*single, *told, *check_jumps(whole))
-
-
-def _idle(name: str, samples: Floats) -> list[Note]:
-    """Tell of a reference that never moves; one that is zero belongs to an axis at rest."""
-    if np.ptp(samples) > 0:
-        return []
-    text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
-    severity: Severity = "warns" if samples[0] else "says"
-    return [Note(REFERENCE, severity, f"{samples[0]:.6g} in every sample: {text}", on=(name,))]
 
 
 def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:

@@ -11,6 +11,7 @@ are lost in all columns every sensor jumps between the same two, whatever their 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -20,7 +21,13 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, Record
-from rotorid.signals.checks.registry import SeenRecord, period_check, record_check
+from rotorid.signals.checks.registry import (
+    SeenRecord,
+    SeenWhole,
+    period_check,
+    record_check,
+    whole_check,
+)
 from rotorid.signals.periods import median
 
 INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
@@ -56,6 +63,9 @@ DITHER = 2.5
 """Steps of a converter within which the last digit of a channel plays that reads nothing: one up
 or down, and what rounding makes of it."""
 
+REFERENCE = "stuck reference"
+"""The check of references that stop: what they do not hold counts as noise, and rejects nothing."""
+
 _FEW = 1000
 _PART = 4000  # samples from which the quantum is read: more of them tell nothing new
 _ROUNDING = 1e-9  # differences of scaled counts are whole multiples up to this
@@ -89,6 +99,7 @@ def quantum(samples: Floats) -> float:
     return step if (levels[-1] - levels[0]) / step < _MOST_LEVELS else 0.0
 
 
+@whole_check("dead", lambda seen: (seen.used,))
 @record_check("dead", "every channel moves", lambda seen: (seen.part, seen.scatter))
 def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
     """Find channels that say nothing: the same value in every sample.
@@ -125,6 +136,31 @@ def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
     return found
 
 
+@whole_check("stuck", lambda seen: (seen,))
+def _stopped(seen: SeenWhole) -> list[Note]:
+    found = check_stuck(seen.record, steady=False, references=seen.references)
+    return [replace(c, about=REFERENCE) if {*c.on} & {*seen.references} else c for c in found]
+
+
+@whole_check(REFERENCE, lambda seen: (seen,))
+def _idle(seen: SeenWhole) -> list[Note]:
+    """Tell of references that never move; one that is zero belongs to an axis at rest."""
+    text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
+    values = {name: seen.record.column(name) for name in seen.references}
+    still = {name: samples[0] for name, samples in values.items() if np.ptp(samples) == 0}
+    none_moves = len(still) == len(values)  # not an axis at rest: all of them
+    return [
+        Note(
+            REFERENCE,
+            "warns" if value or none_moves else "says",
+            f"{value:.6g} in every sample: {text}",
+            on=(name,),
+        )
+        for name, value in still.items()
+    ]
+
+
+@whole_check("clipped", lambda seen: (seen.used,))
 @record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
 def check_clipped(record: Record) -> list[Note]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
@@ -173,6 +209,7 @@ def _flat(samples: Floats, value: float) -> int:
     return int((after - first)[long].sum())
 
 
+@whole_check("quantized", lambda seen: (seen.used,))
 @record_check("quantized", "no channel is too coarse", lambda seen: (seen.part, seen.scatter))
 def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]:
     """Find channels whose steps are so coarse that their rounding does not average out.
@@ -260,6 +297,12 @@ def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
                 )
             )
     return found
+
+
+@whole_check("copied", lambda seen: (seen.used.channels, seen.centred))
+def _alike(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
+    """Tell of copies, and refuse none: without noise two sensors may well be alike."""
+    return [replace(c, severity="warns") for c in check_copied(channels, deviations)]
 
 
 STUCK = 0.02
@@ -414,6 +457,7 @@ SHARE = 0.5
 """Part of the sensors that jump, at least, and two of them: one alone is a knock of its own."""
 
 
+@whole_check("lost samples", lambda seen: (seen.record,))
 def check_jumps(record: Record) -> list[Note]:
     """Find where all positions jump within one sample.
 

@@ -27,7 +27,7 @@ NO_SCATTER = 1e-9
 leave 1e-13, no converter reaches 1e-8."""
 
 F = TypeVar("F", bound=Callable[..., list[Note]])
-Of = Literal["record", "periods"]
+Of = Literal["record", "periods", "whole"]
 Arguments = Callable[[Any], tuple[Any, ...] | None]
 
 
@@ -36,12 +36,12 @@ class Check:
     """A check of a record, or of its periods."""
 
     name: str
-    in_order: str  # what is said where it finds nothing
+    in_order: str  # what is said where it finds nothing, if anything
     arguments: Arguments  # of what is seen; None where there is nothing to look at
     function: Callable[..., list[Note]]
 
 
-_ENTERED: dict[Of, list[Check]] = {"record": [], "periods": []}
+_ENTERED: dict[Of, list[Check]] = {"record": [], "periods": [], "whole": []}
 
 
 def record_check(name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
@@ -54,6 +54,11 @@ def period_check(
 ) -> Callable[[F], F]:
     """Enter a check of the periods of a record."""
     return _entering("periods", name, in_order, arguments)
+
+
+def whole_check(name: str, arguments: Arguments) -> Callable[[F], F]:
+    """Enter a check of a record that is used as a whole, without periods."""
+    return _entering("whole", name, "", arguments)
 
 
 def _entering(of: Of, name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
@@ -97,7 +102,8 @@ class _Seen:
         notes: list[Note] = []
         for name, one in _checks(self.of).items():
             found = self.notes(name)
-            notes += [Note(name, "passes", one.in_order)] if found == [] else found or ()
+            passed = found == [] and one.in_order
+            notes += [Note(name, "passes", one.in_order)] if passed else found or ()
         return tuple(notes)
 
 
@@ -161,6 +167,21 @@ class SeenPeriods(_Seen):
         return np.concatenate([flat.real, flat.imag])
 
 
+@dataclass(kw_only=True)
+class SeenWhole(_Seen):
+    """A record that is used as a whole, as checks see it."""
+
+    of: Of = "whole"
+    record: Record  # every channel, over the time that is used
+    used: Record  # what is fitted of it; of references only what stops: no line of them is used
+    references: tuple[str, ...]
+
+    @property
+    def centred(self) -> Floats:
+        """The samples less their mean."""
+        return np.asarray(self.used.samples - self.used.samples.mean(axis=0))
+
+
 def check_record(
     record: Record, periods: PeriodicRecord | None = None, *, excerpt: Record | None = None
 ) -> tuple[Note, ...]:
@@ -212,3 +233,8 @@ def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
     ['identical periods']
     """
     return SeenPeriods(periods=periods).told()
+
+
+def check_whole(record: Record, used: Record, references: tuple[str, ...]) -> tuple[Note, ...]:
+    """Return what is wrong with a record that is used as a whole; see `SeenWhole`."""
+    return SeenWhole(record=record, used=used, references=references).told()
