@@ -267,7 +267,9 @@ def _owed(noise: Sequence[Floats], root: Floats) -> Booleans:
         return np.zeros(len(root), dtype=bool)
     rows = [part.reshape(-1, len(root)) for part in noise]
     _, share, along = whole_svd(np.concatenate([np.zeros((0, len(root))), *rows]) @ root)
-    power = (root @ along.T) ** 2
+    turned = root @ along.T
+    # Shares of each row: an estimate astray may have deviations whose squares no number holds.
+    power = (turned / np.maximum(np.abs(turned).max(axis=1, keepdims=True), 1e-300)) ** 2
     owed = power[:, share**2 > BY_NOISE].sum(axis=1)
     return np.asarray(owed > OWED * power.sum(axis=1))
 
