@@ -33,7 +33,8 @@ from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.likelihood.tangent import inside, outside, retract, tangent
 from rotorid.likelihood.unknowns import Unknown
 from rotorid.models import Model
-from rotorid.models.structure import Structure, structure_of
+from rotorid.models.rotor.model import structure_of
+from rotorid.models.structure import Structure
 
 GROSS = 3.0
 """Cost over its expectation from which on mistakes that are no small changes are tried: no swap,

@@ -269,7 +269,8 @@ def _owed(noise: Sequence[Floats], root: Floats) -> Booleans:
     _, share, along = whole_svd(np.concatenate([np.zeros((0, len(root))), *rows]) @ root)
     turned = root @ along.T
     # Shares of each row: an estimate astray may have deviations whose squares no number holds.
-    power = (turned / np.maximum(np.abs(turned).max(axis=1, keepdims=True), 1e-300)) ** 2
+    largest = np.abs(turned).max(axis=1, keepdims=True, initial=1e-300)
+    power = (turned / largest) ** 2
     owed = power[:, share**2 > BY_NOISE].sum(axis=1)
     return np.asarray(owed > OWED * power.sum(axis=1))
 

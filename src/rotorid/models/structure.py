@@ -15,7 +15,7 @@ which coordinates are a pair: the same displacement in x and in y.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -28,8 +28,6 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.equations import Product
 from rotorid.models.linear import motion_factor, speed_factor
 from rotorid.models.model import Model, fact
-from rotorid.models.rotor.elements import PLANES
-from rotorid.models.rotor.model import RotorModel
 from rotorid.models.text import Expression, Monomial
 
 ALIKE = 1e-3
@@ -420,26 +418,3 @@ def _oriented(
         backward = (once[b] * np.conj(once[a])).imag > 1e-6 * abs(once[a]) * abs(once[b])
         found.append((b, a) if backward else (a, b))
     return found
-
-
-def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
-    """Return the structure of a drawing's model: pairs are those of its places and ends."""
-    pairs: list[tuple[int, int]] = []
-    slopes: dict[int, int] = {}
-    for number, node in enumerate(model.rotor.nodes):
-        x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
-        slopes |= {x: around_y, y: around_x}
-        pairs += [(x, y), (around_x, around_y)] if node.named else []
-    return replace(structure, pairs=tuple(pairs), lone=(), slopes=slopes)
-
-
-def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
-    """Return the structure of a model at a speed, where all its values are known."""
-    if not np.isfinite(values).all():
-        return None
-    if not isinstance(model, RotorModel):
-        return find_structure(model, values, speed)
-    if model.whole is not None:  # its coordinates are no places
-        return None
-    found = find_structure(model, values, speed)
-    return drawn_structure(found, model) if found else None

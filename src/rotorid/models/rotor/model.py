@@ -19,8 +19,10 @@ from rotorid.models.equations import DERIVATIVES, Equations, Names, sort_monomia
 from rotorid.models.linear import InputTerm, Kind, LinearForm, StiffnessTable, StiffnessTerm, Term
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, Factors, Rotor
+from rotorid.models.rotor.elements import PLANES
 from rotorid.models.rotor.fem import Load, Piece, coordinates_of, inputs_of, loads_of, pieces_of
 from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
+from rotorid.models.structure import Structure, find_structure
 from rotorid.models.text import Expression, Monomial, product, symbol
 
 DEPENDENT = 1e-9
@@ -416,3 +418,26 @@ def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
         float(turned @ matrices.M @ turned),
         float(other @ matrices.G @ turned),
     )
+
+
+def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
+    """Return the structure of a drawing's model: pairs are those of its places and ends."""
+    pairs: list[tuple[int, int]] = []
+    slopes: dict[int, int] = {}
+    for number, node in enumerate(model.rotor.nodes):
+        x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
+        slopes |= {x: around_y, y: around_x}
+        pairs += [(x, y), (around_x, around_y)] if node.named else []
+    return replace(structure, pairs=tuple(pairs), lone=(), slopes=slopes)
+
+
+def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model at a speed, where all its values are known."""
+    if not np.isfinite(values).all():
+        return None
+    if not isinstance(model, RotorModel):
+        return find_structure(model, values, speed)
+    if model.whole is not None:  # its coordinates are no places
+        return None
+    found = find_structure(model, values, speed)
+    return drawn_structure(found, model) if found else None
