@@ -1,4 +1,4 @@
-"""One class carries messages, and one function decides on the status."""
+"""One class carries messages, one function decides on the status, and nobody asks for kinds."""
 
 from __future__ import annotations
 
@@ -108,3 +108,27 @@ def test_nobody_takes_a_message_apart() -> None:
         and MESSAGE.search(ast.unparse(node.func.value))
     ]
     assert found == []
+
+
+def test_nobody_asks_what_kind_an_unknown_is() -> None:
+    """An unknown says what it does to a record by its effects; its class is its own affair."""
+    kinds = {
+        node.name
+        for file, node in nodes(ast.ClassDef)
+        if file.startswith("likelihood/unknowns/") and isinstance(node, ast.ClassDef)
+    }
+    assert "Scalar" in kinds
+    asked = [
+        (file, ast.unparse(node))
+        for file, node in nodes(ast.Call)
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) in {"isinstance", "issubclass"}
+        and {n.id for a in node.args[1:] for n in ast.walk(a) if isinstance(n, ast.Name)} & kinds
+    ]
+    assert asked == []
+    patterns = [
+        (file, ast.unparse(node))
+        for file, node in nodes(ast.MatchClass)
+        if isinstance(node, ast.MatchClass) and ast.unparse(node.cls) in kinds
+    ]
+    assert patterns == []
