@@ -123,16 +123,15 @@ class Relations:
 
     def joined(self, other: Relations) -> Relations:
         """Return these relations and those of another set."""
-        factors = (self.monomials.factors, other.monomials.factors)
-        width = max(f.shape[1] for f in factors)
-        padded = [
-            np.pad(f, ((0, 0), (0, width - f.shape[1])), constant_values=self.monomials.unknowns)
-            for f in factors
-        ]
-        matrix = np.zeros((len(self) + len(other), sum(len(f) for f in factors)))
-        matrix[: len(self), : len(factors[0])] = self.matrix
-        matrix[len(self) :, len(factors[0]) :] = other.matrix
-        table = Monomials(np.concatenate(padded), self.monomials.unknowns)
+        one, further = self.monomials.factors, other.monomials.factors
+        count, longest = len(one) + len(further), max(one.shape[1], further.shape[1])
+        factors = np.full((count, longest), self.monomials.unknowns)
+        factors[: len(one), : one.shape[1]] = one
+        factors[len(one) :, : further.shape[1]] = further
+        matrix = np.zeros((len(self) + len(other), count))
+        matrix[: len(self), : len(one)] = self.matrix
+        matrix[len(self) :, len(one) :] = other.matrix
+        table = Monomials(factors, self.monomials.unknowns)
         return Relations(table, matrix, self.texts + other.texts)
 
     def values(self, x: Floats) -> Floats:

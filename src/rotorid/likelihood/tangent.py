@@ -149,12 +149,12 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
     if len(exact):
         basis = tangent_basis(relation_jacobian(exact, point) * scale)
         scaled = scaled @ basis
-    rows = np.column_stack([scaled, point.residual])
+    width = scaled.shape[1]
+    rows = np.zeros((max(len(scaled), width + 1), width + 1))  # perhaps fewer than unknowns
+    rows[: len(scaled), :width], rows[: len(scaled), width] = scaled, point.residual
     if not np.isfinite(rows).all():  # LAPACK would print a line of its own
         raise np.linalg.LinAlgError("a residual beyond all bounds")
-    width = scaled.shape[1]
-    fewer = max(0, width + 1 - len(rows))  # equations than unknowns
-    triangle = np.asarray(np.linalg.qr(np.pad(rows, ((0, fewer), (0, 0))), mode="r"))
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     normals, distances = np.zeros((0, width)), np.zeros(0)
     if bounds is not None and len(bounds):
         normals = relation_jacobian(bounds, point) * scale
