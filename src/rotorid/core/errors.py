@@ -7,6 +7,8 @@ the direction of writing, and any length.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Self
 
 LINE = 590  # characters of a message: what is read as one line, and below what a log cuts
@@ -96,6 +98,15 @@ class InputError(ValueError):
         """Return the same error with the file and the outer place that the caller knows."""
         inner = ": ".join(part for part in (place, self.place) if part)
         return type(self)(self.found, self.expected, self.cure, file=self.file or file, place=inner)
+
+
+@contextmanager
+def naming(file: str) -> Iterator[None]:
+    """Put the file into errors of what is done with it, where they name none."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at(file=file) from None
 
 
 class ReadError(InputError):

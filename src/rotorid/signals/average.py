@@ -8,21 +8,20 @@ from typing import Protocol
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.units import quantity
 from rotorid.core.values import Booleans, Floats
 from rotorid.data.lazy_time import Steady, changed
-from rotorid.data.record import PeriodicRecord, Record, check_samples
+from rotorid.data.record import Channel, PeriodicRecord, Record, check_samples
 from rotorid.signals.checks.periods import ramp_notes, ramps, without_ramps
 from rotorid.signals.checks.registry import check_periods, check_record
 from rotorid.signals.periods import (
     PeriodSums,
-    Sampled,
+    check_length,
     check_nyquist,
     first_sample,
     lines_of,
     period_size,
-    too_short,
 )
 
 _LOOKED_AT = 1 << 14
@@ -74,31 +73,33 @@ def average(
     """
     hertz = None if fundamental is None else quantity(fundamental, "Hz")
     ends = None if band is None else (quantity(band[0], "Hz"), quantity(band[1], "Hz"))
-    size = period_size(record, hertz, period_samples)
-    lines = lines_of(record, size, harmonics, ends)
-    first = first_sample(record, quantity(skip, "s"), record.start)
-    left = max(len(record.samples) - first, 0)
-    periods = left // size
-    if periods < 2:
-        raise too_short(record, left, size)
-    used = slice(first, first + periods * size)
-    kept, warnings = _kept_periods(record, used, size)
-    samples = record.samples[used].reshape(periods, size, len(record.channels))
-    sums = PeriodSums(size, len(record.channels), lines)
-    sums.add(samples if isinstance(kept, slice) else samples[kept], 0)
-    check_nyquist(record, size, lines)
-    periods_of_record = sums.periods(
-        record,
-        *_course(record, first, (periods, size), kept),
+    rate, channels = record.sample_rate, record.channels
+    with naming(record.source):
+        size = period_size(rate, hertz, period_samples)
+        lines = lines_of(rate, size, harmonics, ends)
+        first = first_sample(rate, quantity(skip, "s"), record.start)
+        left = max(len(record.samples) - first, 0)
+        check_length(left, size)
+        used = slice(first, first + left // size * size)
+        kept, warnings = _kept_periods(record, used, size)
+        samples = record.samples[used].reshape(-1, size, len(channels))
+        sums = PeriodSums(size, len(channels), lines)
+        sums.add(samples if isinstance(kept, slice) else samples[kept])
+        check_nyquist(channels, size, lines)
+    found = sums.periods(
+        channels,
+        rate,
+        *_course(record, first, (len(samples), size), kept),
+        speed=record.speed,
         phase_known=record.phase_known,
         phase_std=record.phase_std,
+        source=record.source,
         warnings=warnings,
     )
-    rise = ramps(record, periods_of_record)
+    rise = ramps(record, found)
     if rise.any():
-        flat = without_ramps(record, periods_of_record, rise)
         again = average(
-            flat,
+            without_ramps(record, found, rise),
             hertz,
             period_samples=period_samples,
             harmonics=harmonics,
@@ -106,8 +107,8 @@ def average(
             skip=skip,
         )
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
-    seen = check_record(record, periods_of_record, excerpt=_excerpt(record, first, size))
-    return changed(periods_of_record, checks=(*seen, *check_periods(periods_of_record)))
+    seen = check_record(record, found, excerpt=_excerpt(record, first, size))
+    return changed(found, checks=(*seen, *check_periods(found)))
 
 
 def _excerpt(record: Record, first: int, size: int) -> Record:
@@ -138,7 +139,6 @@ def _kept_periods(
             f"{left} of {len(kept)} periods without a sample that the mask leaves out",
             "at least two",
             "record longer, or leave out less",
-            file=record.source,
         )
     told = f"{len(kept) - left} of {len(kept)} periods hold samples that are masked: left out"
     return kept, (told,)
@@ -157,26 +157,24 @@ def _course(
     return time()[kept], (angle() if isinstance(angle, Steady) else angle)[kept]
 
 
-class Blocks(Sampled, Protocol):
+class _Blocks(Protocol):
     """A record whose samples come in blocks, shape (sample, channel)."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        ...
-
+    def channels(self) -> tuple[Channel, ...]: ...
     @property
-    def phase(self) -> float:
-        """Rotor angle in rad at the first sample."""
-        ...
-
-    def read(self) -> Iterator[Floats]:
-        """Return an iterator over the blocks."""
-        ...
+    def sample_rate(self) -> float: ...
+    @property
+    def speed(self) -> float: ...
+    @property
+    def phase(self) -> float: ...  # rotor angle in rad at the first sample
+    @property
+    def source(self) -> str: ...
+    def read(self) -> Iterator[Floats]: ...
 
 
 def average_blocks(
-    blocks: Blocks,
+    blocks: _Blocks,
     fundamental: float | None = None,
     *,
     period_samples: int | None = None,
@@ -185,36 +183,40 @@ def average_blocks(
     skip: float = 0.0,
     phase_known: bool = True,
 ) -> PeriodicRecord:
-    """Cut a record into whole periods while it is read, and keep the chosen lines of each.
-
-    Parameters, result and errors are those of `rotorid.average`. What is kept grows with the
-    periods by their lines only.
-    """
-    size = period_size(blocks, fundamental, period_samples)
-    lines = lines_of(blocks, size, harmonics, band)
-    first = first_sample(blocks, skip)
-    check_nyquist(blocks, size, lines)
-    sums = PeriodSums(size, len(blocks.channels), lines)
+    """As `average`, of a record while it is read: what is kept grows with periods x lines only."""
+    rate, channels = blocks.sample_rate, blocks.channels
+    with naming(blocks.source):
+        size = period_size(rate, fundamental, period_samples)
+        sums = PeriodSums(size, len(channels), lines_of(rate, size, harmonics, band))
+        first = first_sample(rate, skip)
+        check_nyquist(channels, size, sums.lines)
     looked_at = _Excerpt()
     for periods in _whole_periods(blocks, first, size):
-        sums.add(periods, sums.count)
+        sums.add(periods)
         looked_at.add(periods)
-    if sums.count < 2:
-        raise too_short(blocks, sums.count * size, size)
-    time = Steady(first, (sums.count, size), blocks.sample_rate)
-    angle = replace(time, offset=blocks.phase, slope=blocks.speed)
-    record = sums.periods(blocks, time, angle, phase_known=phase_known)
-    excerpt = Record(blocks.channels, looked_at.samples(), blocks.sample_rate)
-    return changed(record, checks=check_record(excerpt, record))
+    with naming(blocks.source):
+        check_length(sums.count * size, size)
+    time = Steady(first, (sums.count, size), rate)
+    found = sums.periods(
+        channels,
+        rate,
+        time,
+        replace(time, offset=blocks.phase, slope=blocks.speed),
+        speed=blocks.speed,
+        phase_known=phase_known,
+        source=blocks.source,
+    )
+    return changed(found, checks=check_record(Record(channels, looked_at.samples(), rate), found))
 
 
-def _whole_periods(blocks: Blocks, first: int, size: int) -> Iterator[Floats]:
+def _whole_periods(blocks: _Blocks, first: int, size: int) -> Iterator[Floats]:
     """Yield whole periods after the first sample, shape (period, sample, channel)."""
-    passed, rest = 0, np.empty((0, len(blocks.channels)))
+    names = [channel.name for channel in blocks.channels]
+    passed, rest = 0, np.empty((0, len(names)))
     for block in blocks.read():
         begin = min(max(first - passed, 0), len(block))
         used = block[begin:]
-        check_samples(blocks.names, used, blocks.source, first=passed + begin)
+        check_samples(names, used, blocks.source, first=passed + begin)
         passed += len(block)
         joined = np.concatenate([rest, used]) if len(rest) else used
         whole = len(joined) // size

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,167 +20,126 @@ KEYS = frozenset({"fundamental", "period_samples", "harmonics", "band", "skip"})
 """What an error of this module is about, by the place that it names."""
 
 
-class Sampled(Protocol):
-    """A record, or one that is read in blocks."""
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """The channels."""
-        ...
-
-    @property
-    def sample_rate(self) -> float:
-        """Hz."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """Where the samples come from."""
-        ...
-
-    @property
-    def speed(self) -> float:
-        """Mean speed in rad/s."""
-        ...
-
-
-def period_size(record: Sampled, fundamental: float | None, samples: int | None) -> int:
+def period_size(rate: float, fundamental: float | None, samples: int | None) -> int:
     """Return the samples of a period, which are a whole number."""
     key = "period_samples" if fundamental is None else "fundamental"
-    if (fundamental is None) == (samples is None):
-        raise _error(
-            record,
-            key,
+    if fundamental is None and samples is not None:
+        exact, source = float(samples), ""
+    elif fundamental is not None and samples is None:
+        if not 0 < fundamental < math.inf:
+            raise InputError(
+                f"a fundamental of {fundamental} Hz",
+                "more than 0 Hz",
+                "give the rate at which the excitation repeats",
+                place=key,
+            )
+        exact, source = rate / fundamental, f" ({rate:g} / {fundamental:g} Hz)"
+    else:
+        raise InputError(
             "neither or both of fundamental and period_samples",
             "one of them",
             "give the fundamental frequency or the samples of a period",
+            place=key,
         )
-    exact = record.sample_rate / _positive(record, fundamental) if samples is None else samples
     size = round(exact) if math.isfinite(exact) else 0
     if not math.isfinite(exact) or abs(exact - size) > 1e-6 * abs(exact):
-        source = "" if fundamental is None else f" ({record.sample_rate:g} / {fundamental:g} Hz)"
-        raise _error(
-            record,
-            key,
+        raise InputError(
             f"a period of {exact:.6g} samples{source}",
             "a whole number of samples",
             "give a lower common fundamental and multiply the harmonics, or resample",
+            place=key,
         )
     if size < 2:
-        raise _error(record, key, f"a period of {size} samples", "2 or more", "sample faster")
+        raise InputError(f"a period of {size} samples", "2 or more", "sample faster", place=key)
     return size
 
 
-def _positive(record: Sampled, fundamental: float | None) -> float:
-    if fundamental is None or not (math.isfinite(fundamental) and fundamental > 0):
-        raise _error(
-            record,
-            "fundamental",
-            f"a fundamental of {fundamental} Hz",
-            "more than 0 Hz",
-            "give the rate at which the excitation repeats",
-        )
-    return fundamental
-
-
 def lines_of(
-    record: Sampled,
-    size: int,
-    harmonics: Sequence[int] | None,
-    band: tuple[float, float] | None,
+    rate: float, size: int, harmonics: Sequence[int] | None, band: tuple[float, float] | None
 ) -> Integers:
     """Return the harmonics to keep, increasing."""
     key = "band" if harmonics is None else "harmonics"
-    if (harmonics is None) == (band is None):
-        raise _error(
-            record,
-            key,
+    if band is None and harmonics is not None:
+        chosen, shown = harmonics, f"the harmonics {list(harmonics)}"
+    elif band is not None and harmonics is None:
+        chosen, shown = _within(rate, size, band), f"the band {band[0]:g} to {band[1]:g} Hz"
+    else:
+        raise InputError(
             "neither or both of harmonics and band",
             "one of them",
             "say which lines to keep",
-        )
-    chosen: Sequence[int] = () if harmonics is None else harmonics
-    shown = f"the harmonics {list(chosen)}"
-    if band is not None:
-        spacing = record.sample_rate / size
-        shown = f"the band {band[0]:g} to {band[1]:g} Hz"
-        if not band[1] <= (size // 2 + 1e-6) * spacing:
-            raise _error(
-                record,
-                key,
-                f"a band up to {band[1]:g} Hz",
-                f"lines up to {record.sample_rate / 2:g} Hz, half the sample rate",
-                "lower its upper end",
-            )
-        if not 0 <= band[0] <= band[1]:
-            raise _error(
-                record, key, shown, "0 Hz or more, the lower end first", "put the lower end first"
-            )
-        chosen = range(
-            math.ceil(band[0] / spacing - 1e-6), math.floor(band[1] / spacing + 1e-6) + 1
+            place=key,
         )
     if not len(chosen):
-        raise _error(record, key, f"no line in {shown}", "at least one line", "widen it")
+        raise InputError(f"no line in {shown}", "at least one line", "widen it", place=key)
     lines = sorted({int(k) for k in chosen if 0 <= k <= size // 2 and k == int(k)})
     if len(lines) < len(chosen):
-        raise _error(
-            record,
-            key,
+        raise InputError(
             shown,
             f"different whole numbers from 0 to {size // 2}, half the samples of a period",
             "name each line once, counted from the fundamental, or lower the fundamental",
+            place=key,
         )
     return np.array(lines, dtype=np.int64)
 
 
-def first_sample(record: Sampled, skip: float, start: float = 0.0) -> int:
+def _within(rate: float, size: int, band: tuple[float, float]) -> range:
+    """Return the harmonics in a band, both ends included."""
+    (low, high), spacing = band, rate / size
+    if not high <= (size // 2 + 1e-6) * spacing:
+        raise InputError(
+            f"a band up to {high:g} Hz",
+            f"lines up to {rate / 2:g} Hz, half the sample rate",
+            "lower its upper end",
+            place="band",
+        )
+    if not 0 <= low <= high:
+        raise InputError(
+            f"the band {low:g} to {high:g} Hz",
+            "0 Hz or more, the lower end first",
+            "put the lower end first",
+            place="band",
+        )
+    return range(math.ceil(low / spacing - 1e-6), math.floor(high / spacing + 1e-6) + 1)
+
+
+def first_sample(rate: float, skip: float, start: float = 0.0) -> int:
     """Return the number of samples to skip, of a record whose first is taken at a time `start`."""
-    if not (math.isfinite(skip) and skip >= 0):
-        raise _error(
-            record,
-            "skip",
+    if not 0 <= skip < math.inf:
+        raise InputError(
             f"skip of {skip} s",
             "0 s or more",
             "give the time from the start of the record, in s",
+            place="skip",
         )
-    return max(0, math.ceil((skip - start) * record.sample_rate - 1e-6))
+    return max(0, math.ceil((skip - start) * rate - 1e-6))
 
 
-def too_short(record: Sampled, left: int, size: int) -> InputError:
-    """Return the error for a record without two periods."""
-    return InputError(
-        f"{left} samples after skip, {left // size} whole periods",
-        f"at least two periods of {size} samples",
-        "record longer, skip less, or give the rate at which the excitation repeats",
-        file=record.source,
-    )
+def check_length(left: int, size: int) -> None:
+    """Refuse a record without two periods."""
+    if left < 2 * size:
+        raise InputError(
+            f"{left} samples after skip, {left // size} whole periods",
+            f"at least two periods of {size} samples",
+            "record longer, skip less, or give the rate at which the excitation repeats",
+        )
 
 
-def check_nyquist(record: Sampled, size: int, lines: Integers) -> None:
+def check_nyquist(channels: Sequence[Channel], size: int, lines: Integers) -> None:
     """Refuse a correction of the Nyquist line, whose phase is not in the samples."""
-    corrected = [c.name for c in record.channels if c.hold or c.delay or c.delay_std]
+    corrected = [c.name for c in channels if c.hold or c.delay or c.delay_std]
     if corrected and 2 * lines[-1] == size:
-        raise _error(
-            record,
-            "harmonics",
+        raise InputError(
             f"the Nyquist line with the hold or delay of {corrected[0]}",
             "lines below the Nyquist frequency",
             "leave that line out",
+            place="harmonics",
         )
-
-
-def _error(record: Sampled, key: str, found: str, expected: str, cure: str) -> InputError:
-    return InputError(found, expected, cure, file=record.source, place=key)
 
 
 _FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
 _LEAST = 8  # periods worked on at once, so that merging their means costs little
-
-
-def periods_at_once(size: int, channels: int) -> int:
-    """Return how many periods of a size make a block that stays in the cache."""
-    return max(_LEAST, _CACHED // (size * channels))
 
 
 @dataclass
@@ -196,22 +155,22 @@ class PeriodSums:
     channels: int
     lines: Integers  # (line,): the multiples of the fundamental to keep
     count: int = 0
-    spectra: dict[int, Complexes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._centre: Floats | None = None
+        self._spectra: list[Complexes] = []
         self._sum = np.zeros((self.size, self.channels))
         self._squares = np.zeros((self.size, self.channels))
         self._apart = np.empty((0, self.size, self.channels))
         self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
 
-    def add(self, periods: Floats, first: int) -> None:
-        """Add periods, shape (period, sample, channel), the first of them number `first`."""
-        step = periods_at_once(self.size, self.channels)
+    def add(self, periods: Floats) -> None:
+        """Add the next periods, shape (period, sample, channel)."""
+        step = max(_LEAST, _CACHED // (self.size * self.channels))
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]
             self._add_moments(part)
-            self.spectra[first + begin] = self._lines_of(part)
+            self._spectra.append(self._lines_of(part))
         self.count += len(periods)
 
     def _add_moments(self, part: Floats) -> None:
@@ -246,37 +205,31 @@ class PeriodSums:
         squares = self._squares - self._sum**2 / self.count
         return np.asarray(np.maximum(squares, 0.0) / (self.count - 1))
 
-    def ordered(self) -> Complexes:
-        """Return the lines of the periods in their order, shape (period, line, channel)."""
-        return np.concatenate([self.spectra[first] for first in sorted(self.spectra)])
+    @property
+    def spectra(self) -> Complexes:
+        """The lines of the periods, shape (period, line, channel)."""
+        return np.concatenate(self._spectra)
 
     def periods(
         self,
-        recorded: Sampled,
+        channels: tuple[Channel, ...],
+        rate: float,
         time: Steady | Floats,
         angle: Steady | Floats,
-        *,
-        phase_known: bool,
-        phase_std: float = 0.0,
-        warnings: tuple[str, ...] = (),
+        **told: Any,
     ) -> PeriodicRecord:
         """Return what the sums are of, with hold, delay and dynamics of its channels undone."""
-        rate, channels = recorded.sample_rate, recorded.channels
         transfer = transfer_of_recording(channels, self.lines * rate / self.size, rate)
         return PeriodicRecord(
             channels=channels,
             sample_rate=rate,
             harmonics=self.lines,
-            spectra=self.ordered() * transfer,
+            spectra=self.spectra * transfer,
             variance=self.variance,
             mean=self.mean,
-            speed=recorded.speed,
             time=time,
             angle=angle,
-            phase_known=phase_known,
-            phase_std=phase_std,
-            source=recorded.source,
-            warnings=warnings,
+            **told,
         )
 
 
