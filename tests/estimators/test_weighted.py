@@ -1,5 +1,7 @@
 """The weighted solution, its gains and its sandwich, on plain matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def block(request):
     harmonics, samples = request.param
     record = record_of(samples, harmonics)
     design, target = lines_of(rng, record, 3, 4), lines_of(rng, record, 3)
-    return Block(record, design, target, rng.uniform(0.1, 10, (samples, 3)))
+    return Block(design, target, rng.uniform(0.1, 10, (samples, 3)), record)
 
 
 def test_solution_of_the_weighted_problem(block):
@@ -71,7 +73,7 @@ def test_gains_give_the_values_back(block):
 def test_units_of_columns_and_weights_do_not_matter(block):
     found = solve([block])
     scale = np.array([1e-9, 1.0, 1e7, 1e12])
-    other = Block(block.record, block.design * scale, block.target, block.variance * 1e-14)
+    other = replace(block, design=block.design * scale, variance=block.variance * 1e-14)
     scaled = solve([other])
     np.testing.assert_allclose(scaled.values * scale, found.values, rtol=1e-9)
     assert scaled.condition_number == pytest.approx(found.condition_number, rel=1e-9)
@@ -134,7 +136,7 @@ def test_open_directions_are_kept_apart(block, dependent, open_sets):
     design = block.design.copy()
     for column, sources in dependent.items():
         design[..., column] = sum(c * design[..., s] for s, c in sources.items())
-    found = solve([Block(block.record, design, block.target, block.variance)])
+    found = solve([replace(block, design=design)])
     touched = set().union(*open_sets)
     assert {int(i) for i in np.flatnonzero(np.isnan(found.values))} == touched
     assert found.condition_number == np.inf
@@ -151,7 +153,7 @@ def test_more_unknowns_than_samples():
     rng = np.random.default_rng(4)
     record = record_of(2, [0])
     design, target = lines_of(rng, record, 1, 3), lines_of(rng, record, 1)
-    found = solve([Block(record, design, target, np.ones((2, 1)))])
+    found = solve([Block(design, target, np.ones((2, 1)), record)])
     assert np.isnan(found.values).all()
     assert found.undetermined.shape == (3, 2)
 

@@ -17,14 +17,7 @@ from rotorid.likelihood.problem import Point, Problem
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Own, Scalar, every_unknown
 from rotorid.linear.by_samples import filtered_records
-from rotorid.linear.equations import (
-    Predicted,
-    Regression,
-    SampledRegression,
-    by_regression,
-    predicted,
-    relative_errors,
-)
+from rotorid.linear.equations import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
 from rotorid.models.priors import own_in_si
 
@@ -91,12 +84,11 @@ def predict_lines(
         own = record.own if isinstance(record, Observation) else record.parameters
         _check(model, estimate, number, own)
     bound = bind_all(model, records)
-    if filtered_records(bound):
+    filtered = filtered_records(bound)
+    if filtered or model.linear is None:
         reduced, base = base_of(model, estimate)
-        return [predicted(SampledRegression(r.rebound(reduced)), base) for r in bound]
-    if model.linear is None:
-        reduced, base = base_of(model, estimate)
-        return [by_regression(Regression(r.rebound(reduced)), base) for r in bound]
+        equations = SampledRegression if filtered else Regression
+        return [equations(r.rebound(reduced)).predicted(base) for r in bound]
     return by_likelihood(bound, _at_estimate(model, estimate, bound, first).records)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,12 +11,20 @@ from rotorid.answer import machine_checks as gate
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note, Severity, remarks
+from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.linear.equations import SampledRegression, predicted, relative_errors
-from rotorid.linear.family import Findings, Posed, result, substitute
-from rotorid.linear.solve import BLOCKS, Scatter, Solution, block_numbers, scatter_of_blocks, solve
+from rotorid.linear.equations import SampledRegression
+from rotorid.linear.family import Posed
+from rotorid.linear.solve import (
+    BLOCKS,
+    Block,
+    Scatter,
+    Solution,
+    block_numbers,
+    scatter_of_blocks,
+    solve,
+)
 from rotorid.models.priors import Constraint
 
 LOWER = 0.7
@@ -32,24 +41,6 @@ DOUBTFUL, SURE = 4.0, 6.0
 parameter by more than `MOVED`, and from which on the answer is turned away, where it moves one by
 what the gate is sure of. Deviations from 32 blocks are an eighth off, from eight a quarter. A lower
 cut-off that moves a parameter by the second turns the answer away too: the bias is larger still."""
-
-
-@frozen
-class SampleBlock:
-    """Equations of one record: ``design @ free = target`` at samples, a deviation per row."""
-
-    design: Floats  # (sample, row, free)
-    target: Floats  # (sample, row)
-    deviation: Floats  # (row,)
-
-    def whitened(self) -> tuple[Floats, Floats]:
-        """Return matrix and right side over deviations, rows flattened."""
-        matrix = self.design / self.deviation[:, None]
-        return matrix.reshape(-1, matrix.shape[2]), (self.target / self.deviation).reshape(-1)
-
-    def line_gains(self, gains: Floats) -> Floats:
-        """Return gains on whitened samples as they are."""
-        return gains
 
 
 def filtered_records(records: Sequence[Observation]) -> bool:
@@ -78,27 +69,6 @@ def refuse_filtered(records: Sequence[Observation], method: str) -> None:
             )
 
 
-def estimate_by_samples(
-    method: str,
-    records: Sequence[Observation],
-    fixed: Mapping[str, float | str],
-    constraints: Sequence[Constraint],
-    free_weight: float | None = None,
-) -> Estimate:
-    """Return the estimate from filtered records.
-
-    Without `free_weight` every row counts alike; with it a row counts by the variance of what least
-    squares leaves of it, and a row without input by `free_weight` times the largest of these.
-    """
-    posed = substitute(records, fixed, constraints)
-    regressions = [SampledRegression(record.rebound(posed.model)) for record in records]
-    fit = _fit(posed, regressions, free_weight)
-    lower = [r.lowered(LOWER) for r in regressions]
-    other = _fit(posed, lower, free_weight)
-    late = _late(posed, fit, _fit(posed, regressions, free_weight, late=True))
-    return _summary(method, posed, regressions, fit, [*_moved(posed, fit, other), *late])
-
-
 @frozen
 class _Fit:
     """A solution, with what its deviations come from."""
@@ -107,178 +77,158 @@ class _Fit:
     scatter: Scatter
     values: Floats
 
+    def shares(self, change: Floats) -> Floats:
+        """Return a change of the values in deviations, (free,), zero for what is not known."""
+        spread = np.sqrt(np.diag(self.scatter.covariance).clip(0))
+        known = np.isfinite(change) & (spread > 0) & ~self.scatter.alone
+        return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
 
-def _fit(
-    posed: Posed,
-    regressions: Sequence[SampledRegression],
-    weight: float | None,
-    *,
-    late: bool = False,
-) -> _Fit:
-    """Solve, weighting rows where a weight is given, and leave out blocks.
 
-    `late`: with one unknown more, the time by which all forces come early.
+@frozen
+class _Problem(Posed):
+    """Regressions on the samples of all records, in the unknowns that exact constraints leave.
+
+    Without a weight every row counts alike; with it a row counts by the variance of what least
+    squares leaves of it, and a row without input by `weight` times the largest of these.
     """
-    deviations = [np.ones(len(posed.model.texts))] * len(regressions)
-    blocks = _equations(posed, regressions, deviations, late)
-    solution = solve(blocks)
-    if weight is not None:
-        deviations = _deviations(posed, regressions, solution, weight)
-        blocks = _equations(posed, regressions, deviations, late)
+
+    weight: float | None = None
+
+    def fit(self, *, late: bool = False) -> _Fit:
+        """Solve, and leave out blocks; `late`: with one unknown more, how early all forces come."""
+        alike = np.ones(len(self.model.texts))
+        blocks = [self._block(r, alike, late) for r in self.regressions]
         solution = solve(blocks)
-    values = solution.values.copy()
-    values[posed.unreached] = np.nan
-    parts = [block.whitened() for block in blocks]
-    matrix = np.concatenate([part[0] for part in parts])
-    right = np.concatenate([part[1] for part in parts])
-    rows = len(posed.model.texts)
-    numbers = np.repeat(block_numbers([len(r.inputs) for r in regressions], BLOCKS), rows)
-    gains = np.concatenate(solution.gains, axis=1)
-    scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
-    return _Fit(solution, scatter, values)
+        if self.weight is not None:
+            base = np.nan_to_num(self.base(solution.values[: len(self.names)]))
+            blocks = [self._block(r, self._variance(r, base), late) for r in self.regressions]
+            solution = solve(blocks)
+        parts = [block.whitened() for block in blocks]
+        matrix = np.concatenate([part[0] for part in parts])
+        right = np.concatenate([part[1] for part in parts])
+        counts = [len(r.inputs) for r in self.regressions]
+        numbers = np.repeat(block_numbers(counts, BLOCKS), len(alike))
+        gains = np.concatenate(solution.gains, axis=1)
+        scatter = scatter_of_blocks(matrix, right - matrix @ (gains @ right), gains, numbers)
+        return _Fit(solution, scatter, self.reached(solution))
 
-
-def _equations(
-    posed: Posed,
-    regressions: Sequence[SampledRegression],
-    deviations: Sequence[Floats],
-    late: bool,
-) -> list[SampleBlock]:
-    basis, origin = posed.elimination.basis, posed.elimination.origin
-    found = []
-    for r, deviation in zip(regressions, deviations, strict=True):
-        design = r.design @ basis
+    def _block(self, regression: SampledRegression, variance: Floats, late: bool) -> Block:
+        design, target = self.free_equations(regression)
         if late:
-            design = np.concatenate([design, r.force_rates[:, :, None]], axis=2)
-        found.append(SampleBlock(design, r.target - r.design @ origin, deviation))
-    return found
+            design = np.concatenate([design, regression.force_rates[:, :, None]], axis=2)
+        return Block(design, target, variance)
 
-
-def _deviations(
-    posed: Posed, regressions: Sequence[SampledRegression], solution: Solution, weight: float
-) -> list[Floats]:
-    """Return the deviation of each row's residual, record by record."""
-    base = np.nan_to_num(posed.base(solution.values[: len(posed.names)]))
-    free = ~posed.model.input_matrix.any(axis=1)
-    found = []
-    for regression in regressions:
+    def _variance(self, regression: SampledRegression, base: Floats) -> Floats:
+        """Return the variance of each row's residual."""
+        free = ~self.model.input_matrix.any(axis=1)
         told = np.maximum(regression.told.sum(axis=0), 1)
         variance = (regression.residual(base) ** 2).sum(axis=0) / told
         floor = 1e-18 * (regression.target**2).mean(axis=0).max()
         variance = np.maximum(variance, floor if floor > 0 else 1.0)
-        found.append(np.sqrt(np.where(free, weight * variance[~free].max(initial=0.0), variance)))
-    return found
+        assert self.weight is not None
+        largest = float(variance[~free].max(initial=0.0))
+        return np.asarray(np.where(free, self.weight * largest, variance))
+
+    def late(self, fit: _Fit) -> Iterator[Note]:
+        """Judge whether forces and motion come at one time, with the lag for an unknown.
+
+        ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
+        """
+        freed = self.fit(late=True)
+        lag = -float(freed.values[-1])
+        std = float(np.sqrt(max(freed.scatter.covariance[-1, -1], 0.0)))
+        shares = fit.shares(freed.values[:-1] - fit.values)
+        if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
+            return
+        worst = int(shares.argmax())
+        name, unit = self._named(worst)
+        text = (
+            f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
+            f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {name} is "
+            f"{freed.values[worst]:.5g} {unit} without that: give the delay of the channels, or "
+            "look for filters before the logger, or for something elastic that the equations "
+            "leave out"
+        )
+        sure = abs(lag) > SURE * std and shares.max() > gate.SURE
+        severity: Severity = "rejects" if sure else "doubts"
+        yield Note("delay", severity, text, on=(name,), value=lag, unit="s")
+
+    def moved(self, fit: _Fit) -> Iterator[Note]:
+        """Judge whether a lower cut-off moves a parameter by more than its deviations."""
+        lower = tuple(r.lowered(LOWER) for r in self.regressions)
+        other = replace(self, regressions=lower).fit()
+        change = other.values - fit.values
+        clear = np.abs(change) > CLEAR * _spread_of_change(fit.scatter, other.scatter)
+        shares = np.where(clear, fit.shares(change), 0.0)
+        if not shares.size or shares.max() <= MOVED:
+            return
+        worst = int(shares.argmax())
+        name, unit = self._named(worst)
+        text = (
+            f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {change[worst]:+.3g} "
+            f"{unit}, {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards "
+            "zero, or the motion reaches up to the cut-off; the deviations do not cover that: try "
+            "other cut-offs"
+        )
+        severity: Severity = "rejects" if shares.max() > SURE else "doubts"
+        yield Note("cut-off", severity, text, on=(name,), value=float(change[worst]), unit=unit)
+
+    def _named(self, free: int) -> tuple[str, str]:
+        return self.names[free], self.model.base.units[self.elimination.kept[free]]
 
 
-def _late(posed: Posed, fit: _Fit, freed: _Fit) -> Iterator[Note]:
-    """Judge whether forces and motion come at one time: `freed` has the lag as an unknown.
-
-    ``u(t - lag) = u - lag u'``: what elastic parts and filters do looks like a lag too.
-    """
-    lag = -float(freed.values[-1])
-    std = float(np.sqrt(max(freed.scatter.covariance[-1, -1], 0.0)))
-    shares = _shares(fit, freed.values[:-1] - fit.values)
-    if not np.isfinite(lag) or abs(lag) <= DOUBTFUL * std or shares.max() <= MOVED:
-        return
-    worst = int(shares.argmax())
-    name, unit = posed.names[worst], posed.model.base.units[posed.elimination.kept[worst]]
-    text = (
-        f"the forces come as if {abs(lag) * 1e3:.3g} ms {'late' if lag > 0 else 'early'} "
-        f"({abs(lag) / std if std > 0 else np.inf:.3g} deviations), and {name} is "
-        f"{freed.values[worst]:.5g} {unit} without that: give the delay of the channels, or look "
-        "for filters before the logger, or for something elastic that the equations leave out"
+def estimate_by_samples(
+    method: str,
+    records: Sequence[Observation],
+    fixed: Mapping[str, float | str],
+    constraints: Sequence[Constraint],
+    weight: float | None = None,
+) -> Estimate:
+    """Return the estimate from filtered records; `weight`: of rows without input."""
+    posed = _Problem.of(SampledRegression, records, fixed, constraints)
+    problem = replace(posed, weight=weight)
+    fit = problem.fit()
+    ways = [*problem.moved(fit), *problem.late(fit)]
+    scatter = fit.scatter
+    estimate = problem.estimate(
+        method,
+        fit.values,
+        scatter.covariance,
+        fit.solution,
+        list(_doubted(problem.names, scatter)),
+        unknown=scatter.alone,
     )
-    sure = abs(lag) > SURE * std and shares.max() > gate.SURE
-    severity: Severity = "rejects" if sure else "doubts"
-    yield Note("delay", severity, text, on=(name,), value=lag, unit="s")
-
-
-def _moved(posed: Posed, fit: _Fit, other: _Fit) -> Iterator[Note]:
-    """Judge whether a lower cut-off moves a parameter by more than its deviations."""
-    change = other.values - fit.values
-    clear = np.abs(change) > CLEAR * _spread_of_change(fit.scatter, other.scatter)
-    shares = np.where(clear, _shares(fit, change), 0.0)
-    if not shares.size or shares.max() <= MOVED:
-        return
-    worst = int(shares.argmax())
-    name, unit = posed.names[worst], posed.model.base.units[posed.elimination.kept[worst]]
-    text = (
-        f"a cut-off lower by {100 * (1 - LOWER):.0f} % moves {name} by {change[worst]:+.3g} {unit}"
-        f", {shares[worst]:.2g} deviations: noise in the motion pulls the answer towards zero, or "
-        "the motion reaches up to the cut-off; the deviations do not cover that: try other cut-offs"
+    return estimate.with_notes(
+        *_said(problem.regressions, scatter),
+        *gate.physical(problem.full, estimate),
+        *ways,
+        *gate.prediction(estimate, {}),
+        *gate.agreement(problem.names, *scatter.halves()),
     )
-    severity: Severity = "rejects" if shares.max() > SURE else "doubts"
-    yield Note("cut-off", severity, text, on=(name,), value=float(change[worst]), unit=unit)
-
-
-def _shares(fit: _Fit, change: Floats) -> Floats:
-    """Return a change of the values in deviations, zero for what is not known, shape (free,)."""
-    spread = np.sqrt(np.diag(fit.scatter.covariance).clip(0))
-    known = np.isfinite(change) & (spread > 0) & ~fit.scatter.alone
-    return np.where(known, np.abs(change) / np.where(spread > 0, spread, 1.0), 0.0)
 
 
 def _spread_of_change(first: Scatter, second: Scatter) -> Floats:
     """Return the deviation of the difference of two answers from the same blocks, shape (free,)."""
     parts = [first.shifts, second.shifts]
     count = min(len(part) for part in parts)
-    merged = [
+    one, other = (
         np.add.reduceat(part, np.arange(count) * len(part) // count, axis=0) for part in parts
-    ]
-    return np.asarray(np.sqrt(((merged[0] - merged[1]) ** 2).sum(axis=0)))
-
-
-def _summary(
-    method: str,
-    posed: Posed,
-    regressions: Sequence[SampledRegression],
-    fit: _Fit,
-    ways: Sequence[Note],
-) -> Estimate:
-    base, basis = posed.base(fit.values), posed.elimination.basis
-    free = fit.scatter.covariance
-    known = np.where(np.isfinite(base), base, 0.0)
-    findings = Findings(
-        base=base,
-        covariance=basis @ free @ basis.T,
-        inflation=1.0,
-        prediction=relative_errors([predicted(r, known) for r in regressions]),
-        condition_number=fit.solution.condition_number,
-        notes=(
-            *remarks("record", (w for r in regressions for w in r.record.warnings)),
-            *posed.told(fit.solution.undetermined),
-            *_alone(posed, fit),
-            *_memory(fit),
-        ),
-        unknown_spread=np.asarray((basis[:, fit.scatter.alone] != 0).any(axis=1)),
     )
-    estimate = result(method, posed.full, posed.fixed, posed.model, findings)
-    halves, spread = fit.scatter.halves()
-    return estimate.with_notes(
-        *_said(regressions, fit.scatter),
-        *gate.physical(posed.full, estimate),
-        *ways,
-        *gate.prediction(estimate, {}),
-        *gate.agreement(posed.names, halves, spread),
-    )
+    return np.asarray(np.sqrt(((one - other) ** 2).sum(axis=0)))
 
 
-def _alone(posed: Posed, fit: _Fit) -> Iterator[Note]:
-    """Say of which parameters no deviation can be stated."""
-    names = tuple(n for n, alone in zip(posed.names, fit.scatter.alone, strict=True) if alone)
-    if names:
+def _doubted(names: Sequence[str], scatter: Scatter) -> Iterator[Note]:
+    """Say of which parameters no deviation can be stated, and where blocks are too short."""
+    alone = tuple(name for name, alone in zip(names, scatter.alone, strict=True) if alone)
+    if alone:
         text = (
-            f"a single one of {fit.scatter.blocks} blocks of the record tells {', '.join(names)}: "
+            f"a single one of {scatter.blocks} blocks of the record tells {', '.join(alone)}: "
             "no deviation can be stated"
         )
-        yield Note("blocks", "doubts", text, "excite it more than once", on=names)
-
-
-def _memory(fit: _Fit) -> Iterator[Note]:
-    """Say where blocks are not long enough."""
-    if fit.scatter.memory:
+        yield Note("blocks", "doubts", text, "excite it more than once", on=alone)
+    if scatter.memory:
         text = (
-            f"{fit.scatter.blocks} blocks of the record still depend on one another: deviations "
+            f"{scatter.blocks} blocks of the record still depend on one another: deviations "
             "are too small"
         )
         yield Note("blocks", "doubts", text, "record longer")

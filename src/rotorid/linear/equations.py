@@ -13,11 +13,14 @@ filtered once, exactly; others are computed from the low-passed motion, then fil
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorid.answer.parts import Prediction
 from rotorid.core.errors import InputError
@@ -31,7 +34,6 @@ from rotorid.models import Model, Motion
 from rotorid.models.equations import DERIVATIVES
 from rotorid.models.linear import speed_factor
 from rotorid.models.text import Expression, evaluate, is_usable, symbol
-from rotorid.signals.covariance import LineCovariance, choose_covariance
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
 ROUNDING = 1e-12
@@ -66,14 +68,7 @@ def signal_spectra(
 
 
 def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Motion) -> Complexes:
-    value = model.signal_value(index, motion)
-    if not is_usable(value):
-        raise InputError(
-            f"{model.signals[index]} without a finite value on this record",
-            "a division by something other than zero, a root of something positive",
-            "rewrite the term, or check the channels in it",
-            file=record.source,
-        )
+    value = _finite_signal(model, index, motion, record.source)
     axes = motion.position.ndim - 1
     mean = value.mean(axis=0) if value.ndim > axes else value
     whole = np.broadcast_to(mean, np.broadcast_shapes(mean.shape, (record.samples,)))
@@ -82,144 +77,22 @@ def _sampled_lines(model: Model, record: PeriodicRecord, index: int, motion: Mot
     return np.where(np.abs(lines) > ROUNDING * np.abs(whole).max(), lines, 0)
 
 
+def _finite_signal(model: Model, index: int, motion: Motion, source: str) -> Floats:
+    value = model.signal_value(index, motion)
+    if not is_usable(value):
+        raise InputError(
+            f"{model.signals[index]} without a finite value on this record",
+            "a division by something other than zero, a root of something positive",
+            "rewrite the term, or check the channels in it",
+            file=source,
+        )
+    return value
+
+
 def driven_rows(model: Model) -> list[int]:
     """Return the rows with a measured input or a term without parameters."""
     forced = model.input_matrix.any(axis=1) | model.coefficients[1].any(axis=0)
     return [int(row) for row in np.flatnonzero(forced)]
-
-
-def sensed(seen: Observation) -> tuple[list[int], Floats]:
-    """Return the columns of the sensors, and what makes coordinates of them, (sensor, coordinate).
-
-    Refuses an observation from which the coordinates do not follow.
-    """
-    if seen.hidden or seen.indirect:
-        derived = [s.channel.name for s in seen.indirect]
-        raise InputError(
-            f"no sensor of {', '.join(seen.hidden)}"
-            if seen.hidden
-            else f"{derived[0]}, which reads a derivative or holds parameters",
-            "every coordinate measured, by sensors of positions",
-            "measure it, or use ml, which needs no such sensor",
-            file=seen.lines.source,
-        )
-    return [sensor.column for sensor in seen.direct], np.asarray(np.linalg.pinv(seen.reads).T)
-
-
-def check_forces(seen: Observation) -> None:
-    """Refuse an input whose channel holds a current."""
-    for channel in seen.inputs:
-        if channel.drive is not None:
-            raise InputError(
-                f"a current in the channel of {channel.name}",
-                "a force",
-                "use ml",
-                file=seen.lines.source,
-            )
-
-
-@frozen
-class Regression:
-    """The equations of motion of one record, on its lines."""
-
-    observation: Observation
-    # (first, last): periods that are used, as a slice takes them; all where it is not given
-    kept: tuple[int | None, int | None] = (None, None)
-
-    @property
-    def model(self) -> Model:
-        """The model that the record is bound to."""
-        return self.observation.model
-
-    @cached_property
-    def record(self) -> PeriodicRecord:
-        """The periods; an `InputError` where the record has none."""
-        lines = self.observation.lines
-        if self.observation.periodic is None and isinstance(lines.clock, PhasorClock):
-            raise InputError(
-                "a table, which has no samples",
-                "whole periods for this method",
-                "use ml, for a model that is linear in its coordinates",
-                file=lines.source,
-            )
-        if self.observation.periodic is None:
-            raise InputError(
-                "a record without periods",
-                "whole periods for this method",
-                "give its fundamental, or, without one, the cut-off of a low-pass in place of the "
-                'band (cutoff = "100 Hz", rid.filtered); for a linear model, use ml',
-                file=self.observation.lines.source,
-            )
-        return self.observation.periodic
-
-    @cached_property
-    def coordinates(self) -> Complexes:
-        """Lines of the coordinates, shape (period, line, coordinate).
-
-        Sensors of several coordinates are solved for them.
-        """
-        columns, follow = sensed(self.observation)
-        return np.asarray(self.record.spectra[slice(*self.kept)][..., columns] @ follow)
-
-    @cached_property
-    def inputs(self) -> Complexes:
-        """Lines of every input, shape (period, line, input)."""
-        check_forces(self.observation)
-        return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
-
-    @cached_property
-    def clock(self) -> tuple[Floats, Floats]:
-        """T and phi at which the signals are evaluated."""
-        timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
-        record = self.record
-        clock = PeriodicClock.of(record)
-        return clock.grid(timed=timed)
-
-    @cached_property
-    def signals(self) -> Complexes:
-        """Lines of the signals on the mean motion, shape (line, signal)."""
-        mean = self.coordinates.mean(axis=0)
-        return signal_spectra(self.model, self.record, mean, *self.clock)
-
-    @cached_property
-    def period_signals(self) -> Complexes:
-        """Lines of the signals on the motion of each period, shape (period, line, signal)."""
-        return signal_spectra(self.model, self.record, self.coordinates, *self.clock)
-
-    @cached_property
-    def period_forces(self) -> Complexes:
-        """Lines of B u in each period, shape (period, line, row)."""
-        return np.asarray(self.inputs @ self.model.input_matrix.T)
-
-    @cached_property
-    def design(self) -> Complexes:
-        """Lines of Phi, shape (line, row, base)."""
-        return np.asarray(np.tensordot(self.signals, self.model.coefficients[0], axes=1))
-
-    @cached_property
-    def target(self) -> Complexes:
-        """Lines of B u less the terms without parameters, shape (line, row)."""
-        known = self.signals @ self.model.coefficients[1]
-        return np.asarray(self.period_forces.mean(axis=0) - known)
-
-    def period_residual(self, base: Floats) -> Complexes:
-        """Return the lines of ``Phi base + known - B u`` of each period, (period, line, row)."""
-        coefficients, known = self.model.coefficients
-        return np.asarray(self.period_signals @ (coefficients @ base + known) - self.period_forces)
-
-    def residual(self, base: Floats) -> Complexes:
-        """Return the lines of ``Phi base + known - B u`` of the mean, shape (line, row)."""
-        return self.design @ base - self.target
-
-    def residual_covariance(self, base: Floats) -> LineCovariance:
-        """Return the covariance of `residual`, from its scatter over periods."""
-        residual = self.period_residual(base)
-        return choose_covariance(residual, residual)
-
-    @property
-    def rows(self) -> int:
-        """Number of equations."""
-        return len(self.model.texts)
 
 
 @frozen
@@ -250,40 +123,181 @@ def relative_errors(records: Sequence[Predicted]) -> dict[str, Prediction | None
 
     ``None`` for a channel that is zero.
     """
-    wrong: dict[str, float] = {}
-    size: dict[str, float] = {}
+    sums: dict[str, Floats] = {}
     for record in records:
-        for name, error, power in zip(record.names, record.wrong, record.size, strict=True):
-            wrong[name] = wrong.get(name, 0.0) + float(error)
-            size[name] = size.get(name, 0.0) + float(power)
+        for name, *powers in zip(record.names, record.wrong, record.size, strict=True):
+            sums[name] = sums.get(name, np.zeros(2)) + powers
     return {
-        name: Prediction(float(np.sqrt(wrong[name] / size[name]))) if size[name] > 0 else None
-        for name in wrong
+        name: Prediction(float(np.sqrt(wrong / size))) if size > 0 else None
+        for name, (wrong, size) in sums.items()
     }
 
 
-def lay_to_inputs(left: Complexes, matrix: Complexes) -> Complexes:
+def lay_to_inputs(left: NDArray[Any], matrix: NDArray[Any]) -> Complexes:
     """Solve ``B u = left`` for the inputs, (line, input); rows without input have no say."""
     driven = np.abs(matrix).any(axis=(0, 2))
-    if not driven.any():
-        return np.zeros((len(left), matrix.shape[2]), dtype=np.complex128)
-    return np.stack(
-        [
-            np.linalg.lstsq(b[driven], f[driven], rcond=None)[0]
-            for b, f in zip(matrix, left, strict=True)
-        ]
-    )
+    return np.asarray((np.linalg.pinv(matrix[:, driven]) @ left[:, driven, None])[..., 0])
 
 
-def by_regression(regression: Regression, base: Floats) -> Predicted:
-    """Predict the inputs of a record from base parameters; any model."""
-    model = regression.model
-    measured = regression.inputs.mean(axis=0)
-    matrix = np.broadcast_to(model.input_matrix + 0j, (len(measured), *model.input_matrix.shape))
-    wrong = lay_to_inputs(regression.residual(base), matrix)
-    units = tuple(model.units[name] for name in model.inputs)
-    multiplicity = regression.record.multiplicity
-    return Predicted(model.inputs, units, measured, measured + wrong, multiplicity)
+@frozen
+class Equations(ABC):
+    """The equations of motion of one record, on its lines or at the samples that are used."""
+
+    observation: Observation
+
+    @property
+    def model(self) -> Model:
+        """The model that the record is bound to."""
+        return self.observation.model
+
+    @cached_property
+    def sensed(self) -> tuple[list[int], Floats]:
+        """The columns of the sensors, and what makes coordinates of them, (sensor, coordinate).
+
+        Refuses an observation from which the coordinates do not follow.
+        """
+        seen = self.observation
+        if seen.hidden or seen.indirect:
+            derived = [s.channel.name for s in seen.indirect]
+            raise InputError(
+                f"no sensor of {', '.join(seen.hidden)}"
+                if seen.hidden
+                else f"{derived[0]}, which reads a derivative or holds parameters",
+                "every coordinate measured, by sensors of positions",
+                "measure it, or use ml, which needs no such sensor",
+                file=seen.lines.source,
+            )
+        self.check_forces()
+        return [sensor.column for sensor in seen.direct], np.asarray(np.linalg.pinv(seen.reads).T)
+
+    def check_forces(self) -> None:
+        """Refuse an input whose channel holds a current."""
+        for channel in self.observation.inputs:
+            if channel.drive is not None:
+                raise InputError(
+                    f"a current in the channel of {channel.name}",
+                    "a force",
+                    "use ml",
+                    file=self.observation.lines.source,
+                )
+
+    @property
+    @abstractmethod
+    def signals(self) -> Any:
+        """The signals of the model, shape (line or sample, signal)."""
+
+    @property
+    @abstractmethod
+    def forces(self) -> Any:
+        """B u, shape (line or sample, row)."""
+
+    def counting(self, rows: Any) -> Any:
+        """Return rows, (line or sample, row, ...), with zeros where no equation counts."""
+        return rows
+
+    @cached_property
+    def design(self) -> Any:
+        """Phi, shape (line or sample, row, base)."""
+        return self.counting(np.tensordot(self.signals, self.model.coefficients[0], axes=1))
+
+    @cached_property
+    def target(self) -> Any:
+        """B u less the terms without parameters, shape (line or sample, row)."""
+        return self.counting(self.forces - self.signals @ self.model.coefficients[1])
+
+    def residual(self, base: Floats) -> Any:
+        """Return ``Phi base + known - B u``, shape (line or sample, row)."""
+        return self.design @ base - self.target
+
+    @abstractmethod
+    def predicted(self, base: Floats) -> Predicted:
+        """Predict the inputs from base parameters; any model."""
+
+    def _predicted(self, base: Floats, measured: Any, *places: Any) -> Predicted:
+        model = self.model
+        wrong = lay_to_inputs(self.residual(base), model.input_matrix[None])
+        units = tuple(model.units[name] for name in model.inputs)
+        both = (measured + 0j, measured + wrong + 0j)
+        return Predicted(model.inputs, units, *both, *places)
+
+
+@frozen
+class Regression(Equations):
+    """The equations of motion of one record, on its lines."""
+
+    # (first, last): periods that are used, as a slice takes them; all where it is not given
+    kept: tuple[int | None, int | None] = (None, None)
+
+    @cached_property
+    def record(self) -> PeriodicRecord:
+        """The periods; an `InputError` where the record has none."""
+        lines = self.observation.lines
+        if self.observation.periodic is not None:
+            return self.observation.periodic
+        if isinstance(lines.clock, PhasorClock):
+            found = "a table, which has no samples"
+            cure = "use ml, for a model that is linear in its coordinates"
+        else:
+            found = "a record without periods"
+            cure = (
+                "give its fundamental, or, without one, the cut-off of a low-pass in place of the "
+                'band (cutoff = "100 Hz", rid.filtered); for a linear model, use ml'
+            )
+        raise InputError(found, "whole periods for this method", cure, file=lines.source)
+
+    @cached_property
+    def coordinates(self) -> Complexes:
+        """Lines of the coordinates, shape (period, line, coordinate).
+
+        Sensors of several coordinates are solved for them.
+        """
+        columns, follow = self.sensed
+        return np.asarray(self.record.spectra[slice(*self.kept)][..., columns] @ follow)
+
+    @cached_property
+    def inputs(self) -> Complexes:
+        """Lines of every input, shape (period, line, input)."""
+        self.check_forces()
+        return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
+
+    def _signals(self, coordinates: Complexes) -> Complexes:
+        timed = any(symbol("t") in signal.free_symbols for signal in self.model.signals)
+        clock = PeriodicClock.of(self.record).grid(timed=timed)
+        return signal_spectra(self.model, self.record, coordinates, *clock)
+
+    @cached_property
+    def signals(self) -> Complexes:
+        """Lines of the signals on the mean motion, shape (line, signal)."""
+        return self._signals(self.coordinates.mean(axis=0))
+
+    @cached_property
+    def period_signals(self) -> Complexes:
+        """Lines of the signals on the motion of each period, shape (period, line, signal)."""
+        return self._signals(self.coordinates)
+
+    @cached_property
+    def period_forces(self) -> Complexes:
+        """Lines of B u in each period, shape (period, line, row)."""
+        return np.asarray(self.inputs @ self.model.input_matrix.T)
+
+    @property
+    def forces(self) -> Complexes:
+        """Lines of B u in the mean period, shape (line, row)."""
+        return np.asarray(self.period_forces.mean(axis=0))
+
+    def period_residual(self, base: Floats) -> Complexes:
+        """Return the lines of ``Phi base + known - B u`` of each period, (period, line, row)."""
+        coefficients, known = self.model.coefficients
+        return np.asarray(self.period_signals @ (coefficients @ base + known) - self.period_forces)
+
+    def predicted(self, base: Floats) -> Predicted:
+        """Predict the lines of the inputs."""
+        return self._predicted(base, self.inputs.mean(axis=0), self.record.multiplicity)
+
+    @property
+    def rows(self) -> int:
+        """Number of equations."""
+        return len(self.model.texts)
 
 
 NOISY = 3.0
@@ -294,15 +308,8 @@ of an axis that is held leaves more than its noise; an axis that turns is throug
 
 
 @frozen
-class SampledRegression:
+class SampledRegression(Equations):
     """The equations of motion of one record at the samples that are used."""
-
-    observation: Observation
-
-    @property
-    def model(self) -> Model:
-        """The model that the record is bound to."""
-        return self.observation.model
 
     @property
     def record(self) -> FilteredRecord:
@@ -313,26 +320,28 @@ class SampledRegression:
     @cached_property
     def stretches(self) -> list[Stretch]:
         """The stretches that hold samples in use."""
-        columns, follow = sensed(self.observation)
-        check_forces(self.observation)
         record, found = self.record, []
         for begin, end in zip(record.begins, record.ends, strict=True):
             first, last = np.searchsorted(record.used, (begin, end))
             if first < last:
                 picked = record.used[first:last] - begin
-                found.append(Stretch(self, int(begin), int(end), picked, tuple(columns), follow))
+                found.append(Stretch(self, slice(int(begin), int(end)), picked))
         return found
+
+    def _joined(self, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        """Return parts of stretches as one, without samples of which no equation counts."""
+        return np.concatenate(list(parts))[self.kept]
 
     @cached_property
     def told(self) -> Booleans:
         """Equations that count, shape (used, row): not those that hold the sign of noise."""
-        rests = [self._rests(index) for index in range(len(self.model.signals))]
         holds = (self.model.coefficients[0] != 0).any(axis=2) | (self.model.coefficients[1] != 0)
         count = sum(len(stretch.picked) for stretch in self.stretches)
         out = np.zeros((count, holds.shape[1]), dtype=bool)
-        for index, rest in enumerate(rests):
-            if rest is not None:
-                out |= rest[:, None] & holds[index]
+        for index, held in enumerate(holds):
+            if self.model.moves(index):
+                for argument in _signs_of(self.model.signals[index]):
+                    out |= self._resting(argument)[:, None] & held
         return ~out
 
     @cached_property
@@ -340,57 +349,47 @@ class SampledRegression:
         """Samples with an equation that counts, shape (used,)."""
         return np.asarray(self.told.any(axis=1))
 
-    def _rests(self, index: int) -> Booleans | None:
-        """Return the samples in use whose weights lie on a rest of a signal's sign, shape (used,).
+    def _resting(self, argument: Expression) -> Booleans:
+        """Return the samples in use whose weights lie on a rest of a sign's argument, (used,)."""
+        parts = [(stretch, *stretch.sizes(argument)) for stretch in self.stretches]
+        size = np.concatenate([size for _, size, _ in parts])
+        least = SLOW * float(np.sqrt((size**2).mean()))
+        return np.concatenate(
+            [stretch.resting(size < max(NOISY * noise, least)) for stretch, size, noise in parts]
+        )
 
-        None where the signal holds no sign of the motion.
-        """
-        moves = self.model.moves(index)
-        arguments = list(_signs_of(self.model.signals[index])) if moves else []
-        if not arguments:
-            return None
-        found = np.zeros(sum(len(stretch.picked) for stretch in self.stretches), dtype=bool)
-        for argument in arguments:
-            parts = [stretch.sizes(argument) for stretch in self.stretches]
-            size = np.concatenate([part[0] for part in parts])
-            usual = float(np.sqrt((size**2).mean()))
-            least = [max(NOISY * noise, SLOW * usual) for _, noise in parts]
-            pairs = zip(self.stretches, parts, least, strict=True)
-            found |= np.concatenate([s.resting(part[0] < low) for s, part, low in pairs])
-        return found
+    def counting(self, rows: Any) -> Any:
+        """Return rows with zeros where an equation holds the sign of noise."""
+        told = self.told[self.kept]
+        return rows * told.reshape(told.shape + (1,) * (rows.ndim - 2))
 
     @cached_property
     def signals(self) -> Floats:
         """The filtered signals of the model, shape (sample, signal)."""
-        return np.concatenate([stretch.signals() for stretch in self.stretches])[self.kept]
+        return self._joined(stretch.signals() for stretch in self.stretches)
 
     @cached_property
     def inputs(self) -> Floats:
         """The filtered inputs, shape (sample, input)."""
-        return np.concatenate([stretch.inputs() for stretch in self.stretches])[self.kept]
+        return self._joined(stretch.inputs() for stretch in self.stretches)
+
+    @property
+    def forces(self) -> Floats:
+        """Filtered B u, shape (sample, row)."""
+        return np.asarray(self.inputs @ self.model.input_matrix.T)
 
     @cached_property
     def force_rates(self) -> Floats:
         """The derivative of filtered B u, shape (sample, row); zero where no equation counts."""
-        rates = np.concatenate([stretch.inputs(1) for stretch in self.stretches])[self.kept]
-        return np.asarray((rates @ self.model.input_matrix.T) * self.told[self.kept])
+        rates = self._joined(stretch.inputs(1) for stretch in self.stretches)
+        return np.asarray(self.counting(rates @ self.model.input_matrix.T))
 
-    @cached_property
-    def design(self) -> Floats:
-        """Filtered Phi, shape (sample, row, base); zero where an equation does not count."""
-        every = np.tensordot(self.signals, self.model.coefficients[0], axes=1)
-        return np.asarray(every * self.told[self.kept][:, :, None])
-
-    @cached_property
-    def target(self) -> Floats:
-        """Filtered B u less the terms without parameters, shape (sample, row), zero likewise."""
-        known = self.signals @ self.model.coefficients[1]
-        every = self.inputs @ self.model.input_matrix.T - known
-        return np.asarray(every * self.told[self.kept])
-
-    def residual(self, base: Floats) -> Floats:
-        """Return ``Phi base + known - B u``, shape (sample, row)."""
-        return np.asarray(self.design @ base - self.target)
+    def predicted(self, base: Floats) -> Predicted:
+        """Predict the filtered inputs."""
+        driven = self.model.input_matrix.any(axis=1)
+        counts = self.told[self.kept][:, driven].all(axis=1, keepdims=True)
+        ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
+        return self._predicted(base, self.inputs * counts, ones, samples)
 
     @property
     def left_out(self) -> str:
@@ -407,10 +406,8 @@ class SampledRegression:
 
     def lowered(self, share: float) -> SampledRegression:
         """Return the same samples, low-passed at a share of the cut-offs."""
-        assert self.observation.filtered is not None
-        return SampledRegression(
-            replace(self.observation, filtered=self.observation.filtered.lowered(share))
-        )
+        lower = self.record.lowered(share)
+        return SampledRegression(replace(self.observation, filtered=lower))
 
 
 @frozen
@@ -418,11 +415,8 @@ class Stretch:
     """A part of a record without samples that must not enter the filter."""
 
     regression: SampledRegression
-    begin: int
-    end: int
-    picked: Integers  # (used,): its samples in use, counted from `begin`
-    columns: tuple[int, ...]  # of the sensors
-    follow: Floats  # (sensor, coordinate): what makes coordinates of them
+    part: slice  # of the samples of the record
+    picked: Integers  # (used,): its samples in use, counted from the first of the part
 
     @property
     def _record(self) -> FilteredRecord:
@@ -430,39 +424,26 @@ class Stretch:
 
     def _coordinates(self, order: int, *, outer: bool) -> Floats:
         """Return a derivative of the coordinates, filtered, shape (sample, coordinate)."""
-        record = self._record
+        record, (columns, follow) = self._record, self.regression.sensed
         filter_ = record.outer if outer else record.inner
-        samples = record.record.samples[self.begin : self.end, list(self.columns)]
-        channels = tuple(record.channels[c] for c in self.columns)
-        return np.asarray(filter_.apply(samples, order, channels) @ self.follow)
+        channels = tuple(record.channels[c] for c in columns)
+        samples = record.record.samples[self.part, columns]
+        return np.asarray(filter_.apply(samples, order, channels) @ follow)
 
     def sizes(self, argument: Expression) -> tuple[Floats, float]:
         """Return the size of an expression of the motion, (sample,), and the noise of it."""
-        model, record = self.regression.model, self._record
-        symbols = {
-            name + dots: (order, column)
-            for column, name in enumerate(model.coordinates)
-            for order, dots in enumerate(DERIVATIVES)
-        }
-        motion = self.motion
-        derivatives = (motion.position, motion.velocity, motion.acceleration)
-        arrays: dict[str, Floats] = {
-            name: derivatives[order][:, column] for name, (order, column) in symbols.items()
-        }
-        arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
-        samples = record.record.samples[self.begin : self.end, list(self.columns)]
-        noise = [
-            np.sqrt(record.inner.noise_of(samples, order) ** 2 @ self.follow**2)
-            for order in range(3)
-        ]
-        variance = 0.0
-        for name, (order, column) in symbols.items():
-            if symbol(name) in argument.free_symbols:
-                off = noise[order][column]
-                above = evaluate(argument, {**arrays, name: arrays[name] + off})
-                below = evaluate(argument, {**arrays, name: arrays[name] - off})
-                variance += float((((above - below) / 2) ** 2).mean())
-        size = np.broadcast_to(np.abs(evaluate(argument, arrays)), (self.end - self.begin,))
+        model, motion = self.regression.model, self.motion
+        columns, follow = self.regression.sensed
+        samples = self._record.record.samples[self.part, columns]
+        arrays, variance = model.arrays(motion), 0.0
+        for order, dots in enumerate(DERIVATIVES):
+            noise = np.sqrt(self._record.inner.noise_of(samples, order) ** 2 @ follow**2)
+            for name, off in zip(model.coordinates, noise, strict=True):
+                if symbol(moving := name + dots) in argument.free_symbols:
+                    above = evaluate(argument, {**arrays, moving: arrays[moving] + off})
+                    below = evaluate(argument, {**arrays, moving: arrays[moving] - off})
+                    variance += float((((above - below) / 2) ** 2).mean())
+        size = np.broadcast_to(np.abs(evaluate(argument, arrays)), motion.time.shape)
         return size, float(np.sqrt(variance))
 
     def resting(self, small: Booleans) -> Booleans:
@@ -470,28 +451,30 @@ class Stretch:
 
         A rest lasts so long that a filtered sample lies within; one that merely turns does not.
         """
-        outer = self._record.outer
-        within = outer.apply(small.astype(float)[:, None])[:, 0] > 0.5
+
+        def weight(on: Booleans) -> Floats:
+            return self._record.outer.apply(on.astype(float)[:, None])[:, 0]
+
+        within = weight(small) > 0.5
         if not within.any():
             return np.zeros(len(self.picked), dtype=bool)
-        rest = small & (outer.apply(within.astype(float)[:, None])[:, 0] > SPILLED)
-        spilled = outer.apply(rest.astype(float)[:, None])[:, 0] > SPILLED
-        return np.asarray((spilled | rest)[self.picked])
+        rest = small & (weight(within) > SPILLED)
+        return np.asarray(((weight(rest) > SPILLED) | rest)[self.picked])
 
     def inputs(self, order: int = 0) -> Floats:
         """Return the filtered inputs or their derivative, shape (used, input)."""
         seen, record = self.regression.observation, self._record
         if not seen.inputs:
             return np.zeros((len(self.picked), 0))
-        samples = record.record.samples[self.begin : self.end, list(seen.input_columns)]
+        samples = record.record.samples[self.part, list(seen.input_columns)]
         return np.asarray(record.outer.apply(samples, order, seen.inputs)[self.picked])
 
     @cached_property
     def motion(self) -> Motion:
         """Return the low-passed motion, at which the terms that are not linear are computed."""
-        record, part = self._record.record, slice(self.begin, self.end)
-        time = record.start + np.arange(self.begin, self.end) / record.sample_rate
-        angle, speed = record.rotor_angle()[part], np.asarray(record.speed)
+        record = self._record.record
+        time = record.start + np.arange(self.part.start, self.part.stop) / record.sample_rate
+        angle, speed = record.rotor_angle()[self.part], np.asarray(record.speed)
         if record.angle is not None and len(angle) > 1:
             speed = np.gradient(angle, 1 / record.sample_rate)
         q, velocity, acceleration = (self._coordinates(order, outer=False) for order in range(3))
@@ -511,22 +494,10 @@ class Stretch:
                 gain = speed_factor(scale, record.record.speed)
                 found[:, index] = gain * exact[order][:, column]
                 continue
-            found[:, index] = self._filtered_signal(index)
+            value = _finite_signal(model, index, self.motion, record.source)
+            whole = np.broadcast_to(value, self.motion.time.shape)
+            found[:, index] = record.outer.apply(whole[:, None])[self.picked, 0]
         return found
-
-    def _filtered_signal(self, index: int) -> Floats:
-        """Return a signal that is computed sample by sample, then filtered, shape (used,)."""
-        model = self.regression.model
-        value = model.signal_value(index, self.motion)
-        if not is_usable(value):
-            raise InputError(
-                f"{model.signals[index]} without a finite value on this record",
-                "a division by something other than zero, a root of something positive",
-                "rewrite the term, or check the channels in it",
-                file=self._record.source,
-            )
-        whole = np.broadcast_to(value, (self.end - self.begin,))
-        return np.asarray(self._record.outer.apply(whole[:, None])[self.picked, 0])
 
 
 def _signs_of(value: Expression) -> Iterator[Expression]:
@@ -535,15 +506,3 @@ def _signs_of(value: Expression) -> Iterator[Expression]:
     for part in value.parts:
         if isinstance(part, Expression):
             yield from _signs_of(part)
-
-
-def predicted(regression: SampledRegression, base: Floats) -> Predicted:
-    """Predict the filtered inputs of a record from base parameters."""
-    model, measured = regression.model, regression.inputs
-    driven = model.input_matrix.any(axis=1)
-    measured = measured * regression.told[regression.kept][:, driven].all(axis=1, keepdims=True)
-    wrong = regression.residual(base)[:, driven] @ np.linalg.pinv(model.input_matrix[driven]).T
-    units = tuple(model.units[name] for name in model.inputs)
-    both = (measured.astype(np.complex128), (measured + wrong).astype(np.complex128))
-    samples = regression.record.used[regression.kept]
-    return Predicted(model.inputs, units, *both, np.ones(len(measured)), samples)

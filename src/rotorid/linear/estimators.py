@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,13 +12,59 @@ from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
-from rotorid.data.observation import Data, bind_all
+from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.by_samples import estimate_by_samples, filtered_records, refuse_filtered
 from rotorid.linear.equations import Regression, driven_rows
-from rotorid.linear.family import LinearEstimator, Problem, force_variance, pose
+from rotorid.linear.family import Problem, force_variance, pose
 from rotorid.linear.solve import Block, Solution, pooled, solve
 from rotorid.models import Model
+from rotorid.models.priors import Constraint
 from rotorid.signals.spectrum import synthesize
+
+
+@frozen
+class LinearEstimator:
+    """What every estimator of the family takes and does."""
+
+    method: ClassVar[str]
+    # physical parameters (SI, or texts with units) that are substituted
+    fixed: Mapping[str, float | str] = field(default_factory=dict, kw_only=True)
+    # exact ones, linear in the base parameters
+    constraints: tuple[Constraint, ...] = field(default=(), kw_only=True)
+
+    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
+        """Return the estimate of the base parameters.
+
+        Raises
+        ------
+        InputError
+            For records that do not fit the model, or knowledge that only ml can use.
+        """
+        bound = bind_all(model, records)
+        if self._filtered(bound):
+            return estimate_by_samples(
+                self.method, bound, self.fixed, self.constraints, self._weight
+            )
+        return pose(bound, self.fixed, self.constraints).summarize(self.method, self._solved)
+
+    @property
+    def _weight(self) -> float | None:
+        """Weight of rows without input among samples; where there is none all count alike."""
+        return None
+
+    def _filtered(self, records: Sequence[Observation]) -> bool:
+        return filtered_records(records)
+
+    def _solved(self, problem: Problem) -> Solution:
+        return solve(
+            [
+                Block(*problem.free_equations(r), self._variance(r), r.record)
+                for r in problem.regressions
+            ]
+        )
+
+    def _variance(self, regression: Regression) -> Floats:
+        return np.ones(regression.rows)
 
 
 @frozen
@@ -44,28 +92,7 @@ class LeastSquares(LinearEstimator):
     {'L1': 0.3}
     """
 
-    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
-        """Return the estimate of the base parameters.
-
-        Raises
-        ------
-        InputError
-            For records that do not fit the model, or knowledge that only ml can use.
-        """
-        bound = bind_all(model, records)
-        if filtered_records(bound):
-            return estimate_by_samples("ls", bound, self.fixed, self.constraints)
-        return pose(bound, self.fixed, self.constraints).summarize("ls", _solved)
-
-
-def _solved(problem: Problem) -> Solution:
-    """Solve with all equations alike."""
-    return solve(
-        [
-            Block(r.record, *problem.free_equations(r), np.ones((r.record.samples, r.rows)))
-            for r in problem.regressions
-        ]
-    )
+    method = "ls"
 
 
 @frozen
@@ -94,6 +121,7 @@ class Batch(LinearEstimator):
     10.0
     """
 
+    method = "batch"
     free_weight: float = 100.0
 
     def __post_init__(self) -> None:
@@ -104,20 +132,9 @@ class Batch(LinearEstimator):
                 "take 100, as the paper does",
             )
 
-    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
-        """Return the estimate of the base parameters.
-
-        Raises
-        ------
-        InputError
-            For records that do not fit the model, or knowledge that only ml can use.
-        """
-        bound = bind_all(model, records)
-        if filtered_records(bound):
-            return estimate_by_samples(
-                "batch", bound, self.fixed, self.constraints, self.free_weight
-            )
-        return pose(bound, self.fixed, self.constraints).summarize("batch", self._solved)
+    @property
+    def _weight(self) -> float:
+        return self.free_weight
 
     def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:
         """Return the regression and its solution, without statistics.
@@ -129,14 +146,6 @@ class Batch(LinearEstimator):
         """
         problem = pose(bind_all(model, records), self.fixed, self.constraints)
         return problem, self._solved(problem)
-
-    def _solved(self, problem: Problem) -> Solution:
-        return solve(
-            [
-                Block(r.record, *problem.free_equations(r), self._variance(r))
-                for r in problem.regressions
-            ]
-        )
 
     def _variance(self, regression: Regression) -> Floats:
         variance = force_variance(regression)
@@ -184,19 +193,14 @@ class Sequential(LinearEstimator):
     {}
     """
 
-    def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
-        """Return the estimate of the base parameters.
+    method = "sequential"
 
-        Raises
-        ------
-        InputError
-            For records that do not fit the model, or knowledge that only ml can use.
-        """
-        bound = bind_all(model, records)
-        refuse_filtered(bound, "sequential")
-        problem = pose(bound, self.fixed, self.constraints)
-        stages = plan_stages(problem)
-        return problem.summarize("sequential", lambda part: _solve_stages(part, stages))
+    def _filtered(self, records: Sequence[Observation]) -> bool:
+        refuse_filtered(records, self.method)
+        return False
+
+    def _solved(self, problem: Problem) -> Solution:
+        return _solve_stages(problem, plan_stages(problem))
 
 
 def plan_stages(problem: Problem) -> list[Stage]:
@@ -251,10 +255,10 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
         known = np.asarray(np.isfinite(values).nonzero()[0], dtype=np.int64)
         blocks = [
             Block(
-                regression.record,
                 design[:, rows][:, :, own],
                 target[:, rows] - design[:, rows][:, :, known] @ values[known],
                 _variance(problem, regression, stage, values),
+                regression.record,
             )
             for regression, (design, target) in zip(problem.regressions, equations, strict=True)
         ]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy
@@ -51,63 +51,55 @@ def pooled(variance: Floats, power: Floats, periods: int) -> Floats:
 
 @frozen
 class Block:
-    """Equations of one record: ``design @ free = target`` on lines, weighted by sample."""
+    """Equations of one record: ``design @ free = target``, weighted by sample and row."""
 
-    record: PeriodicRecord  # for its harmonics and samples
-    design: Complexes  # (line, row, free)
-    target: Complexes  # (line, row)
-    variance: Floats  # (sample, row)
+    # (line, row, free) and (line, row) of the lines of a record, or of its samples without one
+    design: NDArray[Any]
+    target: NDArray[Any]
+    variance: Floats  # (sample, row), or (row,) for all samples alike
+    record: PeriodicRecord | None = None  # for its harmonics and samples
 
     def whitened(self) -> tuple[Floats, Floats]:
         """Return matrix and right side in samples over deviations, rows flattened."""
-        record, (lines, rows, free) = self.record, self.design.shape
-        columns = synthesize(
-            self.design.reshape(lines, rows * free), record.harmonics, record.samples
-        ).reshape(record.samples, rows, free)
-        right = synthesize(self.target, record.harmonics, record.samples)
-        deviation = np.sqrt(self.variance)
+        deviation, free = np.sqrt(self.variance), self.design.shape[2]
         return (
-            (columns / deviation[..., None]).reshape(-1, free),
-            (right / deviation).reshape(-1),
+            (self._in_samples(self.design) / deviation[..., None]).reshape(-1, free),
+            (self._in_samples(self.target) / deviation).reshape(-1),
         )
 
-    def line_gains(self, gains: Floats) -> Complexes:
-        """Turn gains on whitened samples, (free, sample x row), into gains on lines.
+    def _in_samples(self, rows: NDArray[Any]) -> Floats:
+        if self.record is None:
+            return rows
+        columns = rows.reshape(len(rows), -1)
+        waves = synthesize(columns, self.record.harmonics, self.record.samples)
+        return waves.reshape(-1, *rows.shape[1:])
+
+    def gains_of(self, gains: Floats) -> NDArray[Any]:
+        """Turn gains on whitened samples, (free, sample x row), into gains on lines, if there are.
 
         ``d free = Re(sum_k,r gains[:, k, r] d target[k, r])``; shape (free, line, row).
         """
         record = self.record
+        if record is None:
+            return gains
         weighted = gains.reshape(len(gains), record.samples, -1) / np.sqrt(self.variance)
         transformed = np.fft.rfft(weighted, axis=1)[:, record.harmonics]
         return np.asarray(record.multiplicity[:, None] * transformed.conj())
-
-
-class Equations(Protocol):
-    """Equations of one record: of its lines, or of its samples."""
-
-    def whitened(self) -> tuple[Floats, Floats]:
-        """Return matrix and right side over deviations, (equation, free) and (equation,)."""
-        ...
-
-    def line_gains(self, gains: Floats) -> NDArray[Any]:
-        """Return the gains of whitened equations as those of what was measured."""
-        ...
 
 
 @frozen
 class Solution:
     """What least squares gives."""
 
-    values: Floats  # (free,): naN where the equations do not determine them
-    # sequence of array, shape (free, line, row): of each block: how the values answer to its
-    # targets
+    values: Floats  # (free,): NaN where the equations do not determine them
+    # (free, line, row) of each block: how the values answer to its targets; of samples (free, n)
     gains: tuple[NDArray[Any], ...]
     condition_number: float  # of the whitened matrix with columns scaled to length one
     # (free, n): directions, in scaled parameters, that the equations leave open
     undetermined: Floats
 
 
-def solve(blocks: Sequence[Equations]) -> Solution:
+def solve(blocks: Sequence[Block]) -> Solution:
     """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
 
     The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
@@ -134,7 +126,7 @@ def solve(blocks: Sequence[Equations]) -> Solution:
     condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
     return Solution(
         values,
-        tuple(b.line_gains(g) for b, g in zip(blocks, split, strict=True)),
+        tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),
         _separated(open_directions),
     )

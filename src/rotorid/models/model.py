@@ -343,16 +343,19 @@ class Model:
         factors = enumerate(self.motion_factors)
         return any(factor is None and self.moves(index) for index, factor in factors)
 
-    def signal_value(self, index: int, motion: Motion) -> Floats:
-        """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
+    def arrays(self, motion: Motion) -> dict[str, Floats]:
+        """Return what the symbols of a signal stand for."""
         derivatives = (motion.position, motion.velocity, motion.acceleration)
         arrays = {
             name + dots: array[..., j]
             for j, name in enumerate(self.coordinates)
             for dots, array in zip(DERIVATIVES, derivatives, strict=True)
         }
-        arrays |= {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
-        return evaluate(self.signals[index], arrays)
+        return arrays | {"t": motion.time, "phi": motion.angle, "Omega": np.asarray(motion.speed)}
+
+    def signal_value(self, index: int, motion: Motion) -> Floats:
+        """Evaluate a signal; it has the axes (..., sample) that it depends on, or none."""
+        return evaluate(self.signals[index], self.arrays(motion))
 
     @property
     def products(self) -> tuple[Product, ...]:
