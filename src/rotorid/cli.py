@@ -33,28 +33,24 @@ _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
-_RECORD = "Of what every record has to itself: whose values to take, from 0."
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
-    with progress(quiet):
-        return _worked(command, silent=quiet or STDOUT in options.values(), options=options)
-
-
-def _worked(command: str, *, silent: bool, options: dict[str, Any]) -> int:
-    watch("loading")
-    work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
-    # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
-    calm = import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore")
-    try:
-        with calm, silence(silent):
-            return work(**options)
-    except EOFError as error:  # which click would take for an interrupt
-        raise InputError(
-            "the end of a file where more was to come", "a whole file", "copy or write it again"
-        ) from error
+    with progress(quiet), silence(quiet or STDOUT in options.values()):
+        watch("loading")
+        work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
+        # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
+        with import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore"):
+            try:
+                return work(**options)
+            except EOFError as error:  # which click would take for an interrupt
+                raise InputError(
+                    "the end of a file where more was to come",
+                    "a whole file",
+                    "copy or write it again",
+                ) from error
 
 
 def _example(command: str) -> str:
@@ -73,36 +69,34 @@ def _names_in(folder: str) -> Callable[..., list[CompletionItem]]:
     return complete
 
 
-def _debug_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option(
-        "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
-    )(command)
-
-
-def _force_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    told = "Replace files that the command did not write itself."
-    return click.option("--force", is_flag=True, help=told)(command)
+_debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."
+)
+_force_option = click.option(
+    "--force", is_flag=True, help="Replace files that the command did not write itself."
+)
+_quiet_option = click.option(
+    "--quiet",
+    "-q",
+    is_flag=True,
+    help="Print no tables, nor how far it is; warnings of usage and errors stay.",
+)
+_json_option = click.option(
+    "--json",
+    type=_FILE,
+    help="Write the result (JSON); - writes it, and nothing else, to the standard output.",
+)
+_report_option = click.option("--report", type=_FILE, help="Write a report (HTML).")
+_record_option = click.option(
+    "--record",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Of what every record has to itself: whose values to take, from 0.",
+)
 
 
 def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option("--report", type=_FILE, help="Write a report (HTML).")(
-        _json_option(command)
-    )
-
-
-def _json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    told = "Write the result (JSON); - writes it, and nothing else, to the standard output."
-    command = _force_option(_quiet_option(command))
-    return click.option("--json", type=_FILE, help=told)(command)
-
-
-def _quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option(
-        "--quiet",
-        "-q",
-        is_flag=True,
-        help="Print no tables, nor how far it is; warnings of usage and errors stay.",
-    )(command)
+    return _report_option(_json_option(_force_option(_quiet_option(_debug_option(command)))))
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -137,7 +131,6 @@ def cli() -> None:
 )
 @click.option("--machine", type=_FILE, help="Write the report of the levitated machine (HTML).")
 @_output_options
-@_debug_option
 def demo(**options: Any) -> int:
     """Identify a levitated machine, its truth beside the answer; then the paper's example.
 
@@ -150,7 +143,6 @@ def demo(**options: Any) -> int:
 @cli.command(epilog=_example("rotorid inspect run.toml --report inspect.html"))
 @click.argument("experiment", type=_FILE)
 @_output_options
-@_debug_option
 @click.pass_obj
 def inspect(given: str, /, **options: Any) -> int:
     """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
@@ -168,7 +160,6 @@ def inspect(given: str, /, **options: Any) -> int:
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
 @_output_options
-@_debug_option
 @click.pass_obj
 def identify(given: str, /, **options: Any) -> int:
     """Estimate the parameters of a machine from the records that EXPERIMENT names.
@@ -182,7 +173,6 @@ def identify(given: str, /, **options: Any) -> int:
 @click.argument("result", type=_FILE)
 @click.argument("experiment", type=_FILE)
 @_output_options
-@_debug_option
 @click.pass_obj
 def validate(given: str, /, **options: Any) -> int:
     """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
@@ -193,9 +183,8 @@ def validate(given: str, /, **options: Any) -> int:
 @click.argument("source", metavar="RESULT-OR-MODEL", shell_complete=_names_in("models"))
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
-@click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
+@_record_option
 @_output_options
-@_debug_option
 @click.pass_obj
 def modes(given: str, /, **options: Any) -> int:
     """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
@@ -213,9 +202,8 @@ def modes(given: str, /, **options: Any) -> int:
 @click.option("--radius", help='Of the correction masses, such as "30 mm".')
 @click.option("--masses", help='Those that there are, such as "0.5 g, 1 g, 2 g".')
 @click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
-@click.option("--record", type=click.IntRange(min=0), default=0, help=_RECORD)
+@_record_option
 @_output_options
-@_debug_option
 @click.pass_obj
 def balance(given: str, /, **options: Any) -> int:
     """Correction masses in some planes for RESULT, and the unbalance that is left."""
@@ -226,7 +214,6 @@ def balance(given: str, /, **options: Any) -> int:
 @click.argument("experiment", type=_FILE)
 @click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
 @_output_options
-@_debug_option
 @click.pass_obj
 def sensitivity(given: str, /, **options: Any) -> int:
     """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""

@@ -7,8 +7,7 @@ from scipy.optimize import brentq
 import rotorid as rid
 from rotorid.core.errors import InputError
 from rotorid.results import critical, machine, modes
-from rotorid.results import critical as unbalance
-from rotorid.results.balancing import STEP, Balance, Masses, _nearest, _too_coarse, chosen
+from rotorid.results.balancing import Balance, Masses, _nearest, _too_coarse, chosen
 from rotorid.results.export import _solved
 from rotorid.results.modes import whirl_of
 
@@ -100,13 +99,7 @@ def test_a_matrix_is_singular_to_rounding(away: float, solved: bool) -> None:
 
 def test_how_finely_a_machine_is_looked_at() -> None:
     """No answer tells these from their neighbours; what they cost and resolve is said beside."""
-    assert (critical.POINTS, critical.SCAN, critical.HALVINGS, unbalance.RESPONSE_POINTS) == (
-        61,
-        120,
-        6,
-        241,
-    )
+    assert (critical.POINTS, critical.SCAN, critical.HALVINGS) == (61, 120, 6)
     assert (critical.EXACT, critical.FALSE, critical.ALIKE) == (1e-10, 1e-6, 0.7)
-    assert (machine.STEP, machine.NEAR) == (1e-4, 0.01)
+    assert (machine.STEP, machine.SIDE, machine.NEAR) == (1e-4, 0.05, 0.01)
     assert (modes.BESIDE, modes.TERMS, modes.DRAWS, modes.NORMAL) == (3, 1 << 22, 4000, 1.959964)
-    assert STEP == 0.05

@@ -118,26 +118,10 @@ def content(found: Balance, centred: Sequence[Feedforward]) -> dict[str, Any]:
     """Return a balance as the interface has it."""
     return {
         "corrections": [
-            {
-                "plane": each.plane,
-                "unbalance_kg_m": each.unbalance_kg_m,
-                "angle_rad": each.angle_rad,
-                "std_kg_m": each.std_kg_m,
-                "angle_std_rad": each.angle_std_rad,
-                "masses": [{"mass_kg": m, "angle_rad": a} for m, a in each.masses],
-            }
+            {**vars(each), "masses": [{"mass_kg": m, "angle_rad": a} for m, a in each.masses]}
             for each in found.corrections
         ],
-        "residual": [
-            {
-                "plane": each.plane,
-                "unbalance_kg_m": each.unbalance_kg_m,
-                "std_kg_m": each.std_kg_m,
-                "grade_mm_s": each.grade_mm_s,
-                "off_kg_m": each.off_kg_m,
-            }
-            for each in found.residual
-        ],
+        "residual": [vars(each) for each in found.residual],
         "speeds_rad_s": list(found.speeds),
         "rotor_mass_kg": found.rotor_mass,
         "grade_mm_s": found.grade_mm_s,

@@ -54,6 +54,10 @@ def content_of(found: Sequence[Inspection | LineInspection]) -> dict[str, Any]:
     return first if len(parts) == 1 else {**first, "records": parts}
 
 
+_LEVELS = ("name", "unit", "snr_db", "low", "high")
+_SAMPLED = ("rms", "crest_factor", "coherence", "odd", "even", "orders")
+
+
 def _one(one: Inspection) -> dict[str, Any]:
     periods = one.periods
     return {
@@ -64,22 +68,7 @@ def _one(one: Inspection) -> dict[str, Any]:
         "harmonics": None if periods is None else periods.harmonics.tolist(),
         "sample_rate_hz": one.record.sample_rate,
         "speed_rad_s": one.record.speed,
-        "channels": [
-            {
-                "name": c.name,
-                "unit": c.unit,
-                "snr_db": c.snr_db,
-                "low": c.low,
-                "high": c.high,
-                "rms": c.rms,
-                "crest_factor": c.crest_factor,
-                "coherence": c.coherence,
-                "odd": c.odd,
-                "even": c.even,
-                "orders": list(c.orders),
-            }
-            for c in one.channels
-        ],
+        "channels": [{key: getattr(c, key) for key in (*_LEVELS, *_SAMPLED)} for c in one.channels],
     }
 
 
@@ -89,16 +78,10 @@ def _table(one: LineInspection) -> dict[str, Any]:
     return {
         "verdict": one.verdict,
         "checks": [check.as_check for check in one.checks],
-        "period_samples": None,
-        "periods": None,
-        "harmonics": None,
-        "sample_rate_hz": None,
+        **dict.fromkeys(("period_samples", "periods", "harmonics", "sample_rate_hz")),
         "speed_rad_s": float(lines.speed[0]) if len(set(lines.speed.tolist())) == 1 else None,
         "kind": "phasors" if one.turning else "responses",
         "rows": len(lines.frequency),
         "frequency_hz": [float(lines.frequency.min()), float(lines.frequency.max())],
-        "channels": [
-            {"name": c.name, "unit": c.unit, "snr_db": c.snr_db, "low": c.low, "high": c.high}
-            for c in one.channels
-        ],
+        "channels": [{key: getattr(c, key) for key in _LEVELS} for c in one.channels],
     }

@@ -70,19 +70,16 @@ def _response(read: Estimate | Model, speed: float, record: int) -> UnbalanceRes
     return response_of(machine, np.array([speed]))
 
 
+_FIGURES = ("frequency_hz", "std_hz", "damping_ratio", "damping_std", "whirl", "count", "close")
+
+
 def content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
     """Return modes and critical speeds as the interface has them."""
     return {
         "speed_rad_s": found.speed,
         "modes": [
             {
-                "frequency_hz": mode.frequency_hz,
-                "std_hz": mode.std_hz,
-                "damping_ratio": mode.damping_ratio,
-                "damping_std": mode.damping_std,
-                "whirl": mode.whirl,
-                "count": mode.count,
-                "close": mode.close,
+                **{key: getattr(mode, key) for key in _FIGURES},
                 "interval_hz": mode.interval_hz,
                 "eigenvalue_rad_s": [mode.eigenvalue.real, mode.eigenvalue.imag],
                 "shape": {

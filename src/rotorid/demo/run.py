@@ -11,9 +11,7 @@ their own magnitude.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,6 @@ from threadpoolctl import threadpool_limits
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.core.errors import InputError
-from rotorid.core.files import write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.core.watch import counting, silent, watched
@@ -142,11 +139,6 @@ class DemoResult:
                 for name, least in zip(self.names, self.bound_percent, strict=True)
             },
         }
-
-    def save(self, path: str | Path) -> None:
-        """Write the figures (JSON)."""
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
-        write_whole(path, f"{text}\n".encode())
 
 
 def excitation(model: Model) -> Floats:

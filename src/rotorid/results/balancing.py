@@ -11,7 +11,6 @@ that W* has by that of the estimate.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -174,8 +173,6 @@ def _of(each: Floats, *rows: int) -> Mounted:
     return tuple((float(each[i, 0]), _turned(float(each[i, 1]))) for i in rows)
 
 
-STEP = 0.05
-"""Step of the values, in their deviations, for the derivative of the correction."""
 CONFIDENCE = 0.95
 """Chance that what is left is less than the residual that is stated."""
 COARSE = 0.1
@@ -467,20 +464,9 @@ def _covariance(task: _Task, machine: Machine) -> Floats | None:
     """Return the covariance of the correction that the values ask for, (2 planes, 2 planes)."""
     if machine.covariance is None:
         return None
-    slopes = []
-    for direction in machine.root.T:
-        if not direction.any():
-            continue
-        sides = [
-            task.solution(replace(machine, values=machine.values + s * STEP * direction))
-            for s in (1, -1)
-        ]
-        slope = (sides[0] - sides[1]) / (2 * STEP)
-        slopes.append(np.column_stack([slope.real, slope.imag]).ravel())
-    if not slopes:
-        return np.zeros((2 * task.columns.shape[1],) * 2)
-    table = np.array(slopes)
-    return np.asarray(table.T @ table)
+    slopes = machine.changes(task.solution).reshape(-1, task.columns.shape[1])
+    parts = slopes.view(np.float64)
+    return np.asarray(parts.T @ parts)
 
 
 def _correction(

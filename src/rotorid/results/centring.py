@@ -7,8 +7,8 @@ fed forward in place of what the controller would answer with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from pydantic import ValidationError
@@ -20,7 +20,7 @@ from rotorid.core.toml import table_within
 from rotorid.core.values import Complexes
 from rotorid.force.entry import LawEntry, law_keys
 from rotorid.force.laws import Differential, Linear
-from rotorid.results.balancing import STEP, unbalanced
+from rotorid.results.balancing import unbalanced
 from rotorid.results.critical import amplitude_std
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import finite_speed
@@ -92,22 +92,13 @@ def centring(
         raise InputError("a speed of 0", "the speed of the rotor", "give it", place="speed")
     machine = unbalanced(machine_of(estimate, record))
     known = laws_of(estimate) | dict(laws or {})
-    here = _answers(machine, turning, known)
-    slopes: dict[str, list[Complexes]] = {name: [] for name in here}
-    for direction in [] if machine.covariance is None else machine.root.T:
-        if not direction.any():
-            continue
-        sides = [
-            _answers(replace(machine, values=machine.values + s * STEP * direction), turning, known)
-            for s in (1, -1)
-        ]
-        for name in here:
-            slopes[name].append((sides[0][name] - sides[1][name]) / (2 * STEP))
+    forces = [name for name in machine.model.inputs if machine.model.units[name] == "N"]
+    answer = partial(_answers, speed=turning, forces=forces, known=known)
+    here = answer(machine)
+    slopes = machine.changes(answer).reshape(-1, len(forces), 2)
     return [
-        _feedforward(
-            name, answer, np.array(slopes[name]).reshape(-1, 2), machine.covariance is not None
-        )
-        for name, answer in here.items()
+        _feedforward(name, here[j], slopes[:, j], machine.covariance is not None)
+        for j, name in enumerate(forces)
     ]
 
 
@@ -131,23 +122,21 @@ def laws_of(estimate: Estimate) -> dict[str, tuple[float, float]]:
 
 
 def _answers(
-    machine: Machine, speed: float, known: Mapping[str, tuple[float, float]]
-) -> dict[str, Complexes]:
-    """Return motion and current of each force, (2,), amplitudes of exp(i phi); NaN if not known."""
+    machine: Machine, speed: float, forces: Sequence[str], known: Mapping[str, tuple[float, float]]
+) -> Complexes:
+    """Return motion and current of each force, (force, 2), amplitudes of exp(i phi), or NaN."""
     motion, _ = machine.response(speed)
     directions, inputs = directions_of(machine), machine.input_matrix()
     values = dict(zip(machine.names, machine.values.tolist(), strict=True))
-    found = {}
-    for j, name in enumerate(machine.model.inputs):
-        if machine.model.units[name] != "N":
-            continue
-        acts = directions.forces(inputs[:, j])
+    found = np.zeros((len(forces), 2), dtype=np.complex128)
+    for j, name in enumerate(forces):
+        acts = directions.forces(inputs[:, machine.model.inputs.index(name)])
         directions.check(acts)
         there = complex(acts @ motion)
         law = known.get(name, (np.nan, np.nan))
         ki = values.get(f"ki[{name}]", law[0])
         ks = values.get(f"ks[{name}]", values.get("ks", law[1]))
-        found[name] = np.array([there, -ks / ki * there])
+        found[j] = there, -ks / ki * there
     return found
 
 

@@ -24,15 +24,16 @@ from rotorid.core.watch import counting
 from rotorid.models import Model
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import (
-    DRAWS,
     NORMAL,
     Eigen,
     Whirl,
-    block_of,
+    chosen,
     deviations,
+    drawn_blocks,
     eigen_at,
     eigenvalues_at,
     finite_speed,
+    gram,
     pattern_of,
     whirls_of,
 )
@@ -205,30 +206,18 @@ def _followed(
     if sure.all() or left == 0:
         return dict(zip(rows.tolist(), columns.tolist(), strict=True))
     middle = (here + there) / 2
-    half = eigen_of_values(machine, middle)
+    half = eigen_at(replace(machine, covariance=None), middle, CURVES + SPARE)
     one = _followed(machine, here, middle, at, half, left - 1)
     two = _followed(machine, middle, there, half, to, left - 1)
     return {i: two[j] for i, j in one.items() if j in two}
 
 
-def eigen_of_values(machine: Machine, speed: float) -> Eigen:
-    """Return the modes at a speed, without their derivatives."""
-    found = eigen_at(replace(machine, covariance=None), speed, CURVES + SPARE).found
-    return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
-
-
 def _overlap(machine: Machine, speed: float, at: Eigen, to: Eigen) -> Floats:
     """Return how alike the modes of two speeds are, (mode, mode): 1 for the same shape."""
-    _, damping, mass = machine.matrices(speed)
-
-    def product(left: Complexes, right: Complexes, sums: Complexes) -> Complexes:
-        return np.asarray(sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T)
-
     one, two = at.found, to.found
-    crossed = product(one.left, two.right, one.values[:, None] + two.values)
-    own = [np.diag(product(e.left, e.right, e.values[:, None] + e.values)) for e in (one, two)]
-    back = product(two.left, one.right, two.values[:, None] + one.values).T
-    size = np.outer(*(np.abs(each) for each in own))
+    crossed = gram(machine, speed, one, two)
+    back = gram(machine, speed, two, one).T
+    size = np.outer(*(np.abs(np.diag(gram(machine, speed, each, each))) for each in (one, two)))
     return np.sqrt(np.abs(crossed * back) / np.where(size > 0, size, np.inf)).clip(0, 1)
 
 
@@ -344,10 +333,8 @@ def _spread(
         reach = NORMAL * std
         return std, (speed - reach, speed + reach)
     draws = np.random.default_rng(0) if rng is None else rng
-    moved = draws.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
     away = np.diag(eigen.found.values[group]) - 1j * abs(speed) * np.eye(len(group))
-    block = block_of(machine, speed, eigen.found, group)
-    matrices = away + np.einsum("iju,du->dij", block, moved)
+    matrices = away + drawn_blocks(machine, speed, eigen, group, draws)
     turning = 1j * np.eye(len(group)) - by_speed
     drawn = np.sort(np.linalg.eigvals(np.linalg.solve(turning, matrices)).real, axis=1)
     here = np.sort(np.linalg.eigvals(np.linalg.solve(turning, away)).real)
@@ -358,19 +345,12 @@ def _spread(
 
 def _by_speed(machine: Machine, speed: float, eigen: Eigen, group: Integers) -> Complexes:
     """Return how the eigenvalues of some modes move with the speed, shape (mode, mode)."""
-    _, damping, mass = machine.matrices(speed)
     stiffness_by, damping_by, mass_by = machine.matrices_by_speed(speed)
-    found = eigen.found
-    left, right, values = found.left[group], found.right[group], found.values[group]
-    middle = complex(values.mean())
-    sums = values[:, None] + values
-    gram = sums * (left.conj() @ mass @ right.T) + left.conj() @ damping @ right.T
+    found = chosen(eigen.found, group)
+    middle = complex(found.values.mean())
     moved = middle**2 * mass_by + middle * damping_by + stiffness_by
-    return np.asarray(-np.linalg.solve(gram, left.conj() @ moved @ right.T))
-
-
-RESPONSE_POINTS = 241
-"""Speeds of a response curve."""
+    right = found.left.conj() @ moved @ found.right.T
+    return np.asarray(-np.linalg.solve(gram(machine, speed, found, found), right))
 
 
 @frozen

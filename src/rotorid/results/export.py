@@ -21,11 +21,11 @@ from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError, one_line, printable
 from rotorid.core.files import Kind, write_whole
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, ByContent, Floats, Integers
+from rotorid.core.values import ByContent, Floats, Integers
 from rotorid.models import Model
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import finite_speed
-from rotorid.results.planes import shares_of
+from rotorid.results.planes import require_shares
 
 SINGULAR = 1e-12
 """Reciprocal condition of a scaled matrix below which it is singular to rounding."""
@@ -125,21 +125,10 @@ def state_space(
     machine = machine_of(source, record)
     turning = finite_speed(speed)
     named = list(outputs) or list(machine.model.coordinates)
-    rows = [_output(machine, text) for text in named]
+    cure = "name coordinates, as a sensor reads them"
+    rows = [require_shares(machine, "output", text, cure) for text in named]
     units = [_unit(machine, row) for row in rows]
     return _spaces(machine, turning, np.array(rows), tuple(zip(named, units, strict=True)))
-
-
-def _output(machine: Machine, text: str) -> Floats:
-    found = shares_of(machine, text)
-    if found is None:
-        raise InputError(
-            f"the output {text[:60]!r}",
-            f"a combination of {', '.join(machine.model.coordinates[:8])}",
-            "name coordinates, as a sensor reads them",
-            place="outputs",
-        )
-    return found
 
 
 def _unit(machine: Machine, shares: Floats) -> str:
@@ -163,8 +152,10 @@ def _spaces(
     stiffness, damping, mass = matrices
     push = machine.input_matrix()
     heavy = (mass != 0).any(axis=0)
-    held, gain = _condensed(machine, damping, mass, heavy)
-    stiffness, damping, mass, push, back, through = held.condense(stiffness, damping, mass, push)
+    gain = np.flatnonzero(heavy | (damping != 0).any(axis=0))
+    stiffness, damping, mass, push, back, through = _condensed(
+        machine, gain, stiffness, damping, mass, push
+    )
     n = len(mass)
     own = heavy[gain]  # which of the coordinates that are left have a velocity of their own
     body = np.flatnonzero(own)
@@ -196,46 +187,17 @@ def _spaces(
     )
 
 
-@frozen
-class _Condensed:
-    """Coordinates that follow from the others at once: what is left, and how they follow."""
-
-    machine: Machine
-    kept: Integers
-    away: Integers
-    rows: Integers
-
-    def condense(
-        self, stiffness: Floats, damping: Floats, mass: Floats, push: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-        """Return K, D, M and B of what is left, and q = back z + through u."""
-        n, inputs = len(stiffness), push.shape[1]
-        back, through = np.zeros((n, len(self.kept))), np.zeros((n, inputs))
-        back[self.kept, np.arange(len(self.kept))] = 1.0
-        if not len(self.away):
-            return stiffness, damping, mass, push, back, through
-        rest = np.setdiff1d(np.arange(n), self.rows)
-        static = np.concatenate([-stiffness[np.ix_(self.rows, self.kept)], push[self.rows]], axis=1)
-        follows = _solved(self.machine, stiffness[np.ix_(self.rows, self.away)], static)
-        back[self.away], through[self.away] = np.split(follows, [len(self.kept)], axis=1)
-        left = stiffness[rest]
-        return (
-            left @ back,
-            damping[np.ix_(rest, self.kept)],
-            mass[np.ix_(rest, self.kept)],
-            push[rest] - left @ through,
-            back,
-            through,
-        )
-
-
 def _condensed(
-    machine: Machine, damping: Floats, mass: Floats, heavy: Booleans
-) -> tuple[_Condensed, Integers]:
-    """Return which coordinates have neither inertia nor damping, with the equations of these."""
-    bare = ~heavy & ~(damping != 0).any(axis=0)
-    rows = np.flatnonzero(~(mass != 0).any(axis=1) & ~(damping != 0).any(axis=1))
-    away, kept = np.flatnonzero(bare), np.flatnonzero(~bare)
+    machine: Machine, kept: Integers, stiffness: Floats, damping: Floats, mass: Floats, push: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Return K, D, M and B of the coordinates with inertia or damping, and q = back z + through u.
+
+    The others follow from these at once.
+    """
+    n = len(stiffness)
+    away = np.setdiff1d(np.arange(n), kept)
+    moving = (mass != 0).any(axis=1) | (damping != 0).any(axis=1)
+    rows, rest = np.flatnonzero(~moving), np.flatnonzero(moving)
     if len(rows) != len(away):
         raise InputError(
             f"{len(away)} coordinates and {len(rows)} equations without inertia and damping",
@@ -243,7 +205,14 @@ def _condensed(
             "give the massless coordinates a little inertia",
             file=machine.model.name,
         )
-    return _Condensed(machine, kept, away, rows), kept
+    back, through = np.eye(n)[:, kept], np.zeros((n, push.shape[1]))
+    if not len(away):
+        return stiffness, damping, mass, push, back, through
+    static = np.concatenate([-stiffness[np.ix_(rows, kept)], push[rows]], axis=1)
+    follows = _solved(machine, stiffness[np.ix_(rows, away)], static)
+    back[away], through[away] = np.split(follows, [len(kept)], axis=1)
+    left, cut = stiffness[rest], np.ix_(rest, kept)
+    return left @ back, damping[cut], mass[cut], push[rest] - left @ through, back, through
 
 
 def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
@@ -325,25 +294,22 @@ def exported(
     estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
 ) -> bytes:
     """Return the content of the file that `export` writes."""
-    known = _known_ending(path, ending)
-    if known == ".json":
-        return _json(estimate, speed)
-    if known == ".mat":
-        return _mat(estimate, speed)
-    return WRITERS[known](estimate)
+    write, _ = _WRITERS[_known_ending(path, ending)]
+    return write(estimate, speed)
 
 
 def kind_of(path: str | Path) -> Kind:
     """Return how a file of this name is known as written by `export`."""
-    return Kind("rotorid export", _BEGINS[_known_ending(path)])
+    _, begins = _WRITERS[_known_ending(path)]
+    return Kind("rotorid export", begins)
 
 
 def _known_ending(path: str | Path, ending: str | None = None) -> str:
     ending = (ending or Path(path).suffix).lower()
-    if ending not in _BEGINS:
+    if ending not in _WRITERS:
         raise InputError(
             f"the ending {ending!r}",
-            f"one of {', '.join(_BEGINS)}",
+            f"one of {', '.join(_WRITERS)}",
             "name the file so, for example result.csv",
             file=str(path),
         )
@@ -365,7 +331,7 @@ def _covariance_names(estimate: Estimate) -> list[str]:
     return names if len(names) == len(estimate.covariance) else []
 
 
-def _csv(estimate: Estimate) -> bytes:
+def _csv(estimate: Estimate, _: float | str) -> bytes:
     names = _covariance_names(estimate)
     covariance = iter(estimate.covariance.tolist() if names else [])
     stream = StringIO(newline="")
@@ -431,7 +397,7 @@ def _mat(estimate: Estimate, speed: float | str) -> bytes:
     return _MAT_TEXT.ljust(_MAT_TEXT_BYTES) + stream.getvalue()[_MAT_TEXT_BYTES:]
 
 
-def _tex(estimate: Estimate) -> bytes:
+def _tex(estimate: Estimate, _: float | str) -> bytes:
     tables = [(t.headings, t.rows, t.numeric) for t in estimate.value_tables]
     names = _covariance_names(estimate)
     if names:
@@ -450,22 +416,18 @@ def _tex(estimate: Estimate) -> bytes:
 
 
 def _tex_row(cells: Iterable[str]) -> str:
-    said = (re.sub(r"[\\^~&%$#_{}]", _escaped, printable(cell)) for cell in cells)
-    return " & ".join(said) + r" \\"
-
-
-def _escaped(found: re.Match[str]) -> str:
-    return _LATEX[found.group()]
+    escaped = str.maketrans(_LATEX)
+    return " & ".join(printable(cell).translate(escaped) for cell in cells) + r" \\"
 
 
 def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
 
 
-WRITERS: dict[str, Callable[[Estimate], bytes]] = {".csv": _csv, ".tex": _tex}
-_BEGINS = {
-    ".csv": re.escape(",".join(_COLUMNS).encode()),
-    ".mat": re.escape(_MAT_TEXT),
-    ".tex": re.escape(_TEX_MARK.encode()),
-    ".json": rb'\{\s*"schema": "rotorid-state-space/',
+_WRITERS: dict[str, tuple[Callable[[Estimate, float | str], bytes], bytes]] = {
+    ".csv": (_csv, re.escape(",".join(_COLUMNS).encode())),
+    ".mat": (_mat, re.escape(_MAT_TEXT)),
+    ".tex": (_tex, re.escape(_TEX_MARK.encode())),
+    ".json": (_json, rb'\{\s*"schema": "rotorid-state-space/'),
 }
+"""How a file of each ending is written, and how one that was begins."""

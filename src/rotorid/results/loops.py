@@ -14,7 +14,6 @@ is in C, so that ``- C P`` is L, and ``det(I + L)`` says how near the loop is to
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,11 +24,10 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
-from rotorid.results.balancing import STEP
 from rotorid.results.centring import laws_of
 from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import NORMAL, finite_speed
-from rotorid.results.planes import directions_of, shares_of
+from rotorid.results.planes import directions_of, require_shares
 from rotorid.results.sensitivity import AxisSensitivity, peak_of
 
 COARSE = np.deg2rad(100.0)
@@ -174,7 +172,7 @@ def loop_sensitivity(
     machine, turning = machine_of(source, record), finite_speed(speed)
     hertz = np.asarray(frequency, dtype=float)
     known = ({} if isinstance(source, Model) else laws_of(source)) | dict(laws or {})
-    rows = [_row(machine, text) for text in sensors]
+    rows = [require_shares(machine, "sensor", text, "say what it reads") for text in sensors]
     omega = 2 * np.pi * hertz
     response = np.asarray(controller(omega), dtype=np.complex128)
     shape = (len(hertz), len(machine.model.inputs), len(rows))
@@ -188,37 +186,25 @@ def loop_sensitivity(
         _loops, speed=turning, omega=omega, response=response, reads=np.array(rows), known=known
     )
     here, returned = closed(machine)
-    slopes, peaks = _changes(machine, hertz, lambda other: closed(other)[0])
+
+    def lines_and_peaks(other: Machine) -> Complexes:
+        found, _ = closed(other)
+        return np.vstack([found, peak_of(hertz, found.T)[0]])
+
+    changes = machine.changes(lines_and_peaks).reshape(-1, len(hertz) + 1, here.shape[1])
+    deviations = np.linalg.norm(changes, axis=0)
     axes = []
     top, where = peak_of(hertz, here.T)
     caveat = _caveat(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
     if caveat == UNSTABLE:
         top = np.full(len(top), np.inf)
     for j, name in enumerate(machine.model.inputs):
-        spread = float(np.linalg.norm([each[j] for each in peaks])) if peaks else 0.0
-        std = np.sqrt(sum((np.abs(each[:, j]) ** 2 for each in slopes), np.zeros(len(hertz))) / 2)
-        reach = NORMAL * spread
+        std = deviations[:-1, j] / np.sqrt(2)
+        reach = NORMAL * float(deviations[-1, j])
         interval = (max(float(top[j]) - reach, 0.0), float(top[j]) + reach)
         found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
         axes.append(AxisSensitivity(name, hertz, *found))
     return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned))
-
-
-def _changes(
-    machine: Machine, hertz: Floats, closed: Callable[[Machine], Complexes]
-) -> tuple[list[Complexes], list[Floats]]:
-    """Return how S and its peaks change by one deviation, for each direction of the plant's."""
-    slopes, peaks = [], []
-    for direction in [] if machine.covariance is None else machine.root.T:
-        if not direction.any():
-            continue
-        sides = [
-            closed(replace(machine, values=machine.values + s * STEP * direction)) for s in (1, -1)
-        ]
-        slopes.append((sides[0] - sides[1]) / (2 * STEP))
-        ends = [peak_of(hertz, side.T)[0] for side in sides]
-        peaks.append((ends[0] - ends[1]) / (2 * STEP))
-    return slopes, peaks
 
 
 def _caveat(omega: Floats, returned: Complexes, poles: Complexes) -> str:
@@ -227,18 +213,6 @@ def _caveat(omega: Floats, returned: Complexes, poles: Complexes) -> str:
     if isinstance(right, str):
         return f"{UNTOLD}, {right}"
     return UNSTABLE if right else ""
-
-
-def _row(machine: Machine, text: str) -> Floats:
-    found = shares_of(machine, text)
-    if found is None:
-        raise InputError(
-            f"the sensor {text[:60]!r}",
-            f"a combination of {', '.join(machine.model.coordinates[:8])}",
-            "say what it reads",
-            place="sensors",
-        )
-    return found
 
 
 def _loops(

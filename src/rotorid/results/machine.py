@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import PurePath
@@ -68,6 +68,8 @@ def own_model(estimate: Estimate) -> Model:
 STEP = 1e-4
 """Share of a speed by which it is moved for derivatives: what depends on it is a polynomial of low
 degree, and central differences of a cubic are right to the square of this."""
+SIDE = 0.05
+"""Share of a deviation by which the values are moved to either side for a derivative."""
 NEAR = 0.01
 """Share by which values are moved to see which modes are one in general, and not by chance."""
 
@@ -225,6 +227,18 @@ class Machine:
         assert self.covariance is not None
         size, along = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         return np.asarray(scale[:, None] * along * np.sqrt(size.clip(0)))
+
+    def changes(self, found: Callable[[Machine], Floats | Complexes]) -> Complexes:
+        """Return how what follows from a machine changes along the columns of `root`, (column, ..).
+
+        The sum of the squares over the columns is its variance, as all values are uncertain.
+        """
+        columns = () if self.covariance is None else (c for c in self.root.T if c.any())
+        sides = [(found(self._moved(SIDE * c)), found(self._moved(-SIDE * c))) for c in columns]
+        return np.array([(a - b) / (2 * SIDE) for a, b in sides], dtype=np.complex128)
+
+    def _moved(self, by: Floats) -> Machine:
+        return replace(self, values=self.values + by)
 
     @property
     def needed(self) -> list[int]:

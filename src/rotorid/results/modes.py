@@ -109,10 +109,10 @@ class NaturalMode:
     # {"forward", "backward", "planar", "mixed"}: forward is the way the rotor turns; mixed: forward
     # at some places and backward at others
     whirl: Whirl
+    count: int  # 2 for a machine that is the same in two planes
+    close: bool  # whether another mode is so close that deviations come from draws
     # (float, float) or None: holds 95 percent; not symmetric where modes come close
     interval_hz: tuple[float, float] | None
-    close: bool  # whether another mode is so close that deviations come from draws
-    count: int  # 2 for a machine that is the same in two planes
     eigenvalue: complex  # complex: lambda in rad/s
     shape: tuple[complex, ...]  # sequence of complex: of each coordinate, the largest 1
 
@@ -304,10 +304,7 @@ def eigen_at(machine: Machine, speed: float, lowest: int | None = None) -> Eigen
     """Return the modes of a machine, or its lowest, and how they follow from the unknowns."""
     found = eigenmodes_at(machine, speed)
     if lowest is not None:
-        cut = slice(lowest)
-        found = replace(
-            found, values=found.values[cut], right=found.right[cut], left=found.left[cut]
-        )
+        found = chosen(found, slice(lowest))
     _, damping, mass = machine.matrices(speed)
     if machine.covariance is None:
         return Eigen(found, np.zeros((len(found.values), 0), dtype=np.complex128), ())
@@ -346,21 +343,41 @@ def _clusters(
 
 def block_of(machine: Machine, speed: float, found: Eigenmodes, group: Integers) -> Complexes:
     """Return A_u of some modes, shape (mode, mode, unknown); of several groups, (group, mode)."""
-    _, damping, mass = machine.matrices(speed)
     pencil = machine.pencil(speed)
     groups, size = group.reshape(-1, group.shape[-1]), group.shape[-1]
     parts = []
     chunk = max(1, TERMS // (size**2 * max(len(pencil.row), 1)))
     for first in range(0, len(groups), chunk):
-        here = groups[first : first + chunk]
-        left, right, values = found.left[here], found.right[here], found.values[here]
-        sums, turned = values[:, :, None] + values[:, None], right.swapaxes(1, 2)
-        gram = sums * (left.conj() @ mass @ turned) + left.conj() @ damping @ turned
-        inner = pencil.slopes(values.mean(axis=1), left, right, machine.values)
-        solved = np.linalg.solve(gram, inner.reshape(len(here), size, -1))
-        parts.append(-solved.reshape(inner.shape))
+        here = chosen(found, groups[first : first + chunk])
+        inner = pencil.slopes(here.values.mean(axis=1), here.left, here.right, machine.values)
+        right = inner.reshape(len(inner), size, -1)
+        parts.append(-np.linalg.solve(gram(machine, speed, here, here), right).reshape(inner.shape))
     shape = (*group.shape, size, len(machine.values))
     return np.concatenate(parts).reshape(shape) if parts else np.zeros(shape, dtype=np.complex128)
+
+
+def chosen(found: Eigenmodes, modes: slice | Integers) -> Eigenmodes:
+    """Return some of the modes."""
+    return replace(
+        found, values=found.values[modes], right=found.right[modes], left=found.left[modes]
+    )
+
+
+def gram(machine: Machine, speed: float, one: Eigenmodes, two: Eigenmodes) -> Complexes:
+    """Return ``Y^H ((lambda_i + lambda_j) M + D + Omega G) X``, Y of one and X of two."""
+    _, damping, mass = machine.matrices(speed)
+    sums = one.values[..., :, None] + two.values[..., None, :]
+    left, right = one.left.conj(), two.right.swapaxes(-1, -2)
+    return np.asarray(sums * (left @ mass @ right) + left @ damping @ right)
+
+
+def drawn_blocks(
+    machine: Machine, speed: float, eigen: Eigen, cluster: Integers, rng: np.random.Generator
+) -> Complexes:
+    """Return draws of ``sum_u A_u dx_u`` of close modes, shape (draw, mode, mode)."""
+    block = block_of(machine, speed, eigen.found, cluster)
+    moved = rng.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
+    return np.asarray(np.einsum("iju,du->dij", block, moved))
 
 
 def deviations(
@@ -381,7 +398,10 @@ def deviations(
     intervals = hertz[:, None] + np.outer(frequency, [-NORMAL, NORMAL])
     draws = np.random.default_rng(0) if rng is None else rng
     for cluster in eigen.clusters:
-        drawn = _drawn(machine, speed, eigen, cluster, draws)
+        moved = drawn_blocks(machine, speed, eigen, cluster, draws)
+        drawn = np.linalg.eigvals(np.diag(values[cluster]) + moved)
+        order = np.argsort(drawn.imag, axis=1, kind="stable")
+        drawn = np.take_along_axis(drawn, order, axis=1)
         off = drawn.imag / (2 * np.pi) - hertz[cluster]
         spread[cluster, 0] = np.sqrt((off**2).mean(axis=0))
         damped = -drawn.real / np.abs(drawn)
@@ -390,15 +410,3 @@ def deviations(
         low, high = np.quantile(off, [0.025, 0.975], axis=0)
         intervals[cluster] = hertz[cluster, None] + np.column_stack([low, high])
     return spread, intervals
-
-
-def _drawn(
-    machine: Machine, speed: float, eigen: Eigen, cluster: Integers, rng: np.random.Generator
-) -> Complexes:
-    """Return draws of the eigenvalues of close modes in ascending order, shape (draw, mode)."""
-    block = block_of(machine, speed, eigen.found, cluster)
-    moved = rng.standard_normal((DRAWS, len(machine.values))) @ machine.root.T
-    matrices = np.diag(eigen.found.values[cluster]) + np.einsum("iju,du->dij", block, moved)
-    drawn = np.linalg.eigvals(matrices)
-    order = np.argsort(drawn.imag, axis=1, kind="stable")
-    return np.asarray(np.take_along_axis(drawn, order, axis=1))

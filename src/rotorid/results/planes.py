@@ -196,6 +196,19 @@ def shares_of(machine: Machine, text: str) -> Floats | None:
     return found
 
 
+def require_shares(machine: Machine, kind: str, text: str, cure: str) -> Floats:
+    """Return the coordinates that a text combines, shape (coordinate,), or refuse it."""
+    found = shares_of(machine, text)
+    if found is None:
+        raise InputError(
+            f"the {kind} {text[:60]!r}",
+            f"a combination of {', '.join(machine.model.coordinates[:8])}",
+            cure,
+            place=f"{kind}s",
+        )
+    return found
+
+
 def rotor_mass(machine: Machine) -> float | None:
     """Return the mass that moves with all positions in x; None where there is none."""
     names = machine.model.coordinates

@@ -254,15 +254,14 @@ def sensitivity(
     draws = np.random.default_rng(0) if rng is None else rng
     if all(isinstance(record, PeriodicRecord) for record in data):
         raw = _of_periods([r for r in data if isinstance(r, PeriodicRecord)], pairs)
+        axes = [_axis(name, *each, draws) for name, each in zip(pairs, raw, strict=True)]
     else:
         if band is None:
             raise InputError("a whole record without a band", "a band", "give it in Hz")
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
         whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        found = [each.axis(name, draws) for name, each in zip(pairs, whole, strict=True)]
-        return [_settled(axis) for axis in found]
-    axes = [_axis(name, *each, draws) for name, each in zip(pairs, raw, strict=True)]
+        axes = [each.axis(name, draws) for name, each in zip(pairs, whole, strict=True)]
     return [_settled(axis) for axis in axes]
 
 
@@ -322,11 +321,10 @@ def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> 
         for j in range(len(pairs)):
             if abs(own[j, j] - 1) > ALONE or np.abs(np.delete(own[j], j)).max(initial=0) > ALONE:
                 continue
-            value = complex(inverse[j] @ e[:, :, j].mean(axis=1))
+            row = inverse @ e[:, :, j].mean(axis=1)  # of S: e_j = S_j r
             # What the other records say of the noise: e less what S makes of r, period by period.
-            residual = e[:, :, j] - np.einsum("rpa,a->rp", r, _row(inverse, e, j))
-            variance, freedom = _noise(residual, inverse[j])
-            found[j].append((hertz, value, variance, freedom))
+            residual = e[:, :, j] - np.einsum("rpa,a->rp", r, row)
+            found[j].append((hertz, complex(row[j]), *_noise(residual, inverse[j])))
     for name, each in zip(pairs, found, strict=True):
         if not each:
             raise _not_excited(name)
@@ -338,11 +336,6 @@ def _rotates(record: PeriodicRecord, hertz: float) -> bool:
     turns = abs(float(np.mean(record.speed))) / (2 * np.pi)
     spacing = record.sample_rate / len(record.mean)
     return any(turns and abs(hertz - n * turns) < spacing / 2 for n in range(1, ORDERS + 1))
-
-
-def _row(inverse: Complexes, e: Complexes, j: int) -> Complexes:
-    """Return row j of S: e_j = S_j r."""
-    return np.asarray(inverse @ e[:, :, j].mean(axis=1))
 
 
 def _lines_of(places: Sequence[tuple[PeriodicRecord, int]], names: Sequence[str]) -> Complexes:
@@ -477,12 +470,8 @@ def _windows(
 
 def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
     """Return lines as arrays."""
-    return (
-        np.array([row[0] for row in rows]),
-        np.array([row[1] for row in rows], dtype=np.complex128),
-        np.array([row[2] for row in rows]),
-        np.array([row[3] for row in rows]),
-    )
+    frequency, values, variance, freedom = np.array(rows, dtype=complex).reshape(-1, 4).T.copy()
+    return frequency.real, values, variance.real, freedom.real
 
 
 @frozen

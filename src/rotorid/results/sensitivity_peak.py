@@ -268,8 +268,8 @@ def judged(curve: Curve, low: float, high: float) -> Peak:
     telling = 2 * float(each.sum() ** 2 / (each**2).sum()) if each.any() else 2.0
     # One step towards a curve of more freedom: what it gains, and by how much it is higher.
     more, direct = _beyond(curve, place)
-    more = more - basis @ (basis.conj().T @ more)
-    extra, back = _svd(more)
+    shared = basis.conj().T @ more
+    extra, back = _svd(more - basis @ shared)
     factors = back @ (extra.conj().T @ left)
     gained = float((np.abs(extra.conj().T @ left) ** 2).sum())
     rest = dof - extra.shape[1]
@@ -277,8 +277,7 @@ def judged(curve: Curve, low: float, high: float) -> Peak:
     chance = float(
         scipy.special.fdtrc(2 * extra.shape[1], 2 * rest, gained / extra.shape[1] / noise_)
     )
-    full, _ = _beyond(curve, place)
-    drift = direct - told @ (basis.conj().T @ full)
+    drift = direct - told @ shared
     moved = float((value.conj() * (drift @ factors)).real / abs(value))
     moved_std = noise_ * float((np.abs(drift @ back) ** 2).sum()) / 2
     bias = max(moved**2 - moved_std, 0.0)
