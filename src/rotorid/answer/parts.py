@@ -122,14 +122,15 @@ def _rows(pairs: tuple[tuple[str, float], ...]) -> list[dict[str, Any]]:
     return [{"name": name, "value": value} for name, value in pairs]
 
 
+Pairs = Annotated[tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)]
+
+
 @frozen
 class Alternative:
     """Another answer that fits as well: its misfit, and ``(name, value)`` of each parameter."""
 
     cost: Number
-    parameters: Annotated[
-        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
-    ]
+    parameters: Pairs
 
 
 @frozen
@@ -161,9 +162,7 @@ class ModeFit:
     damping_ratio: Optional = None
     damping_std: Optional = None
     fitted_damping_ratio: Optional = None
-    parameters: Annotated[
-        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
-    ] = ()
+    parameters: Pairs = ()
 
 
 @frozen
@@ -229,9 +228,7 @@ class Provenance:
     version: str = ""
     command: str = ""
     model: str = ""
-    held: Annotated[
-        tuple[tuple[str, Number], ...], BeforeValidator(_pairs), PlainSerializer(_rows)
-    ] = ()
+    held: Pairs = ()
     environment: str = ""
 
 

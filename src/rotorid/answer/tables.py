@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorid.answer.judge import EFFORT
 from rotorid.answer.parts import DOUBTFUL, Answer, EquationMisfit, LineMisfit, Prediction, Value
+from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
 
@@ -121,7 +122,8 @@ def _together(estimate: Answer) -> list[str]:
     if not pairs:
         return []
     said = []
-    for group in _linked([(i, j) for _, i, j in pairs]):
+    groups = [set(group.tolist()) for group in coupled(found > TOGETHER)]
+    for group in sorted(groups, key=lambda of: next(k for k, p in enumerate(pairs) if p[1] in of)):
         own = [(r, i, j) for r, i, j in pairs if i in group]
         if len(own) > MANY:
             said.append(f"{', '.join(names[i] for i in sorted(group))}, up to {own[0][0]:.3f}")
@@ -131,19 +133,6 @@ def _together(estimate: Answer) -> list[str]:
     more = f" and {len(said) - WORST} more" if len(said) > WORST else ""
     shown = (", " if len(said) == len(pairs) else "; ").join(said[:WORST])
     return [f"correlated, so known together better than one by one: {shown}{more}"]
-
-
-def _linked(pairs: Sequence[tuple[int, int]]) -> list[set[int]]:
-    """Return the groups that pairs link, in the order in which they begin."""
-    groups: list[set[int]] = []
-    for pair in pairs:
-        met = [group for group in groups if group & {*pair}]
-        if met:
-            met[0].update(pair, *met[1:])
-            groups = [group for group in groups if all(group is not other for other in met[1:])]
-        else:
-            groups.append({*pair})
-    return groups
 
 
 def _by_noise(estimate: Answer) -> str:

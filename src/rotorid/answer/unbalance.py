@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
@@ -102,34 +104,25 @@ def _columns(model: Model) -> Complexes:
     """
     bases = {monomial: base for base, monomial in enumerate(model.base.kept)}
     columns = np.zeros((len(model.texts), len(bases)), dtype=complex)
-    for signal, terms in _loads(model).items():
-        if TURNING not in signal.free_symbols:
-            continue
-        first, second, third, fourth = (rotation_line(signal, speed) for speed in SPEEDS)
-        line = (third - 2 * second + first) / 2
-        cubic = fourth - 3 * third + 3 * second - first
-        grows = abs(line) > ALIKE * abs(fourth)  # else what is left of it is rounding
-        if grows and np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth):
-            for row, monomial, coefficient in terms:
-                if monomial in bases:
-                    columns[row, bases[monomial]] += coefficient * line
+    line = cache(_growing)
+    if model.linear is not None:
+        loads, sign = model.linear.load_terms, 1.0
+    else:
+        still = {signal for k, signal in enumerate(model.signals) if not model.moves(k)}
+        loads, sign = tuple(term for term in model.terms if term.signal in still), -1.0
+    for term in loads:
+        if term.monomial in bases and TURNING in term.signal.free_symbols:
+            columns[term.row, bases[term.monomial]] += sign * term.coefficient * line(term.signal)
     return columns
 
 
-def _loads(model: Model) -> dict[Expression, list[tuple[int, int, float]]]:
-    """Return row, monomial and coefficient on the right side of what does not move, by signal."""
-    found: dict[Expression, list[tuple[int, int, float]]] = {}
-    if model.linear is not None:
-        for load in model.linear.load_terms:
-            entry = (load.row, load.monomial, load.coefficient)
-            found.setdefault(load.signal, []).append(entry)
-        return found
-    moves = {signal: model.moves(index) for index, signal in enumerate(model.signals)}
-    for term in model.terms:
-        if not moves[term.signal]:
-            entry = (term.row, term.monomial, -term.coefficient)
-            found.setdefault(term.signal, []).append(entry)
-    return found
+def _growing(signal: Expression) -> complex:
+    """Return g / Omega^2 of a load Re(g exp(i phi)), 0 where it does not grow so."""
+    first, second, third, fourth = (rotation_line(signal, speed) for speed in SPEEDS)
+    line = (third - 2 * second + first) / 2
+    cubic = fourth - 3 * third + 3 * second - first
+    grows = abs(line) > ALIKE * abs(fourth)  # else what is left of it is rounding
+    return line if grows and np.isfinite(cubic) and abs(cubic) <= ALIKE * abs(fourth) else 0j
 
 
 def _planes(amounts: Complexes) -> list[tuple[int, ...]]:
@@ -139,16 +132,12 @@ def _planes(amounts: Complexes) -> list[tuple[int, ...]]:
     found: list[tuple[int, ...]] = []
     while rows:
         first = rows.pop(0)
-        amount = amounts[first]
-        after = [i for i in rows if abs(amounts[i] + 1j * amount) <= ALIKE * abs(amount)]
-        before = [i for i in rows if abs(amounts[i] - 1j * amount) <= ALIKE * abs(amount)]
-        if after:
-            found.append((first, after[0]))
-        elif before:
-            found.append((before[0], first))
-        else:
-            found.append((first,))
-        rows = [i for i in rows if i not in found[-1]]
+        near = ALIKE * abs(amounts[first])
+        after = [i for i in rows if abs(amounts[i] + 1j * amounts[first]) <= near]
+        before = [i for i in rows if abs(amounts[i] - 1j * amounts[first]) <= near]
+        plane = (first, after[0]) if after else (before[0], first) if before else (first,)
+        found.append(plane)
+        rows = [i for i in rows if i not in plane]
     return found
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from rotorid.core.values import Complexes, Floats
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rotorid.core.values import Complexes, Floats, Integers
 
 SENSORS = 1e-9
 """Sensors whose combinations differ by less than this share read the same: gains, lengths and
@@ -39,6 +43,14 @@ def null_space(matrix: Floats, rank: int) -> Floats:
 def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
     """Return how many columns, each of length one, no others make up within a tolerance."""
     return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
+
+
+def coupled(matrix: NDArray[Any]) -> list[Integers]:
+    """Return the groups of rows and columns that a matrix couples, those of the lowest first."""
+    links = matrix != 0
+    touched = np.flatnonzero((links | links.T).any(axis=0))
+    labels = scipy.sparse.csgraph.connected_components(links, directed=False)[1][touched]
+    return [touched[labels == label] for label in dict.fromkeys(labels.tolist())]
 
 
 def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Floats]:

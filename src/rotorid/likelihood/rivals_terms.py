@@ -15,6 +15,7 @@ from itertools import combinations, combinations_with_replacement
 import numpy as np
 
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import coupled
 from rotorid.core.values import Floats
 from rotorid.likelihood.case import Case, Rival, freed, rivals
 from rotorid.likelihood.effects import Entry, RowLoad
@@ -22,7 +23,7 @@ from rotorid.likelihood.unknowns import Lever, Missing, Scalar
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.elements import PLANES
 from rotorid.models.rotor.fem import Piece, elastic_pieces
-from rotorid.models.structure import Structure, coupled
+from rotorid.models.structure import Structure
 from rotorid.models.text import Expression, product, symbol
 
 BENDS = "bending of the shaft"

@@ -14,6 +14,7 @@ which coordinates are a pair: the same displacement in x and in y.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -23,9 +24,9 @@ import scipy
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.units import Dimension, dimension_of
+from rotorid.core.linalg import coupled
+from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.models.equations import Product
 from rotorid.models.linear import motion_factor, speed_factor
 from rotorid.models.model import Model, fact
 from rotorid.models.text import Expression, Monomial
@@ -125,20 +126,15 @@ Key = tuple[int, Expression, Monomial]
 
 @frozen
 class _Equation:
-    """What is typed of one coordinate's equation.
-
-    `entries` holds the coefficients of each coordinate, `numbers` the sizes of those of parameters
-    (without inputs), `own` those of its inertia, `pushes` those of inputs that act on no other
-    coordinate of its kind; `levers` tells whether these have a lever.
-    """
+    """What is typed of one coordinate's equation."""
 
     row: int
     coordinate: int
-    entries: Mapping[Key, Mapping[int, float]]
-    numbers: tuple[float, ...]
-    own: tuple[float, ...]
-    pushes: tuple[float, ...]
-    levers: bool
+    entries: Mapping[Key, Mapping[int, float]]  # coefficients of each coordinate
+    numbers: tuple[float, ...]  # sizes of the coefficients of parameters, without inputs
+    own: tuple[float, ...]  # those of its inertia
+    pushes: tuple[float, ...]  # those of inputs that act on no other coordinate of its kind
+    levers: bool  # whether these have a lever
     unit_fault: str
 
     @property
@@ -186,68 +182,44 @@ def _is_whole(ratio: float) -> bool:
 
 def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
     """Gather the equation of each coordinate."""
-    left, right = (
-        _by_row(side, len(rows)) for side in (model.equations.left, model.equations.right)
-    )
     units = [model.units[name] for name in model.coordinates]
-    kinds: dict[tuple[Expression, str], set[int]] = {}
-    for row, unit in zip(rows, units, strict=True):
-        for p in right[row]:
-            kinds.setdefault((p.signal, unit), set()).add(row)
-    told: list[dict[Dimension, None]] = [{} for _ in rows]
-    inputs = {p.signal for p in model.equations.right}
-    for p, dimension in zip(model.products, model.dimensions, strict=True):
-        if dimension is not None and (any(p.monomial) or p.signal in inputs):
-            told[p.row][dimension] = None
+    left, right = model.equations.left, model.equations.right
+    kinds = dict(zip(rows, units, strict=True))
+    acts = Counter((signal, kinds[row]) for signal, row in {(p.signal, p.row) for p in right})
+    inputs = {p.signal for p in right}
     found = []
     for c, (row, unit) in enumerate(zip(rows, units, strict=True)):
         force = _WORK * dimension_of(unit) ** -1
+        own = [p for p in left if p.row == row]
+        entries: dict[Key, dict[int, float]] = {}
+        for p in own:
+            if (factor := motion_factor(p.signal, model.coordinates)) is not None:
+                column, order, speed = factor
+                each = entries.setdefault((order, speed, p.monomial), {})
+                each[column] = each.get(column, 0.0) + float(p.coefficient)
+        inertia = [
+            abs(by_column[c])
+            for (order, _, monomial), by_column in entries.items()
+            if order == 2 and any(monomial) and c in by_column
+        ]
         pushes = [
             abs(float(p.coefficient))
-            for p in right[row]
-            if len(kinds[p.signal, unit]) == 1
+            for p in right
+            if p.row == row
+            and acts[p.signal, unit] == 1
             and (any(p.monomial) or dimension_of(model.units[str(p.signal)]) == force)
         ]
-        in_units = told[row]
-        fault = (
-            f"equation {row + 1}, whose terms are in {next(iter(in_units))}"
-            if in_units and force not in in_units
-            else ""
-        )
-        found.append(_equation(model, row, c, left[row], tuple(pushes), fault))
+        in_units = [
+            dimension
+            for p, dimension in zip(model.products, model.dimensions, strict=True)
+            if p.row == row and dimension and (any(p.monomial) or p.signal in inputs)
+        ]
+        unlike = in_units and force not in in_units
+        fault = f"equation {row + 1}, whose terms are in {in_units[0]}" if unlike else ""
+        numbers = tuple(abs(float(p.coefficient)) for p in own if any(p.monomial))
+        said = (entries, numbers, tuple(inertia), tuple(pushes), unit != "m", fault)
+        found.append(_Equation(row, c, *said))
     return found
-
-
-def _by_row(products: Sequence[Product], count: int) -> list[list[Product]]:
-    found: list[list[Product]] = [[] for _ in range(count)]
-    for product in products:
-        found[product.row].append(product)
-    return found
-
-
-def _equation(
-    model: Model,
-    row: int,
-    coordinate: int,
-    left: Sequence[Product],
-    pushes: tuple[float, ...],
-    fault: str,
-) -> _Equation:
-    """Return the equation of a coordinate from its terms without inputs."""
-    entries: dict[Key, dict[int, float]] = {}
-    for p in left:
-        if (factor := motion_factor(p.signal, model.coordinates)) is not None:
-            column, order, speed = factor
-            each = entries.setdefault((order, speed, p.monomial), {})
-            each[column] = each.get(column, 0.0) + float(p.coefficient)
-    numbers = tuple(abs(float(p.coefficient)) for p in left if any(p.monomial))
-    own = tuple(
-        abs(by_column[coordinate])
-        for (order, _, monomial), by_column in entries.items()
-        if order == 2 and any(monomial) and coordinate in by_column
-    )
-    levers = model.units[model.coordinates[coordinate]] != "m"
-    return _Equation(row, coordinate, entries, numbers, own, pushes, levers, fault)
 
 
 def _links(
@@ -299,11 +271,11 @@ def _spread(equations: Sequence[_Equation], links: Mapping[tuple[int, int], floa
 class Structure:
     """Matrices of a model by parameter, rows brought to the order and sign of the coordinates."""
 
-    # sequence of (name, array): p dK/dp and p dM/dp, shape (coordinate, coordinate)
+    # name, and p dK/dp or p dM/dp, shape (coordinate, coordinate)
     springs: tuple[tuple[str, Floats], ...]
     masses: tuple[tuple[str, Floats], ...]
-    # sequence of (int, int): coordinates of the same displacement in x and in y; forward rotation
-    # leads the first to the second
+    # coordinates of the same displacement in x and in y; forward rotation leads the first to the
+    # second
     pairs: tuple[tuple[int, int], ...]
     coordinates: tuple[str, ...]
     # the equation of each coordinate, and how many times the forces on it that is
@@ -350,13 +322,15 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     balance = force_balance(model, inertia)
     ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
     names = model.parameter_names
-    springs = [(name, p[0]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[0])]
-    masses = [(name, p[2]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[2])]
+    springs, masses = (
+        tuple((name, p[k]) for name, p in zip(names, ordered, strict=True) if _is_energy(p[k]))
+        for k in (0, 2)
+    )
     pairs = _oriented(model, values, _pairs(masses), balance, speed)
     paired = {k for pair in pairs for k in pair}
     return Structure(
-        tuple(springs),
-        tuple(masses),
+        springs,
+        masses,
         tuple(pairs),
         model.coordinates,
         balance,
@@ -372,23 +346,6 @@ def _is_energy(matrix: Floats) -> bool:
     scale = np.sqrt(np.diag(matrix).clip(0))
     scale[scale == 0] = 1.0
     return bool(np.linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > -1e-9)
-
-
-def coupled(matrix: Floats) -> list[Integers]:
-    """Return the groups of coordinates that a matrix couples."""
-    links = (matrix != 0) | (matrix != 0).T
-    left = set(np.flatnonzero(links.any(axis=0)).tolist())
-    groups = []
-    while left:
-        group = {min(left)}
-        while True:
-            wider = set(np.flatnonzero(links[list(group)].any(axis=0)).tolist()) | group
-            if wider == group:
-                break
-            group = wider
-        left -= group
-        groups.append(np.array(sorted(group), dtype=np.int64))
-    return groups
 
 
 def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
