@@ -132,9 +132,11 @@ class Case:
 
     def without_bounds(self, rows: Collection[int]) -> Case:
         """Return the case without some bounds."""
-        bounds = self.prepared.bounds
-        kept = np.array([i for i in range(len(bounds)) if i not in rows], dtype=np.int64)
-        return self._prepared(replace(self.prepared, bounds=bounds.subset(kept)))
+        every = self.prepared
+        kept = [i for i in range(len(every.bounds)) if i not in rows]
+        bounds = every.bounds.subset(np.array(kept, dtype=np.int64))
+        limits = tuple(every.limits[i] for i in kept)
+        return self._prepared(replace(every, bounds=bounds, limits=limits))
 
     def _prepared(self, prepared: Prepared, unknowns: Floats | None = None) -> Case:
         at = self.unknowns if unknowns is None else unknowns
@@ -166,10 +168,6 @@ class Case:
         except np.linalg.LinAlgError:
             return None
         return replace(self, unknowns=point.unknowns, found=point, expected=expected)
-
-    def reached(self) -> Point | None:
-        """Return where it is: at its minimum already."""
-        return self.point
 
     def near(self) -> Point | None:
         """Minimize from where it is."""
@@ -321,9 +319,9 @@ class Rival:
     change: Callable[[Case], Case | None]
     # what is the matter, and what to do about it; at its value
     told: tuple[str, str] | Callable[[float | None], tuple[str, str]]
-    value: float | Callable[[Case, Point], float | None] | None = None  # what is right, in `unit`
+    value: float | Callable[[Point], float | None] | None = None  # what is right, in `unit`
     unit: str = ""
-    way: Literal["near", "far", "both", "reached"] = "near"  # from where it is minimized
+    way: Literal["near", "far", "both"] = "near"  # from where it is minimized
     small: Small | None = None  # it is scored first
     likely: Callable[[Point], bool] | None = None  # of a bound: whether it is a mistake by itself
     # from the case and the minimum that it leads to, to what says the same more exactly
@@ -334,9 +332,9 @@ class Rival:
         """The unknown that it frees, where that is a further one."""
         return None if self.small is None else self.small.unknown
 
-    def value_at(self, changed: Case, point: Point) -> float | None:
+    def value_at(self, point: Point) -> float | None:
         """Return its value at the minimum of the case that it changed."""
-        return self.value(changed, point) if callable(self.value) else self.value
+        return self.value(point) if callable(self.value) else self.value
 
 
 @frozen
@@ -412,13 +410,13 @@ def freed(
     names = [scalar.name for scalar in unknown.scalars]
     start = np.array([scalar.start for scalar in unknown.scalars])
 
-    def value(case: Case, point: Point) -> float:
+    def value(point: Point) -> float:
         index = point.problem.layout.index
         return unknown.size(point.unknowns[[index[name] for name in names]])
 
     def instead(case: Case, point: Point) -> Iterator[Rival]:
         misfit = point.cost >= case.expected + CLOSE
-        other = unknown.instead(value(case, point), case.model.inputs) if misfit else None
+        other = unknown.instead(value(point), case.model.inputs) if misfit else None
         if other is not None:
             yield freed(other, "lag")
 

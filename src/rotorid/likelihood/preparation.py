@@ -52,6 +52,18 @@ class Knowledge:
 
 
 @frozen
+class Limit:
+    """A bound as it was stated."""
+
+    expression: str
+    way: float  # 1 of a lower bound, -1 of an upper one
+    value: float  # SI
+
+    def __str__(self) -> str:
+        return f"{self.expression} {'>=' if self.way > 0 else '<='} {self.value:g}"
+
+
+@frozen
 class Prepared:
     """Unknowns and the relations among them; what was put into the model is in `substituted`."""
 
@@ -59,6 +71,7 @@ class Prepared:
     exact: Relations
     known: Known
     bounds: Relations
+    limits: tuple[Limit, ...]  # what each of the bounds was stated as
     substituted: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -100,11 +113,11 @@ def prepare(
     layout = Layout(model, tuple(informed), tuple(factors), base, tuple(nuisances))
     layout = _started(replace(layout, unknowns=_without_idle(layout)))
     exact, known = _relations(layout, knowledge)
-    bounds = _bounds(layout, knowledge)
+    bounds, limits = _bounds(layout, knowledge)
     _check_relations(layout, exact)
     _refuse_contradicted(layout, known, bounds)
     modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
-    return Prepared(layout, exact, Known(known, modes), bounds, held)
+    return Prepared(layout, exact, Known(known, modes), bounds, limits, held)
 
 
 def _refuse_own(own: Collection[str]) -> None:
@@ -280,26 +293,24 @@ def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
     return Relations.build(rows, count)
 
 
-def _bounds(layout: Layout, knowledge: Knowledge) -> Relations:
+def _bounds(layout: Layout, knowledge: Knowledge) -> tuple[Relations, tuple[Limit, ...]]:
     count = len(layout.unknowns)
-    rows: list[tuple[Polynomial, float, str]] = []
+    rows: list[tuple[Polynomial, Limit]] = []
     for i, unknown in enumerate(layout.unknowns):
         if unknown.positive and not unknown.fixed:
-            rows.append((_single(i, count, 0.0), 1.0, f"{unknown.name} >= 0"))
-    if layout.base:
-        if knowledge.bounds:
-            raise InputError("bounds", "none, where base parameters are asked for", "drop them")
-        return Relations.build(rows, count)
+            rows.append((_single(i, count, 0.0), Limit(unknown.name, 1.0, 0.0)))
+    if layout.base and knowledge.bounds:
+        raise InputError("bounds", "none, where base parameters are asked for", "drop them")
     for expression, (lower, upper) in knowledge.bounds.items():
         _refuse_empty(expression, lower, upper, layout)
-        for limit, sign in ((lower, 1.0), (upper, -1.0)):
+        for limit, way in ((lower, 1.0), (upper, -1.0)):
             if limit is None:
                 continue
-            relation = ">=" if sign > 0 else "<="
             for polynomial in _of_records(layout, _padded(layout, Constraint(expression, limit))):
-                signed = {powers: sign * c for powers, c in polynomial.items()}
-                rows.append((signed, 1.0, f"{expression} {relation} {limit:g}"))
-    return Relations.build(rows, count)
+                signed = {powers: way * c for powers, c in polynomial.items()}
+                rows.append((signed, Limit(expression, way, limit)))
+    relations = Relations.build([(row, 1.0, str(limit)) for row, limit in rows], count)
+    return relations, tuple(limit for _, limit in rows)
 
 
 def _refuse_empty(

@@ -22,7 +22,6 @@ alone is followed on more.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
@@ -36,6 +35,7 @@ from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
+from rotorid.likelihood.effects import Entry, Terms, of_kind
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.preparation import Prepared
 from rotorid.likelihood.problem import Point, Problem
@@ -261,17 +261,17 @@ class _Search:
         point = None if changed is None else getattr(changed, rival.way)()
         if changed is None or point is None:
             return []
-        found = [self.finding(rival, changed, point)]
+        found = [self.finding(rival, point)]
         self.so_far.extend(found)
         for sharper in rival.sharper(self.case, point) if rival.sharper else ():
             found += self.followed(sharper)
         return found
 
-    def finding(self, rival: Rival, changed: Case, point: Point) -> Finding:
+    def finding(self, rival: Rival, point: Point) -> Finding:
         """Return what a rival leaves at the minimum with it."""
         likely = rival.likely is not None and rival.likely(point)
         drop = self.case.point.cost - point.cost
-        value = rival.value_at(changed, point)
+        value = rival.value_at(point)
         return Finding(rival, point.cost, drop, self.share(drop), value, likely=likely)
 
     def share(self, drop: float) -> float:
@@ -403,15 +403,22 @@ def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
     """Say that either end of the shaft may carry what the first finding is, where that is so."""
     if not isinstance(model, RotorModel) or not found:
         return ""
-    left, right = model.coordinates[:PLANES], model.coordinates[-PLANES:]
-    first, *others = (finding.rival.term for finding in alike(found, expected))
-    for here, there in ((left, right), (right, left)):
-        swapped = first
-        for one, other in zip(here, there, strict=True):
-            swapped = re.sub(rf"\b{one}\b", other, swapped)
-        if swapped != first and swapped in others:
-            return "; which end carries it is not determined by these frequencies"
+    last = len(model.coordinates) - PLANES
+    across = {k: last + k for k in range(PLANES)} | {last + k: k for k in range(PLANES)}
+    first, *others = (_entries_of(finding.rival) for finding in alike(found, expected))
+    mirrored = {
+        replace(e, row=across.get(e.row, e.row), column=across.get(e.column, e.column))
+        for e in first
+    }
+    if mirrored != first and mirrored in others:
+        return "; which end carries it is not determined by these frequencies"
     return ""
+
+
+def _entries_of(rival: Rival) -> set[Entry]:
+    """Return what a rival adds to the equations."""
+    added = of_kind(Terms, rival.added.effects()) if rival.added else ()
+    return {entry for terms in added for entry in terms.entries}
 
 
 def sentence(case: Case, found: Sequence[Finding], which: str) -> str:
@@ -498,7 +505,7 @@ def _shown(case: Case, plain: Plain | None) -> tuple[Note, ...]:
         if changed is None or there is None:
             continue
         search = _Search(replace(here, expected=there.expected))
-        finding = search.finding(rival, changed, there.point)
+        finding = search.finding(rival, there.point)
         if search.explains(finding):
             found, expected = [*found, finding], min(expected, there.expected)
     if not found:

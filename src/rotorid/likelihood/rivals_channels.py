@@ -127,7 +127,7 @@ def _gain(label: str, names: Sequence[str], start: float = 1.0) -> Rival:
     free = freed(unknown, "gain", on=(label,))
 
     def exactly(case: Case, point: Point) -> Iterator[Rival]:
-        value = free.value_at(case, point)
+        value = free.value_at(point)
         exact = snap(value) if value else None
         if exact == -1.0:
             yield sign(sorted(names))

@@ -30,6 +30,7 @@ from rotorid.likelihood.effects import Replaces, of_kind
 from rotorid.likelihood.known import Known
 from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.modal import ModalRows
+from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import bounds_held
@@ -42,35 +43,31 @@ is guessed or mistyped by less, and a unit is off by 2 or more (but for rms, 1.4
 told)."""
 
 
-_RELATION = {1.0: " >= ", -1.0: " <= "}
-
-
 @frozen
 class HeldBound:
     """A bound that holds with equality."""
 
-    text: str  # as ``k >= 205000``
-    expression: str
-    way: float  # 1 of a lower bound, -1 of an upper one
-    limit: float  # the value of the expression at the bound
+    limit: Limit
     row: int  # among the bounds
     bounds: Relations
     unit: str  # of a single parameter, else empty
 
     def value(self, point: Point) -> float:
         """Return what the expression is at a point."""
-        return self.limit + self.way * float(self.bounds.values(point.unknowns)[self.row])
+        above = float(self.bounds.values(point.unknowns)[self.row])
+        return self.limit.value + self.limit.way * above
 
-    def close(self, value: float) -> bool:
-        """Tell whether a value is so near to the limit that the bound is the likeliest mistake."""
-        return self.limit != 0 and 1 / CLOSE < value / self.limit < CLOSE
+    def likely(self, point: Point) -> bool:
+        """Tell whether a point is so near to the limit that the bound is the likeliest mistake."""
+        stated = self.limit.value
+        return stated != 0 and 1 / CLOSE < self.value(point) / stated < CLOSE
 
     def told(self, value: float | None) -> tuple[str, str]:
         """Say what it would be without the bound, and what to do about it."""
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
-        size = f"{self.expression} = {value:.6g}{unit}"
-        said = f"{size}, which the bound {self.text} does not let it be"
-        if self.limit == 0:
+        size = f"{self.limit.expression} = {value:.6g}{unit}"
+        said = f"{size}, which the bound {self.limit} does not let it be"
+        if self.limit.value == 0:
             return said, (
                 "look at the signs of the channels and of the terms; where it may have that sign, "
                 "take the bound (positive, min, max) away"
@@ -80,17 +77,13 @@ class HeldBound:
 
 def held_bounds(case: Case) -> list[HeldBound]:
     """Return each bound that holds with equality."""
-    bounds, layout = case.prepared.bounds, case.prepared.layout
-    nothing = np.zeros(len(case.point.unknowns))
-    found: dict[str, HeldBound] = {}
+    prepared, layout = case.prepared, case.prepared.layout
+    found: dict[Limit, HeldBound] = {}
     for row in bounds_held(case.point.problem, case.point.unknowns):
-        text = bounds.texts[row]
-        way = 1.0 if _RELATION[1.0] in text else -1.0
-        expression = text.rpartition(_RELATION[way])[0]
-        at = layout.index.get(expression)
+        limit = prepared.limits[row]
+        at = layout.index.get(limit.expression)
         unit = "" if at is None else layout.unknowns[at].unit
-        limit = -way * float(bounds.values(nothing)[row])
-        found.setdefault(text, HeldBound(text, expression, way, limit, row, bounds, unit))
+        found.setdefault(limit, HeldBound(limit, row, prepared.bounds, unit))
     return list(found.values())
 
 
@@ -98,11 +91,7 @@ def held_bounds(case: Case) -> list[HeldBound]:
 def _single_bounds(case: Case) -> Iterator[Rival]:
     """Yield that each bound that holds with equality is too narrow."""
     for held in held_bounds(case):
-        yield replace(_without_bounds(case, [held], held.told), value=_of(held))
-
-
-def _of(held: HeldBound) -> Callable[[Case, Point], float]:
-    return lambda _, point: held.value(point)
+        yield replace(_without_bounds(case, [held], held.told), value=held.value)
 
 
 @rivals("bounds")
@@ -110,7 +99,7 @@ def _all_bounds(case: Case) -> Iterator[Rival]:
     """Yield that all of several are."""
     held = held_bounds(case)
     if len(held) > 1:
-        listed = ", ".join(each.text for each in held)
+        listed = ", ".join(str(each.limit) for each in held)
         told = (f"the bounds {listed}, which hold with equality", "check these bounds")
         yield _without_bounds(case, held, told)
 
@@ -120,9 +109,9 @@ def _without_bounds(
     held: Sequence[HeldBound],
     told: tuple[str, str] | Callable[[float | None], tuple[str, str]],
 ) -> Rival:
-    texts, first = [each.text for each in held], held[0]
-    rows = [i for i, text in enumerate(case.prepared.bounds.texts) if text in texts]
-    term = f"bound {', '.join(texts)}"
+    limits, first = [each.limit for each in held], held[0]
+    rows = [i for i, limit in enumerate(case.prepared.limits) if limit in limits]
+    term = f"bound {', '.join(map(str, limits))}"
     return Rival(
         term,
         (term,),
@@ -130,7 +119,7 @@ def _without_bounds(
         lambda case: case.without_bounds(rows),
         told,
         unit=first.unit,
-        likely=lambda point: first.close(first.value(point)),
+        likely=first.likely,
     )
 
 
@@ -155,7 +144,7 @@ def _prior(scalar: Scalar, at: int, given: float) -> Rival:
         "known",
         lambda case: case.freed(name),
         told,
-        lambda _, point: float(point.unknowns[at]),
+        lambda point: float(point.unknowns[at]),
         scalar.unit,
         small=Small(
             lambda slopes: np.column_stack([slopes.by(name), slopes.slack(name)]),
@@ -183,7 +172,7 @@ def _mode(text: str, rows: ModalRows) -> Rival:
         "term",
         lambda case: case.freed(text),
         told,
-        lambda _, point: rows.first_hertz(point.unknowns),
+        lambda point: rows.first_hertz(point.unknowns),
         "Hz",
         small=Small(lambda slopes: slopes.slack(text), lambda step: None),
     )
