@@ -15,17 +15,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorid.core.distributions import gamma_tail
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import MAGNITUDE
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
-from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.record import Channel
 from rotorid.signals.covariance import KNOWN, Kind, LineCovariance
@@ -43,6 +44,9 @@ CONSTANT = 1e-3
 GROWING = (1e-2, 1e6, 65)
 """Shares of the square of the largest amplitude that are tried, over the constant, and how many:
 steps of a third, which move deviations by less than they are known to."""
+
+PHASOR_STD = "state how far the readings scatter: the last digit of the instrument at least"
+RESPONSE_STD = "state how far real and imaginary part scatter from one average to the next"
 
 
 @frozen
@@ -82,53 +86,25 @@ def phasor_lines(
     terms between channels kept, is the covariance of each reading. Where it grows with the
     amplitude, as a gain's does, its variance is a constant and a share of the amplitude's square.
 
-    Parameters
-    ----------
-    channels : sequence of Channel
-        Inputs that are missing are taken as zero: the machine runs in passive bearings.
-    speed : array, shape (row,)
-        rad/s; negative backward.
-    phasors : complex array, shape (row, channel)
-        X, amplitudes not peak to peak, in SI.
-    std : array, optional
-        Deviation of the amplitude, which is that of the real and of the imaginary part; shape
-        (row, channel), or what broadcasts to it.
-    source : str
-        For messages.
-    checks : sequence of Note
-        What the table showed already.
-
-    Returns
-    -------
-    Lines
-
-    Raises
-    ------
-    InputError
-        For shapes that do not fit, numbers that are not finite, a speed of 0, deviations that are
-        not positive, and a table that nothing tells the noise of.
-
-    Examples
-    --------
-    >>> table = phasor_lines([Channel("x", "m")], [100.0, 200.0], [[1e-6], [2e-6j]], 1e-8)
-    >>> table.omega.round(), table.covariance.kind
-    (array([100., 200.]), 'stated')
+    Speeds in rad/s, (row,), negative backward; phasors in SI, amplitudes not peak to peak, (row,
+    channel); `std` of the amplitude, which is that of the real and of the imaginary part, broadcast
+    to them. Inputs that are missing are taken as zero: the machine runs in passive bearings.
     """
     turning = np.asarray(speed, dtype=np.float64)
     given = np.asarray(phasors, dtype=np.complex128)
-    _check_phasors(channels, turning, given, source)
-    known = None if std is None else _deviations(std, given, source)
-    order = np.argsort(turning, kind="stable")
-    as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
-    rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
-    if known is None:
-        rows, covariance, said = _repeated(rows, channels, source)
-        told += said
-    else:
-        covariance = _stated(rows)
-        told += _doubted(rows)
+    with naming(source):
+        _check_phasors(channels, turning, given)
+        known = None if std is None else _deviations(std, given, PHASOR_STD)
+        order = np.argsort(turning, kind="stable")
+        as_lines = np.array(np.where(turning[:, None] < 0, given.conj(), given) / 2, np.complex128)
+        rows, told = _without_doubles(_Rows(turning, as_lines, known).part(order))
+        if rows.std is None:
+            rows, covariance, said = _repeated(rows, channels)
+        else:
+            covariance = _diagonal(rows.std**2 / 2, KNOWN, "stated")
+            said = _doubted(rows, rows.std)
     found = lines_at_speeds(channels, rows.speed, rows.lines, covariance, 1.0)
-    return replace(found, source=source, warnings=told, checks=tuple(checks))
+    return replace(found, source=source, warnings=told + said, checks=tuple(checks))
 
 
 def lines_at_speeds(
@@ -139,35 +115,52 @@ def lines_at_speeds(
     sample_rate: float,
 ) -> Lines:
     """Return 1x lines as recorded, a speed each, corrected for hold, delay and dynamics."""
-    frequency = np.abs(speed) / (2 * np.pi)
+    return _corrected(
+        channels,
+        np.abs(speed) / (2 * np.pi),
+        lines,
+        covariance,
+        sample_rate,
+        speed=speed,
+        clock=PhasorClock(speed),
+    )
+
+
+def _corrected(
+    channels: Sequence[Channel],
+    frequency: Floats,
+    lines: Complexes,
+    covariance: LineCovariance,
+    sample_rate: float,
+    **told: Any,
+) -> Lines:
+    """Return lines of a table, corrected for what recorded them."""
     transfer = transfer_of_recording(channels, frequency, sample_rate)
     matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     return Lines(
         channels=tuple(channels),
         frequency=frequency,
-        speed=speed,
-        mean=lines * transfer,
+        mean=np.asarray(lines * transfer, dtype=np.complex128),
         covariance=replace(covariance, matrices=matrices),
         multiplicity=np.full(len(frequency), 2.0),
-        clock=PhasorClock(speed),
         passive=True,
+        **told,
     )
 
 
-def _check_phasors(
-    channels: Sequence[Channel], speed: Floats, phasors: Complexes, source: str
-) -> None:
-    """Refuse rows that are no table of phasors."""
-    shape = (len(speed), len(channels)) if speed.ndim == 1 else ()
-    if not len(speed) or phasors.shape != shape:
+def _diagonal(variance: Floats, dof: int, kind: Kind) -> LineCovariance:
+    matrices = variance[:, :, None] * np.eye(variance.shape[1])
+    return LineCovariance(matrices.astype(np.complex128), dof, kind)
+
+
+def _check_phasors(channels: Sequence[Channel], speed: Floats, phasors: Complexes) -> None:
+    if speed.ndim != 1 or not len(speed) or phasors.shape != (len(speed), len(channels)):
         raise InputError(
             f"phasors of shape {phasors.shape} for speeds of shape {speed.shape}",
             f"a row per speed, {len(channels)} channels",
             "give one phasor per speed and channel",
-            file=source,
         )
-    within = (np.abs(phasors) < MAGNITUDE).all(axis=1) & (np.abs(speed) < MAGNITUDE)
-    wrong = ~within | (speed == 0)
+    wrong = ~_possible(phasors, speed) | (speed == 0)
     if wrong.any():
         row = int(wrong.argmax())
         still = speed[row] == 0
@@ -175,21 +168,23 @@ def _check_phasors(
             f"{'a speed of 0' if still else 'numbers that are not finite'} in row {row + 1}",
             f"finite numbers below {MAGNITUDE:g}, a speed other than 0",
             "give the row a speed and a reading, or leave it out",
-            file=source,
         )
 
 
-def _deviations(std: ArrayLike, phasors: Complexes, source: str) -> Floats:
-    """Return the stated deviations, shape (row, channel)."""
-    found = np.broadcast_to(np.asarray(std, dtype=np.float64), phasors.shape)
-    possible = (found > 1 / MAGNITUDE) & (found < MAGNITUDE)
-    if not possible.all():
-        row, column = np.argwhere(~possible)[0]
+def _possible(values: Complexes, rows: Floats) -> Booleans:
+    """Tell which rows hold finite numbers of a size that something can have."""
+    return np.asarray((np.abs(values) < MAGNITUDE).all(axis=1) & (np.abs(rows) < MAGNITUDE))
+
+
+def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) -> Floats:
+    """Return the stated deviations in the shape of the values."""
+    found = np.broadcast_to(np.asarray(std, dtype=np.float64), values.shape)
+    wrong = np.argwhere(~((found > 1 / MAGNITUDE) & (found < MAGNITUDE)))
+    if len(wrong):
         raise InputError(
-            f"a deviation of {found[row, column]:g} in row {row + 1}",
+            f"a deviation of {found[tuple(wrong[0])]:g}" + f" in row {wrong[0][0] + 1}" * row,
             f"more than 0, and less than {MAGNITUDE:g}",
-            "state how far the readings scatter: the last digit of the instrument at least",
-            file=source,
+            cure,
             place="std",
         )
     return found
@@ -215,14 +210,6 @@ def _without_doubles(rows: _Rows) -> tuple[_Rows, tuple[str, ...]]:
     return rows.part(np.array(kept, dtype=np.int64)), (told,)
 
 
-def _stated(rows: _Rows) -> LineCovariance:
-    """Return the covariance of stated deviations, of each part of a phasor X = 2 lines."""
-    assert rows.std is not None
-    variance = rows.std**2 / 2
-    matrices = variance[:, :, None] * np.eye(variance.shape[1])
-    return LineCovariance(matrices.astype(np.complex128), KNOWN, "stated")
-
-
 def _scatter(rows: _Rows) -> tuple[Complexes, Integers]:
     """Return the readings less the mean of their speed, and the numbers of the speeds."""
     groups = rows.groups
@@ -233,7 +220,7 @@ def _scatter(rows: _Rows) -> tuple[Complexes, Integers]:
 
 
 def _repeated(
-    rows: _Rows, channels: Sequence[Channel], source: str
+    rows: _Rows, channels: Sequence[Channel]
 ) -> tuple[_Rows, LineCovariance, tuple[str, ...]]:
     """Return a row per speed, with the covariance that repeated readings show, and what is said."""
     scatter, groups = _scatter(rows)
@@ -246,7 +233,6 @@ def _repeated(
             f"a stated deviation, or {least} repeated readings for {rows.lines.shape[1]} channels",
             "write std beside the unit of each channel (how far its amplitude scatters, in its "
             "unit), or read more speeds twice or more",
-            file=source,
             place="std",
         )
     first = np.flatnonzero(np.diff(groups, prepend=-1))
@@ -262,14 +248,10 @@ def _repeated(
         "to grow with the amplitude"
         for c, channel in enumerate(channels)
         if shares[c] > 0
-        for low, high in [2 * np.sqrt(reading[c, c].real / 2) * _ends(growth[:, c])]
+        for low, high in [np.sqrt(2 * reading[c, c].real) * np.sort(growth[:, c])[[0, -1]]]
     )
     covariance = LineCovariance(matrices, dof, "repeated", shared=len(count))
     return _Rows(rows.speed[first], mean, None), covariance, told
-
-
-def _ends(values: Floats) -> Floats:
-    return np.array([values.min(), values.max()])
 
 
 def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
@@ -296,12 +278,11 @@ def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
     return float(grid[best]) if gamma_tail(gain / 2, 0.5) < CONSTANT else 0.0
 
 
-def _doubted(rows: _Rows) -> tuple[str, ...]:
+def _doubted(rows: _Rows, std: Floats) -> tuple[str, ...]:
     """Say where repeated readings scatter otherwise than their deviations state."""
-    assert rows.std is not None
     scatter, groups = _scatter(rows)
     dof = 2 * (len(groups) - groups[-1] - 1) * rows.lines.shape[1]
-    squares = float((np.abs(2 * scatter) ** 2 / rows.std**2).sum())
+    squares = float((np.abs(2 * scatter) ** 2 / std**2).sum())
     if not dof or gamma_tail(squares / 2, dof / 2) > CONTRADICTED:
         return ()
     return (
@@ -381,58 +362,50 @@ def response_lines(
     """
     hertz = np.asarray(frequency, dtype=np.float64)
     found = np.asarray(responses, dtype=np.complex128)
-    _check_responses(hertz, found, len(sensors), source)
-    order = np.argsort(hertz, kind="stable")
-    order = order[hertz[order] > 0]
-    told: tuple[str, ...] = ()
-    kind: Kind
-    if std is not None:
-        variance = 2 * _checked_std(std, found, source)[order] ** 2
-        dof, kind = KNOWN, "stated"
-    else:
-        gamma = _checked_coherence(coherence, found, source)
-        kept = order[(gamma[order] >= FAINT).all(axis=1)]
-        told, order = _faint(len(order) - len(kept), source, len(kept)), kept
-        variance, dof = _from_coherence(found[order], gamma[order], _count(averages, source))
-        kind = "coherence"
-    _refuse_repeated(sensors, hertz[order], found[order], variance, source)
-    channels = (driven, *sensors)
-    transfer = transfer_of_recording(channels, hertz[order], 1.0)
-    mean = np.column_stack([np.ones(len(order)), found[order]]) * transfer
-    noise = np.column_stack([np.zeros(len(order)), variance]) * np.abs(transfer) ** 2
-    matrices = (noise[:, :, None] * np.eye(len(channels))).astype(np.complex128)
-    return Lines(
-        channels=channels,
-        frequency=hertz[order],
+    with naming(source):
+        _check_responses(hertz, found, len(sensors))
+        order = np.argsort(hertz, kind="stable")
+        order = order[hertz[order] > 0]
+        told: tuple[str, ...] = ()
+        dof: int = KNOWN
+        kind: Kind = "stated"
+        if std is not None:
+            variance = 2 * _deviations(std, found, RESPONSE_STD, row=False)[order] ** 2
+        else:
+            gamma = _checked_coherence(coherence, found)
+            kept = order[(gamma[order] >= FAINT).all(axis=1)]
+            told, order = _faint(len(order) - len(kept), len(kept)), kept
+            variance, dof = _from_coherence(found[order], gamma[order], averages)
+            kind = "coherence"
+        _refuse_repeated(sensors, hertz[order], found[order], variance)
+    one, exact = np.ones((len(order), 1)), np.zeros((len(order), 1))
+    return _corrected(
+        (driven, *sensors),
+        hertz[order],
+        np.hstack([one, found[order]]),
+        _diagonal(np.hstack([exact, variance]), dof, kind),
+        1.0,
         speed=np.full(len(order), quantity(speed, "rad/s", place="speed")),
-        mean=np.asarray(mean, dtype=np.complex128),
-        covariance=LineCovariance(matrices, dof, kind),
-        multiplicity=np.full(len(order), 2.0),
         clock=SilentClock(len(order)),
         source=source,
         warnings=told,
-        passive=True,
     )
 
 
-def _check_responses(hertz: Floats, responses: Complexes, sensors: int, source: str) -> None:
-    """Refuse numbers that are no responses."""
+def _check_responses(hertz: Floats, responses: Complexes, sensors: int) -> None:
     if hertz.ndim != 1 or responses.shape != (len(hertz), sensors) or not sensors:
         raise InputError(
             f"responses of shape {responses.shape} for frequencies of shape {hertz.shape}",
             f"a row per frequency, {sensors or 'some'} sensors",
             "give one response per frequency and sensor",
-            file=source,
         )
-    within = (np.abs(responses) < MAGNITUDE).all(axis=1) & (hertz < MAGNITUDE)
-    wrong = ~within | (hertz < 0)
+    wrong = ~_possible(responses, hertz) | (hertz < 0)
     if wrong.any():
         row = int(wrong.argmax())
         raise InputError(
             f"line {row + 1}: {hertz[row]:g} Hz, response {responses[row]}",
             f"finite numbers below {MAGNITUDE:g}, no negative frequency",
             "leave that line out, or export the responses again",
-            file=source,
         )
     apart = np.diff(np.sort(hertz[hertz > 0]))
     if not len(apart) or not (apart > 0).all():
@@ -440,13 +413,12 @@ def _check_responses(hertz: Floats, responses: Complexes, sensors: int, source: 
             "one frequency" if not len(apart) else "a frequency that stands there twice",
             "two lines or more, each once",
             "give every response its column, and every input a record or an input of its own",
-            file=source,
             place="frequency",
         )
 
 
 def _refuse_repeated(
-    sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats, source: str
+    sensors: Sequence[Channel], hertz: Floats, responses: Complexes, variance: Floats
 ) -> None:
     """Refuse a response that is another one, differentiated or times a number, noise and all."""
     for i, j in combinations(range(len(sensors)), 2):
@@ -459,7 +431,6 @@ def _refuse_repeated(
                 "responses that were measured apart",
                 "keep the one that was measured, leave out what was computed from it; as "
                 "measurements of their own they make deviations too small",
-                file=source,
             )
 
 
@@ -482,29 +453,13 @@ def multiple_of(
     return None
 
 
-def _checked_std(std: ArrayLike, responses: Complexes, source: str) -> Floats:
-    """Return deviations, shape (line, sensor)."""
-    found = np.broadcast_to(np.asarray(std, dtype=np.float64), responses.shape)
-    wrong = ~((found > 1 / MAGNITUDE) & (found < MAGNITUDE))
-    if wrong.any():
-        raise InputError(
-            f"a deviation of {found[wrong][0]:g}",
-            f"more than 0, and less than {MAGNITUDE:g}",
-            "state how far real and imaginary part scatter from one average to the next",
-            file=source,
-            place="std",
-        )
-    return np.asarray(found)
-
-
-def _checked_coherence(coherence: ArrayLike | None, responses: Complexes, source: str) -> Floats:
+def _checked_coherence(coherence: ArrayLike | None, responses: Complexes) -> Floats:
     """Return the coherence, shape (line, sensor), no nearer to 1 than its digits say."""
     if coherence is None:
         raise InputError(
             "neither std nor coherence",
             "what tells the noise of the responses",
             "write coherence beside each response, with averages; or std",
-            file=source,
             place="coherence",
         )
     found = np.asarray(coherence, dtype=np.float64)
@@ -515,7 +470,6 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes, source
             else "a coherence that is no number",
             "one for each line and response",
             "give a coherence of the same lines",
-            file=source,
             place="coherence",
         )
     if (found < 0).any() or (found > 1).any():
@@ -523,7 +477,6 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes, source
             f"a coherence of {found.max() if (found > 1).any() else found.min():g}",
             "numbers from 0 to 1",
             "divide percent by 100, or square it where the analyser gives its root",
-            file=source,
             place="coherence",
         )
     if (found == 1).all():
@@ -531,7 +484,6 @@ def _checked_coherence(coherence: ArrayLike | None, responses: Complexes, source
             "a coherence of 1 on every line",
             "the coherence of several averages",
             "take it from more than one average, or state std",
-            file=source,
             place="coherence",
         )
     return np.asarray(np.minimum(found, 1 - _half_digit(found)))
@@ -545,27 +497,13 @@ def _half_digit(numbers: Floats) -> float:
     return 1e-13
 
 
-def _count(averages: int | None, source: str) -> int:
-    """Return the number of averages, two at the least."""
-    if averages is None or averages < 2:
-        raise InputError(
-            "no averages" if averages is None else f"averages = {averages}",
-            "2 averages or more, of which the coherence is",
-            "state them (of one average every coherence is 1), or give std",
-            file=source,
-            place="averages",
-        )
-    return int(averages)
-
-
-def _faint(lost: int, source: str, left: int) -> tuple[str, ...]:
+def _faint(lost: int, left: int) -> tuple[str, ...]:
     """Say how many lines hold nothing but noise."""
     if left < 2:
         raise InputError(
             f"a coherence below {FAINT:g} on {'every line' if not left else 'all lines but one'}",
             "lines on which the response stands out of the noise",
             "excite more, or take another column: this one says that there is no response",
-            file=source,
             place="coherence",
         )
     if not lost:
@@ -574,9 +512,18 @@ def _faint(lost: int, source: str, left: int) -> tuple[str, ...]:
     return (f"{lines} with a coherence below {FAINT:g} left out: noise alone",)
 
 
-def _from_coherence(responses: Complexes, coherence: Floats, averages: int) -> tuple[Floats, int]:
+def _from_coherence(
+    responses: Complexes, coherence: Floats, averages: int | None
+) -> tuple[Floats, int]:
     """Return variances, shape (line, sensor), and the degrees of freedom of each."""
-    dof = averages - 1
+    if averages is None or averages < 2:
+        raise InputError(
+            "no averages" if averages is None else f"averages = {averages}",
+            "2 averages or more, of which the coherence is",
+            "state them (of one average every coherence is 1), or give std",
+            place="averages",
+        )
+    dof = int(averages) - 1
     single = np.abs(responses) ** 2 * (1 - coherence) / (coherence * dof)
     beside = min(int(np.ceil((POOLED / dof - 1) / 2)), (len(single) - 1) // 2)
     if beside < 1:
