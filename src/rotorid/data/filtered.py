@@ -24,8 +24,8 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
-from rotorid.core.values import Arrays, Booleans, Floats, Integers
-from rotorid.data.record import Channel, Known, Record
+from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.data.record import Channel, Known, OfMachine, Record
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.spectrum import transfer_of_recording
 
@@ -172,7 +172,7 @@ PASSED = 0.8
 
 
 @frozen
-class FilteredRecord(Arrays):
+class FilteredRecord(OfMachine):
     """A record to be low-passed and differentiated, and which of its samples are used.
 
     Parameters
@@ -206,31 +206,10 @@ class FilteredRecord(Arrays):
     warnings: tuple[str, ...] = field(default=())
     parameters: Mapping[str, Known] = field(default_factory=dict)
 
-    def with_parameters(self, **parameters: Known) -> FilteredRecord:
-        """Return the record with parameters of the machine that it has to itself.
-
-        Least squares refuses them; every kind of record answers alike.
-
-        Parameters
-        ----------
-        **parameters : float or str or (value, std)
-            SI, or texts with units.
-
-        Returns
-        -------
-        FilteredRecord
-        """
-        return replace(self, parameters={**self.parameters, **parameters})
-
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[Channel, ...]:  # type: ignore[override]
         """The channels of the record."""
         return self.record.channels
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the channels, in order."""
-        return self.record.names
 
     @property
     def source(self) -> str:

@@ -18,7 +18,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, WhenRead, changed, unread
-from rotorid.data.record import Channel, Known, PeriodicRecord
+from rotorid.data.record import Channel, Known, OfMachine, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra, quantity
 
@@ -224,7 +224,7 @@ def without_rounding(lines: Complexes, samples: Floats) -> Complexes:
 
 
 @frozen
-class Lines(Arrays):
+class Lines(OfMachine):
     """Mean lines of a record with their covariance and the loads on the same lines.
 
     Parameters
@@ -292,20 +292,6 @@ class Lines(Arrays):
     shown: float | None = None
     parts: Callable[[int], list[Lines]] | None = field(default=None, compare=False, repr=False)
 
-    def with_parameters(self, **parameters: Known) -> Lines:
-        """Return the lines with parameters of the machine that this record has to itself.
-
-        Parameters
-        ----------
-        **parameters : float or str or (value, std)
-            SI, or texts with units.
-
-        Returns
-        -------
-        Lines
-        """
-        return replace(self, parameters={**self.parameters, **parameters})
-
     @classmethod
     def of_periods(cls, record: PeriodicRecord, covariance: LineCovariance | None = None) -> Lines:
         """Return the lines of a record of periods; without `covariance`, from their scatter."""
@@ -326,11 +312,6 @@ class Lines(Arrays):
             parameters=record.parameters,
             samples=Samples(record.mean, record.sample_rate, record.harmonics, len(record.mean)),
         )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the channels, in order."""
-        return tuple(channel.name for channel in self.channels)
 
     @property
     def omega(self) -> Floats:

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
@@ -121,25 +121,26 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
         raise InputError(
             f"{revolutions} revolutions", f"{LENGTHS[-1]} or more", "take longer segments"
         )
-    record = _from(record, quantity(skip, "s", place="skip"))
-    angle = _rotation(record)
-    turns = abs(angle[-1] - angle[0]) / (2 * np.pi)
-    found: _Cut | None = None
-    for length in LENGTHS if revolutions is None else (revolutions,):
-        tried = _cut(record, angle, length)
-        if tried is None or (len(tried.speed) < LEAST_SEGMENTS and revolutions is None):
-            found = tried or found
-            continue
-        found = tried
-        if found.bend < BENT:
-            break
-    if found is None:
-        raise InputError(
-            f"{turns:.3g} revolutions without a gap",
-            f"{_least(len(record.channels))} or more",
-            "record longer, or leave channels out",
-            file=record.source,
-        )
+    begin = quantity(skip, "s", place="skip")
+    with naming(record.source):
+        record = _from(record, begin)
+        angle = _rotation(record)
+        found: _Cut | None = None
+        for length in LENGTHS if revolutions is None else (revolutions,):
+            tried = _cut(record, angle, length)
+            if tried is None or (len(tried.speed) < LEAST_SEGMENTS and revolutions is None):
+                found = tried or found
+                continue
+            found = tried
+            if found.bend < BENT:
+                break
+        if found is None:
+            channels = len(record.channels)
+            raise InputError(
+                f"{abs(angle[-1] - angle[0]) / (2 * np.pi):.3g} revolutions without a gap",
+                f"{min(length * _group(channels, length) for length in LENGTHS)} or more",
+                "record longer, or leave channels out",
+            )
     return _lines(record, found)
 
 
@@ -149,9 +150,7 @@ def _from(record: Record, skip: float) -> Record:
     if not first:
         return record
     if first >= len(record.samples):
-        raise InputError(
-            f"skip = {skip:g} s", "less than the record lasts", "skip less", file=record.source
-        )
+        raise InputError(f"skip = {skip:g} s", "less than the record lasts", "skip less")
     return replace(
         record,
         samples=record.samples[first:],
@@ -168,7 +167,6 @@ def _rotation(record: Record) -> Floats:
             "a record without rotation",
             "an angle, a keyphasor or a speed",
             "name the column of the rotor angle or of the once-per-revolution pulse",
-            file=record.source,
         )
     angle = record.rotor_angle()
     sense = np.sign(angle[-1] - angle[0])
@@ -179,26 +177,23 @@ def _rotation(record: Record) -> Floats:
             f"a rotor angle that stands or turns back at {where:.6g} s",
             "a rotor that turns one way",
             "cut the record to the run-up or the coast-down",
-            file=record.source,
         )
     if np.median(steps) > 2 * np.pi / SAMPLES:
         raise InputError(
             f"{2 * np.pi / np.median(steps):.3g} samples per revolution",
             f"{SAMPLES} or more",
             "record faster, or cut the fast part off",
-            file=record.source,
         )
     return np.asarray(angle, dtype=np.float64)
 
 
 def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
     """Cut a record into segments; None where there are too few to tell their noise."""
-    fits = [_Segment.fitted(record, angle, part, length) for part in _parts(record, angle, length)]
+    fits = [_segment(record, angle, part) for part in _parts(record, angle, length)]
     group = _group(len(record.channels), length)
     if len(fits) < group:
         return None
-    scatter = np.array([f.scatter for f in fits])
-    samples = np.array([f.samples for f in fits], dtype=np.float64)
+    speed, rate, phasors, bending, scatter, samples = map(np.array, zip(*fits, strict=True))
     pooled = np.empty_like(scatter)
     ends = [*range(0, len(fits) - group + 1, group)]
     for first, last in zip(ends, [*ends[1:], len(fits)], strict=True):
@@ -206,25 +201,12 @@ def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
         weighed = scatter[first:last] * samples[first:last, None, None]
         pooled[first:last] = weighed.sum(axis=0) / ((length - 2) * (last - first))
     covariance = np.asarray(pooled / (samples * length)[:, None, None], dtype=np.complex128)
-    return _Cut(
-        np.array([f.speed for f in fits]),
-        np.array([f.phasor for f in fits]),
-        np.array([f.bending for f in fits]),
-        covariance,
-        group * (length - 2),
-        group,
-        np.array([f.rate for f in fits]),
-    )
+    return _Cut(speed, phasors, bending, covariance, group * (length - 2), group, rate)
 
 
 def _group(channels: int, length: int) -> int:
     """Return how many segments together tell the covariance of so many channels."""
     return int(np.ceil(FREEDOM * channels / (length - 2)))
-
-
-def _least(channels: int) -> int:
-    """Return the fewest revolutions that make a table of so many channels."""
-    return min(length * _group(channels, length) for length in LENGTHS)
 
 
 def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
@@ -239,44 +221,38 @@ def _parts(record: Record, angle: Floats, length: int) -> Iterator[Integers]:
             yield edges
 
 
-@frozen
-class _Segment:
-    """What one segment tells: middle, phasor, bending, scatter of its revolutions."""
+def _segment(
+    record: Record, angle: Floats, edges: Integers
+) -> tuple[float, float, Complexes, Complexes, Complexes, float]:
+    """Fit the phasors of a segment, given where its revolutions begin.
 
-    speed: float
-    rate: float
-    phasor: Complexes
-    bending: Complexes
-    scatter: Complexes
-    samples: float
-
-    @classmethod
-    def fitted(cls, record: Record, angle: Floats, edges: Integers, length: int) -> _Segment:
-        """Fit the phasors of a segment, given where its revolutions begin."""
-        part = slice(int(edges[0]), int(edges[-1]))
-        phi, samples = angle[part], record.samples[part]
-        tau = np.linspace(-1, 1, len(phi) + 1)[:-1] + 1 / len(phi)
-        half = len(phi) / record.sample_rate / 2  # s from the middle to either end
-        turning = np.polynomial.Polynomial.fit(tau, phi, 3, domain=(-1, 1)).deriv()
-        waves = np.column_stack([np.cos(phi), np.sin(phi)])
-        others = [np.cos(n * phi) for n in range(2, ORDERS + 1)]
-        others += [np.sin(n * phi) for n in range(2, ORDERS + 1)]
-        smooth = [np.ones_like(tau), tau, tau**2]
-        design = np.column_stack([waves, waves * tau[:, None], *others, *smooth])
-        found = np.linalg.lstsq(design, samples, rcond=None)[0]
-        wider = np.column_stack([design, waves * tau[:, None] ** 2])
-        bent = np.linalg.lstsq(wider, samples, rcond=None)[0]
-        left = (samples - design @ found) * np.exp(-1j * phi)[:, None]
-        count = np.diff(edges)
-        each = 2 * np.add.reduceat(left, edges[:-1] - edges[0]) / count[:, None]
-        return cls(
-            float(turning(0.0)) / half,
-            float(turning.deriv()(0.0)) / half**2,
-            found[0] - 1j * found[1],
-            bent[0] - 1j * bent[1] - (found[0] - 1j * found[1]),
-            np.asarray(each.T @ each.conj()),
-            float(count.mean()),
-        )
+    Returns speed and its rate in the middle, phasor, bending, scatter of the revolutions, and
+    samples in one of them.
+    """
+    part = slice(int(edges[0]), int(edges[-1]))
+    phi, samples = angle[part], record.samples[part]
+    tau = np.linspace(-1, 1, len(phi) + 1)[:-1] + 1 / len(phi)
+    half = len(phi) / record.sample_rate / 2  # s from the middle to either end
+    turning = np.polynomial.Polynomial.fit(tau, phi, 3, domain=(-1, 1)).deriv()
+    waves = np.column_stack([np.cos(phi), np.sin(phi)])
+    others = [wave(n * phi) for wave in (np.cos, np.sin) for n in range(2, ORDERS + 1)]
+    smooth = [np.ones_like(tau), tau, tau**2]
+    design = np.column_stack([waves, waves * tau[:, None], *others, *smooth])
+    found = np.linalg.lstsq(design, samples, rcond=None)[0]
+    wider = np.column_stack([design, waves * tau[:, None] ** 2])
+    bent = np.linalg.lstsq(wider, samples, rcond=None)[0]
+    left = (samples - design @ found) * np.exp(-1j * phi)[:, None]
+    count = np.diff(edges)
+    each = 2 * np.add.reduceat(left, edges[:-1] - edges[0]) / count[:, None]
+    phasor = found[0] - 1j * found[1]
+    return (
+        float(turning(0.0)) / half,
+        float(turning.deriv()(0.0)) / half**2,
+        phasor,
+        bent[0] - 1j * bent[1] - phasor,
+        np.asarray(each.T @ each.conj()),
+        float(count.mean()),
+    )
 
 
 def _lines(record: Record, cut: _Cut) -> Lines:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -134,19 +134,85 @@ class Channel:
         return {self.name: 1.0} if self.reads is None else self.reads
 
 
-def _names(channels: Sequence[Channel]) -> tuple[str, ...]:
-    return tuple(channel.name for channel in channels)
+class WithChannels(Arrays):
+    """A record by its channels."""
+
+    channels: tuple[Channel, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return tuple(channel.name for channel in self.channels)
+
+    def index(self, name: str) -> int:
+        """Return the position of a channel.
+
+        Raises
+        ------
+        InputError
+            Where there is no such channel.
+        """
+        if name not in self.names:
+            raise InputError(
+                f"no channel {name!r}",
+                f"one of {', '.join(self.names)}",
+                "name a channel of the record",
+            )
+        return self.names.index(name)
 
 
-def _index(channels: Sequence[Channel], name: str) -> int:
-    try:
-        return _names(channels).index(name)
-    except ValueError:
-        raise InputError(
-            f"no channel {name!r}",
-            f"one of {', '.join(_names(channels))}",
-            "name a channel of the record",
-        ) from None
+class Drawn(WithChannels):
+    """A record that shows itself in a picture."""
+
+    def _drawn(self) -> tuple[Any, str]:
+        """Return the panels and their title."""
+        raise NotImplementedError
+
+    def plot(self) -> Figure:
+        """Draw every channel: samples over time, or lines used and noise of periods.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ImportError
+            Where matplotlib is not installed.
+        """
+        from rotorid.report.figure import figure_of  # takes its time to load
+
+        return figure_of(self._drawn()[0])
+
+    def _repr_html_(self) -> str:
+        """Return the fields as a table, and a picture, for notebooks."""
+        with suppress(ImportError):
+            from rotorid.report.figure import image_of  # takes its time to load
+
+            return super()._repr_html_() + image_of(*self._drawn())
+        return super()._repr_html_()
+
+
+class OfMachine(WithChannels):
+    """What a model is bound to: a record that may have parameters of the machine to itself."""
+
+    parameters: Mapping[str, Known]
+
+    def with_parameters(self, **parameters: Known) -> Self:
+        """Return the record with parameters of the machine that it has to itself.
+
+        Least squares refuses them; every kind of record answers alike.
+
+        Parameters
+        ----------
+        **parameters : float or str or (value, std)
+            SI, or texts with units.
+
+        Returns
+        -------
+        PeriodicRecord, Lines, or FilteredRecord
+        """
+        return changed(self, parameters={**self.parameters, **parameters})
 
 
 def check_samples(
@@ -175,7 +241,7 @@ def check_samples(
 
 
 @frozen
-class Record(Arrays):
+class Record(Drawn):
     """Samples as measured, in SI units.
 
     Parameters
@@ -272,11 +338,6 @@ class Record(Arrays):
     def _error(self, found: str, expected: str, cure: str) -> InputError:
         return InputError(found, expected, cure, file=self.source)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the channels, in order."""
-        return _names(self.channels)
-
     def column(self, name: str) -> Floats:
         """Return the samples of one channel, shape (sample,).
 
@@ -285,29 +346,12 @@ class Record(Arrays):
         InputError
             Where there is no such channel.
         """
-        return self.samples[:, _index(self.channels, name)]
+        return self.samples[:, self.index(name)]
 
-    def plot(self) -> Figure:
-        """Draw the channels over time; returns a matplotlib figure.
-
-        Raises
-        ------
-        ImportError
-            Where matplotlib is not installed.
-        """
+    def _drawn(self) -> tuple[Any, str]:
         from rotorid.report.drawn import samples
-        from rotorid.report.figure import figure_of  # takes its time to load
 
-        return figure_of(samples(self))
-
-    def _repr_html_(self) -> str:
-        """Return the fields as a table, and a picture, for notebooks."""
-        with suppress(ImportError):
-            from rotorid.report.drawn import samples
-            from rotorid.report.figure import image_of  # takes its time to load
-
-            return super()._repr_html_() + image_of(samples(self), "the channels over time")
-        return super()._repr_html_()
+        return samples(self), "the channels over time"
 
     def rotor_angle(self) -> Floats:
         """Return phi in rad at each sample, shape (sample,)."""
@@ -318,7 +362,7 @@ class Record(Arrays):
 
 
 @frozen
-class PeriodicRecord(Arrays):
+class PeriodicRecord(Drawn, OfMachine):
     """A record cut into whole periods, with its lines period by period.
 
     The spectra are two-sided amplitudes, ``X_k = mean(x exp(-i omega_k t))``, so that white noise
@@ -375,20 +419,6 @@ class PeriodicRecord(Arrays):
     checks: tuple[Note, ...] = field(default=())
     parameters: Mapping[str, Known] = field(default_factory=dict)
 
-    def with_parameters(self, **parameters: Known) -> PeriodicRecord:
-        """Return the record with parameters of the machine that it has to itself.
-
-        Parameters
-        ----------
-        **parameters : float or str or (value, std)
-            SI, or texts with units.
-
-        Returns
-        -------
-        PeriodicRecord
-        """
-        return changed(self, parameters={**self.parameters, **parameters})
-
     @property
     def begin(self) -> float:
         """Time in s of the first sample used."""
@@ -398,11 +428,6 @@ class PeriodicRecord(Arrays):
     def middle(self) -> float:
         """Mean time in s of the samples used."""
         return mean_of(self, "time")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the channels, in order."""
-        return _names(self.channels)
 
     @property
     def periods(self) -> int:
@@ -440,36 +465,7 @@ class PeriodicRecord(Arrays):
         single = (self.harmonics == 0) | (2 * self.harmonics == self.samples)
         return np.where(single, 1.0, 2.0)
 
-    def plot(self) -> Figure:
-        """Draw the spectrum of every channel, lines used and noise; returns a matplotlib figure.
-
-        Raises
-        ------
-        ImportError
-            Where matplotlib is not installed.
-        """
+    def _drawn(self) -> tuple[Any, str]:
         from rotorid.report.drawn import spectra
-        from rotorid.report.figure import figure_of  # takes its time to load
 
-        return figure_of(spectra(self))
-
-    def _repr_html_(self) -> str:
-        """Return the fields as a table, and a picture, for notebooks."""
-        with suppress(ImportError):
-            from rotorid.report.drawn import spectra
-            from rotorid.report.figure import image_of  # takes its time to load
-
-            return super()._repr_html_() + image_of(
-                spectra(self), "the spectrum of the mean period"
-            )
-        return super()._repr_html_()
-
-    def index(self, name: str) -> int:
-        """Return the position of a channel.
-
-        Raises
-        ------
-        InputError
-            Where there is no such channel.
-        """
-        return _index(self.channels, name)
+        return spectra(self), "the spectrum of the mean period"

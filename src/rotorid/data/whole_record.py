@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
@@ -45,13 +45,20 @@ class _Window:
     count: int
 
     @property
+    def used(self) -> slice:
+        return slice(self.first, self.first + self.count)
+
+    def columns(self, names: Sequence[str]) -> list[int]:
+        return [self.record.names.index(name) for name in names]
+
+    @property
     def spacing(self) -> float:
         """Distance of the lines in Hz."""
         return self.record.sample_rate / self.count
 
     def lines_of(self, samples: Floats) -> Complexes:
         """Return all lines of signals, (line, signal), one at a time."""
-        used = samples[self.first : self.first + self.count]
+        used = samples[self.used]
         out = np.empty((self.count // 2 + 1, used.shape[1]), dtype=np.complex128)
         for column in range(used.shape[1]):
             out[:, column] = scipy.fft.rfft(used[:, column], norm="forward")
@@ -59,8 +66,7 @@ class _Window:
 
     def channels(self, names: Sequence[str]) -> Complexes:
         """Return all lines of some channels, as recorded."""
-        chosen = [self.record.names.index(name) for name in names]
-        return self.lines_of(self.record.samples[:, chosen])
+        return self.lines_of(self.record.samples[:, self.columns(names)])
 
     def rotation(self) -> Complexes:
         """Return all lines of exp(i phi) and exp(-i phi); none at standstill."""
@@ -130,22 +136,24 @@ def spectra(
     """
     ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
     end = None if until is None else quantity(until, "s", place="until")
-    window = _window(record, quantity(skip, "s", place="skip"), end)
-    kept = _lines(window, ends)
-    frequency: Floats = np.asarray(kept * window.spacing)
-    names = [name for name in record.names if name not in references]
-    _check_references(record, references)
-    every = window.channels(names)
-    if quiet is not None:
-        motion = _motion(window, every, window.channels(references), window.rotation())
-        noise = _quiet_noise(quiet, names, frequency, window, motion)
-    elif references:
-        driven = window.channels(references)
-        noise = _noise_beside(window, every, driven, kept, "references")
-        held = check_references(references, driven, names, every, record.sample_rate)
-        noise = replace(noise, checks=tuple(held))
-    else:
-        noise = _input_noise(window, every, names, inputs, kept)
+    begin = quantity(skip, "s", place="skip")
+    with naming(record.source):
+        window = _window(record, begin, end)
+        kept = _lines(window, ends)
+        frequency: Floats = np.asarray(kept * window.spacing)
+        names = [name for name in record.names if name not in references]
+        _check_references(record, references)
+        every, driven = window.channels(names), window.channels(references)
+        if quiet is not None:
+            motion = _motion(window, every, driven, window.rotation())
+            with naming(quiet.source):
+                noise = _quiet_noise(quiet, names, frequency, window, motion)
+        elif references:
+            noise = _noise_beside(window, every, driven, kept, "references")
+            held = check_references(references, driven, names, every, record.sample_rate)
+            noise = replace(noise, checks=tuple(held))
+        else:
+            noise = _input_noise(window, every, names, inputs, kept)
     found = _lines_in(window, names, kept, every, noise.covariance)
     checks = _checked(window, found.channels, tuple(references))
     stuck = {name for c in checks if (c.about, c.severity) == (REFERENCE, "warns") for name in c.on}
@@ -167,16 +175,13 @@ def _lines_in(
     covariance: LineCovariance,
 ) -> Lines:
     """Return the lines of a window as they are bound to a model, with the noise of the samples."""
-    record = window.record
+    record, used = window.record, window.used
     frequency: Floats = np.asarray(kept * window.spacing)
-    used = slice(window.first, window.first + window.count)
     angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
-    speed = (
-        np.asarray(record.speed)
-        if record.angle is None
-        else np.gradient(record.angle, 1 / record.sample_rate)[used]
-    )
-    channels = tuple(record.channels[record.names.index(name)] for name in names)
+    speed = np.asarray(record.speed)
+    if record.angle is not None:
+        speed = np.gradient(record.angle, 1 / record.sample_rate)[used]
+    channels = tuple(record.channels[column] for column in window.columns(names))
     transfer = transfer_of_recording(channels, frequency, record.sample_rate)
     matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     single = (kept == 0) | (2 * kept == window.count)
@@ -225,9 +230,8 @@ def _checked(
     window: _Window, channels: tuple[Channel, ...], references: tuple[str, ...]
 ) -> tuple[Note, ...]:
     """Return what is wrong with what is used of a record, without what needs periods."""
-    record = window.record
-    columns = [record.names.index(channel.name) for channel in channels]
-    samples = record.samples[window.first : window.first + window.count]
+    record, samples = window.record, window.record.samples[window.used]
+    columns = window.columns([channel.name for channel in channels])
     start = record.start + window.first / record.sample_rate
     return check_whole(
         replace(record, samples=samples, angle=None, valid=None, start=start),
@@ -238,11 +242,10 @@ def _checked(
 
 def _samples_behind(window: _Window, names: Sequence[str], kept: Integers) -> Samples | None:
     """Keep the samples of a record, where a force law may have other constants than stated."""
-    record = window.record
-    if all(record.channels[record.names.index(name)].law is None for name in names):
+    record, columns = window.record, window.columns(names)
+    if all(record.channels[column].law is None for column in columns):
         return None
-    columns = [record.names.index(name) for name in names]
-    used = record.samples[window.first : window.first + window.count]
+    used = record.samples[window.used]
     whole = columns == list(range(used.shape[1]))
     return Samples(used if whole else used[:, columns], record.sample_rate, kept)
 
@@ -258,8 +261,9 @@ def whole_lines(
     Frequency in Hz, (line,); each group, as recorded, (line, channel); exp(+-i phi), (line, 2), or
     (line, 0) at standstill.
     """
-    window = _window(record, skip, None)
-    kept = _lines(window, band)
+    with naming(record.source):
+        window = _window(record, skip, None)
+        kept = _lines(window, band)
     found = [window.channels(list(names))[kept] for names in groups]
     return np.asarray(kept * window.spacing), found, window.rotation()[kept]
 
@@ -275,7 +279,6 @@ def _window(record: Record, skip: float, until: float | None) -> _Window:
             f"{max(last - first, 0)} samples between skip and until",
             "a record longer than both leave out",
             "skip less, or record longer",
-            file=record.source,
         )
     return _Window(record, first, last - first)
 
@@ -288,7 +291,6 @@ def _lines(window: _Window, band: tuple[float, float]) -> Integers:
             f"the band {low:g} to {high:g} Hz",
             f"0 Hz to {nyquist:g} Hz, half the sample rate, the lower end first",
             "give the band in which the machine was excited",
-            file=window.record.source,
         )
     kept = np.arange(
         np.ceil(low / window.spacing - 1e-6), np.floor(high / window.spacing + 1e-6) + 1
@@ -298,7 +300,6 @@ def _lines(window: _Window, band: tuple[float, float]) -> Integers:
             f"no line between {low:g} and {high:g} Hz, lines are {window.spacing:g} Hz apart",
             "at least one line",
             "widen the band, or record longer",
-            file=window.record.source,
         )
     return kept
 
@@ -310,18 +311,11 @@ def _check_references(record: Record, references: Sequence[str]) -> None:
             f"the reference {unknown[0]!r}",
             f"a channel of the record: {', '.join(record.names)}",
             "name the column that holds the excitation",
-            file=record.source,
             place="references",
         )
 
 
-def _local(
-    record: Record,
-    every: Complexes,
-    references: Complexes,
-    rotation: Complexes,
-    lines: Integers,
-) -> Local:
+def _local(every: Complexes, references: Complexes, rotation: Complexes, lines: Integers) -> Local:
     """Return the covariance by local polynomials, or say that the record is too short for it."""
     half = half_width(every.shape[1], references.shape[1], rotation.shape[1] > 0, ORDERS[0])
     if 2 * half + 1 > len(every):
@@ -329,7 +323,6 @@ def _local(
             f"{len(every)} lines",
             f"{2 * half + 1} or more, to tell noise from motion in {every.shape[1]} channels",
             "record longer",
-            file=record.source,
         )
     return local_covariance(every, references, rotation, lines)
 
@@ -350,12 +343,14 @@ def _noise_beside(
 ) -> _Noise:
     """Return the noise that references leave on the lines of the record itself."""
     rotation = window.rotation()
-    found = _local(window.record, every, references, rotation, kept)
+    found = _local(every, references, rotation, kept)
     numbers = np.arange(len(kept))
     ordinary = ~np.isin(kept, found.standing_out)
     beside = Beside(_constant(references[kept], rotation[kept]), ordinary, numbers, numbers)
     shown = _shown(found, window, every, references)
-    return _Noise(_covariance(found, kind), _told(found, window, shown), beside, shown)
+    # Of each line its own residual has a share.
+    covariance = LineCovariance(found.matrices, found.dof, kind, found.leverage)
+    return _Noise(covariance, _told(found, window, shown), beside, shown)
 
 
 def _constant(references: Complexes, rotation: Complexes) -> Complexes:
@@ -378,7 +373,6 @@ def _input_noise(
             "something that tells noise from motion",
             "name the columns that hold the excitation in references, record the machine once "
             "without excitation (quiet), or give the inputs",
-            file=window.record.source,
         )
     found = _noise_beside(window, every, every[:, known], kept, "inputs")
     warning = (
@@ -391,13 +385,13 @@ def _input_noise(
 def _quiet_noise(
     quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: Motion
 ) -> _Noise:
+    """Return the noise of a record without excitation on the lines of the one with it."""
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
         raise InputError(
             f"no channel {missing[0]!r}" if missing else f"a sample rate of {quiet.sample_rate:g}",
             "the channels and the sample rate of the record with excitation",
             "record the machine as before, only without excitation",
-            file=quiet.source,
             place="quiet",
         )
     if np.array_equal(quiet.samples, window.record.samples):
@@ -405,18 +399,17 @@ def _quiet_noise(
             "the record itself for its quiet record",
             "a record of the same machine without excitation",
             "name the file that was recorded without excitation, or name references",
-            file=quiet.source,
             place="quiet",
         )
     still = _Window(quiet, 0, len(quiet.samples))
     every, rotation = still.channels(names), still.rotation()
     none = np.zeros((len(every), 0), dtype=np.complex128)
     nearest = np.clip(np.round(frequency / still.spacing), 0, len(every) - 1).astype(np.int64)
-    found = _local(quiet, every, none, rotation, nearest)
+    found = _local(every, none, rotation, nearest)
     longer = still.count / window.count
     covariance = LineCovariance(found.matrices * longer, found.dof, "quiet")
     kept = np.arange(nearest.min(), nearest.max() + 1)
-    channels = [quiet.channels[quiet.names.index(name)] for name in names]
+    channels = [quiet.channels[column] for column in still.columns(names)]
     transfer = transfer_of_recording(channels, kept * still.spacing, quiet.sample_rate)
     beside = Beside(
         _constant(none[kept], rotation[kept]),
@@ -437,11 +430,6 @@ def _motion(window: _Window, every: Complexes, driven: Complexes, rotation: Comp
     return Motion(every, driven, rotation, abs(window.record.speed) / (2 * np.pi * window.spacing))
 
 
-def _covariance(found: Local, kind: Kind) -> LineCovariance:
-    """Return a covariance in which each line's own residual has a share."""
-    return LineCovariance(found.matrices, found.dof, kind, found.leverage)
-
-
 def _shown(found: Local, window: _Window, every: Complexes, references: Complexes) -> float | None:
     """Return the speed that the lines show where it is not the one stated, rad/s."""
     record = window.record
@@ -458,7 +446,7 @@ def _shown(found: Local, window: _Window, every: Complexes, references: Complexe
 
 def _told(found: Local, window: _Window, shown: float | None) -> tuple[str, ...]:
     """Say which lines stand out, and where the window bends more than a polynomial follows."""
-    told = []
+    told: tuple[str, ...] = ()
     if len(found.standing_out):
         where = ", ".join(f"{line * window.spacing:.6g}" for line in found.standing_out[:5])
         more = f" and {len(found.standing_out) - 5} more" if len(found.standing_out) > 5 else ""
@@ -466,15 +454,15 @@ def _told(found: Local, window: _Window, shown: float | None) -> tuple[str, ...]
         if shown is not None:
             hertz, stated = (abs(s) / (2 * np.pi) for s in (shown, window.record.speed))
             what = f"a rotation at {hertz:.6g} Hz, where {stated:.6g} Hz is stated, or hum"
-        told.append(
+        told += (
             f"the lines at {where} Hz{more} stand out of the noise beside them: {what}; check the "
-            "speed, or take the band beside them"
+            "speed, or take the band beside them",
         )
-    if not found.bent:
-        return tuple(told)
-    width = (2 * found.half + 1) * window.spacing
-    told.append(
-        f"the response bends within the {width:.3g} Hz in which noise is told from motion, more "
-        f"than a polynomial of order {found.order} follows: deviations are too wide; record longer"
-    )
-    return tuple(told)
+    if found.bent:
+        width = (2 * found.half + 1) * window.spacing
+        told += (
+            f"the response bends within the {width:.3g} Hz in which noise is told from motion, "
+            f"more than a polynomial of order {found.order} follows: deviations are too wide; "
+            "record longer",
+        )
+    return told
