@@ -127,18 +127,7 @@ class Condition:
 
 
 def read_condition(text: str, units: dict[str, str]) -> Condition:
-    """Return a condition from its text; `units` are the SI units of the channels.
-
-    Raises
-    ------
-    InputError
-        For another text, an unknown channel, and a limit in another unit.
-
-    Examples
-    --------
-    >>> read_condition("abs(q') < 2 mm/s", {"q": "m"}).limit
-    0.002
-    """
+    """Return a condition from its text; `units` are the SI units of the channels."""
     found = _TEXT.fullmatch(text)
     if found is None:
         raise InputError(
@@ -351,7 +340,6 @@ def _end(until: float | str | None) -> float:
 
 
 def _cutoff(hertz: float, record: Record) -> float:
-    """Refuse a cut-off that is none."""
     if not 0 < hertz < record.sample_rate / 2:
         raise InputError(
             f"a cut-off of {hertz:g} Hz",
@@ -364,7 +352,6 @@ def _cutoff(hertz: float, record: Record) -> float:
 
 
 def _check_decimate(decimate: int, record: Record) -> None:
-    """Refuse to use every so many-th sample where that is no number, or leaves none."""
     if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
         raise InputError(
             f"decimate = {decimate!r}",

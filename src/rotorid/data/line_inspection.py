@@ -44,26 +44,7 @@ class LineInspection(Judged):
 
 
 def inspect_lines(lines: Lines) -> LineInspection:
-    """Look at a table as a technician would: what each channel reads, where, and how clearly.
-
-    Parameters
-    ----------
-    lines : Lines
-        Of phasors or responses.
-
-    Returns
-    -------
-    LineInspection
-
-    Examples
-    --------
-    >>> from rotorid.data.tables import phasor_lines
-    >>> from rotorid.data.record import Channel
-    >>> run = phasor_lines([Channel("x", "m")], [100.0, 200.0], [[1e-6], [3e-6j]], 1e-7)
-    >>> (x,) = inspect_lines(run).channels
-    >>> round(1e6 * x.high, 6), round(x.at)
-    (3.0, 1910)
-    """
+    """Look at a table as a technician would: what each channel reads, where, and how clearly."""
     turning = isinstance(lines.clock, PhasorClock)
     size = (2.0 if turning else 1.0) * np.abs(lines.mean)
     noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real

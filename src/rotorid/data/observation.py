@@ -155,32 +155,7 @@ Data = Measured | Observation
 
 
 def bind(model: Model, data: Data) -> Observation:
-    """Say what every channel of a record is to a model.
-
-    Parameters
-    ----------
-    model : Model
-    data : PeriodicRecord, Lines, FilteredRecord, or Observation
-
-    Returns
-    -------
-    Observation
-
-    Raises
-    ------
-    InputError
-        For an input without channel, a channel that is neither input nor sensor, a sensor of
-        something that the model does not have, and a record without any sensor.
-
-    Examples
-    --------
-    >>> from rotorid import Plan
-    >>> from rotorid.models import load_model
-    >>> model = load_model("jeffcott")
-    >>> plan = Plan([[1.0, 0.0]], [1], 10.0, 1000.0, 2, noise={}, sensors=["y"])
-    >>> bind(model, plan.lines(model)).hidden
-    ('x',)
-    """
+    """Say what every channel of a record is to a model; what is bound already meets another."""
     if isinstance(data, Observation):
         return data.rebound(model)
     lines = _lines(data)

@@ -76,39 +76,10 @@ def encoder_angle(
 ) -> MeasuredAngle:
     """Return the angle from readings of an encoder or a resolver, one per sample.
 
-    A counter shows the last line that has passed: with `lines` each reading is an interval, and
-    a smooth rotation is fitted through all of them. Lines lost or counted twice are set right.
-    Readings may start afresh at every revolution; a rotor that runs backwards has a negative speed.
-
-    Parameters
-    ----------
-    readings : array, shape (sample,)
-        Angle or counts.
-    sample_rate : float
-        Hz.
-    per_revolution : float
-        Reading after one revolution: 2 pi, 360, or the counts.
-    lines : int, optional
-        Steps of a revolution that the reading can show.
-    source : str
-        For messages.
-
-    Returns
-    -------
-    MeasuredAngle
-
-    Raises
-    ------
-    InputError
-        For a reading that is not finite, an encoder that turns around, and one that moves by half
-        a revolution or more between samples.
-
-    Examples
-    --------
-    >>> counts = np.floor(1024 * 14.0 * np.arange(1000) / 1000.0) % 1024
-    >>> turning = encoder_angle(counts, 1000.0, per_revolution=1024, lines=1024)
-    >>> round(turning.speed / (2 * np.pi), 3)
-    14.0
+    A counter shows the last line that has passed: with `lines`, the steps of a revolution, each
+    reading is an interval, and a smooth rotation is fitted through all of them. Lines lost or
+    counted twice are set right. Readings may start afresh at every revolution, `per_revolution`
+    after the last start: 2 pi, 360, or the counts. Backwards the speed is negative.
     """
     raw = np.asarray(readings, dtype=float)
     bad = np.flatnonzero(~np.isfinite(raw))
@@ -201,33 +172,12 @@ def _require_steady(angle: Floats, sample_rate: float, step: float, source: str)
 def pulse_edges(
     samples: ArrayLike, sample_rate: float, *, threshold: float | None = None, source: str = ""
 ) -> tuple[Floats, Floats]:
-    """Return the times at which pulses rise, and half the time that each leaves open.
+    """Return the times at which pulses rise, and half the time that each leaves open, in s.
 
     The threshold is half way between low and high. A flank with samples on it is known by
     interpolation, and leaves nothing open; a logic level may have risen anywhere between two
     samples, and is placed in the middle.
 
-    Parameters
-    ----------
-    samples : array, shape (sample,)
-    sample_rate : float
-        Hz.
-    threshold : float, optional
-    source : str
-        For messages.
-
-    Returns
-    -------
-    times, half : array, shape (pulse,)
-        s.
-
-    Raises
-    ------
-    InputError
-        For a column without pulses.
-
-    Examples
-    --------
     >>> pulse_edges([0, 0, 1, 1, 0, 0], 1000.0)
     (array([0.0015]), array([0.0005]))
     """
@@ -276,38 +226,10 @@ def keyphasor_angle(
     half: ArrayLike = 0.0,
     source: str = "",
 ) -> MeasuredAngle:
-    """Return the angle at each sample from the times of pulses, at which phi = 2 pi n.
+    """Return the angle at each of `count` samples from the times of pulses, at which phi = 2 pi n.
 
     Pulses that are missing or too many are understood by their rhythm; a smooth rotation is
-    fitted through the others.
-
-    Parameters
-    ----------
-    times : array, shape (pulse,)
-        s after the first sample.
-    count : int
-        Samples of the record.
-    sample_rate : float
-        Hz.
-    half : float or array, shape (pulse,)
-        Half the time in s that each pulse leaves open, of `pulse_edges`.
-    source : str
-        For messages.
-
-    Returns
-    -------
-    MeasuredAngle
-
-    Raises
-    ------
-    InputError
-        For fewer than four pulses, and for pulses without a rhythm.
-
-    Examples
-    --------
-    >>> turning = keyphasor_angle(0.01 + np.arange(20) / 50.0, 400, 1000.0)
-    >>> round(turning.speed / (2 * np.pi), 6), turning.angle[10:12].round(6)
-    (50.0, array([0.      , 0.314159]))
+    fitted through the others. `half` is half the time in s that each leaves open.
     """
     t = np.asarray(times, dtype=float)
     if len(t) < 4:

@@ -50,29 +50,10 @@ class LineCovariance(Arrays):
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:
-    """Covariance of the mean from the scatter between periods.
+    """Covariance of the mean from the scatter between periods, spectra (period, line, channel).
 
     ``C_k = sum_p (z_kp - z_k)(z_kp - z_k)^H / (P (P - 1))``, right where the noise of one period
-    is independent of that of the next.
-
-    Parameters
-    ----------
-    spectra : complex array, shape (period, line, channel)
-
-    Returns
-    -------
-    LineCovariance
-        With P - 1 degrees of freedom.
-
-    Raises
-    ------
-    InputError
-        For fewer than two periods.
-
-    Examples
-    --------
-    >>> white_covariance(np.array([1.0, 3.0]).reshape(2, 1, 1) + 0j).matrices.real
-    array([[[1.]]])
+    is independent of that of the next; P - 1 degrees of freedom.
     """
     periods = _periods(spectra, 2)
     scatter = np.moveaxis(spectra - spectra.mean(axis=0), 0, -1)
@@ -86,23 +67,8 @@ def correlated_covariance(spectra: Complexes, neighbours: int | None = None) -> 
     With ``G_kj = sum_p z_kp exp(-2 pi i j p / P)``, the line j record lines away,
     ``C_k = sum_{0 < |j| <= m} G_kj G_kj^H / (2 m P^2)``. Right where the noise carries over from
     period to period, as true random motion in closed loop does: there the scatter between periods
-    holds a term that cancels in the mean.
-
-    Parameters
-    ----------
-    spectra : complex array, shape (period, line, channel)
-    neighbours : int, optional
-        m; a twelfth of the periods where it is not given.
-
-    Returns
-    -------
-    LineCovariance
-        With 2 m degrees of freedom (P - 1 where m is half the periods).
-
-    Raises
-    ------
-    InputError
-        For too few periods.
+    holds a term that cancels in the mean. 2 m degrees of freedom, P - 1 where m is half the
+    periods; m, `neighbours`, is a twelfth of the periods where it is not given.
     """
     periods = _periods(spectra, 2)
     m = max(1, round(periods / 12)) if neighbours is None else neighbours

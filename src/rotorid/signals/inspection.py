@@ -41,13 +41,7 @@ class Distortion:
     even_excess: Floats
 
     def relative(self, channel: str) -> tuple[float, float, float]:
-        """Return odd and even distortion and noise of a channel, over its excited lines.
-
-        Raises
-        ------
-        InputError
-            Where there is no such channel.
-        """
+        """Return odd and even distortion and noise of a channel, over its excited lines."""
         if channel not in self.channels:
             raise InputError(
                 f"no channel {channel!r}",
@@ -70,41 +64,11 @@ def detect_distortion(
     apart: Sequence[int] = (),
     skip: float = 0.0,
 ) -> Distortion:
-    """Tell even and odd distortion and noise from the lines that were not excited.
+    """Tell even and odd distortion and noise from the lines that were not excited, up to `highest`.
 
-    Parameters
-    ----------
-    record : Record
-    fundamental : float
-        Hz.
-    excited : sequence of int
-        Harmonics that were excited.
-    highest : int, optional
-        Highest harmonic to look at; without it the highest excited one.
-    apart : sequence of int
-        Harmonics to leave aside, as that of the rotation and its multiples, where unbalance and
-        runout are. Where the speed is a whole multiple of the fundamental they are left aside in
-        any case.
-    skip : float
-        Settling to drop, in s.
-
-    Returns
-    -------
-    Distortion
-
-    Raises
-    ------
-    InputError
-        For fewer than two periods, or where no line was left out.
-
-    Examples
-    --------
-    >>> from rotorid.data.record import Channel
-    >>> wave = np.cos(2 * np.pi * np.arange(400) / 100)
-    >>> record = Record([Channel("F")], (wave + 0.1 * wave**2)[:, None], 1000.0)
-    >>> found = detect_distortion(record, 10.0, [1], highest=4)
-    >>> [round(part, 6) for part in found.relative("F")]
-    [0.0, 0.035355, 0.0]
+    Left aside are the harmonics `apart`, and those of the rotation, where the speed is a whole
+    multiple of the fundamental: there unbalance and runout are. Without `highest` it is the highest
+    excited one; `skip` in s is what is dropped before.
     """
     top = int(max(excited)) if highest is None else highest
     aside = {*excited, *apart, *_rotation(record, fundamental, top)}
@@ -250,38 +214,10 @@ def inspect_record(
 ) -> Inspection:
     """Look at a record as a technician would, before identifying.
 
-    Parameters
-    ----------
-    record : Record
-    period_samples : int, optional
-        Samples of a period; it is looked for where it is not given.
-    harmonics : sequence of int, optional
-        Lines kept; or `band`; without both, those that stand clear of their noise.
-    band : (float, float), optional
-        Hz.
-    skip : float
-        Settling to drop, in s.
-    whole : bool
-        A record without periods, such as a sweep: none is looked for. What repeats in it is its
-        rotation, and the sweep is no noise beside that.
-
-    Returns
-    -------
-    Inspection
-
-    Raises
-    ------
-    InputError
-        For a period or lines that do not fit the record.
-
-    Examples
-    --------
-    >>> from rotorid.data.record import Channel
-    >>> wave = np.cos(2 * np.pi * np.arange(4000) / 400) ** 3
-    >>> noise = 0.01 * np.random.default_rng(0).normal(size=4000)
-    >>> found = inspect_record(Record([Channel("x", "m")], (wave + noise)[:, None], 1000.0))
-    >>> found.periods.samples, found.periods.harmonics.tolist()
-    (400, [1, 3])
+    The period is looked for where `period_samples` does not give it, and the lines that stand
+    clear of their noise where neither `harmonics` nor `band`, in Hz, does. A record is `whole`
+    that has no periods, such as a sweep: none is looked for. What repeats in it is its rotation,
+    and the sweep is no noise beside that.
     """
     size = period_samples
     found = size is None

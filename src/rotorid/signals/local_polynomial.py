@@ -85,12 +85,8 @@ def local_covariance(
 ) -> Local:
     """Return C of chosen lines by the least order that leaves no bend.
 
-    Parameters
-    ----------
-    channels, references, rotation : complex array, shape (every line, ...)
-        All lines of the record from DC on; `rotation` empty at standstill.
-    lines : int array, shape (line,)
-        The lines that are asked for.
+    Channels, references and rotation hold all lines of the record from DC on; `rotation` has no
+    column at standstill.
     """
     count, driven, turning = channels.shape[1], references.shape[1], rotation.shape[1] > 0
     fitting = [

@@ -19,19 +19,7 @@ Phases = Literal["zero", "schroeder", "random"]
 
 @frozen
 class Multisine:
-    """Periodic signals, ``u(t) = sum_k Re(A_k exp(2 pi i k f0 t))``.
-
-    Raises
-    ------
-    InputError
-        For shapes that do not fit, or harmonics that do not increase.
-
-    Examples
-    --------
-    >>> one = Multisine(20.0, [1, 3], [[1.0], [1.0]], ["F"])
-    >>> one.samples(160.0)[:3, 0].round(3), one.rms
-    (array([2., 0., 0.]), array([1.]))
-    """
+    """Periodic signals, ``u(t) = sum_k Re(A_k exp(2 pi i k f0 t))``."""
 
     fundamental: float  # f0 in Hz
     harmonics: Integers  # (line,): k, increasing, 1 or more
@@ -61,18 +49,7 @@ class Multisine:
             )
 
     def samples(self, sample_rate: float) -> Floats:
-        """Return one period, shape (sample, signal).
-
-        Parameters
-        ----------
-        sample_rate : float
-            Hz; a whole multiple of the fundamental.
-
-        Raises
-        ------
-        InputError
-            For a rate that is no multiple of the fundamental, or too low.
-        """
+        """Return one period, shape (sample, signal); the rate is a multiple of the fundamental."""
         exact = sample_rate / self.fundamental
         count = round(exact)
         if abs(exact - count) > 1e-9 * exact:
@@ -178,34 +155,8 @@ def multisine(
 ) -> Multisine:
     """Build a multisine of one or several signals.
 
-    Parameters
-    ----------
-    fundamental : float
-        Hz.
-    harmonics : int array, shape (line,)
-    amplitude : mapping of str to float or sequence of float
-        Of each signal: the peak of every line, or one for each.
-    phases : {"zero", "schroeder", "random"}
-    apart : bool
-        Give each line to one signal only, in turn, so that one run tells the inputs apart.
-    unit : str
-    rng : np.random.Generator, optional
-        For random phases.
-
-    Returns
-    -------
-    Multisine
-
-    Raises
-    ------
-    InputError
-        For random phases without `rng`, or amplitudes that do not fit.
-
-    Examples
-    --------
-    >>> sweep = multisine(20.0, odd_harmonics(99), {"F_x1": 1.0})
-    >>> sweep.crest_factor.round(2)
-    array([1.7])
+    `amplitude` is, of each signal, the peak of every line, or one for each. `apart` gives each line
+    to one signal only, in turn, so that one run tells the inputs apart. Random phases take `rng`.
     """
     lines = _harmonics(harmonics)
     names = tuple(amplitude)

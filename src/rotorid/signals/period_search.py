@@ -45,13 +45,6 @@ def find_period(samples: Floats) -> Period | None:
 
     The middle of the record is compared with itself, shifted; head and tail, where a machine
     moves to its place and back, would lengthen what is found.
-
-    Examples
-    --------
-    >>> wave = np.cos(2 * np.pi * np.arange(3000) / 400) ** 3
-    >>> found = find_period(np.concatenate([np.linspace(0, 1, 500), wave, np.zeros(300)]))
-    >>> round(found.samples, 2)
-    400.0
     """
     middle = _middle(samples)
     size = len(middle)
@@ -78,13 +71,6 @@ def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> 
 
     So it is where a rotor turns while one axis is swept: the wave is its unbalance. What somebody
     repeats on purpose holds several lines, or is in all columns.
-
-    Examples
-    --------
-    >>> time = np.arange(4000) / 1000
-    >>> wave, sweep = np.sin(2 * np.pi * 37 * time), np.sin(2 * np.pi * (5 + 10 * time) * time)
-    >>> only_rotation([wave, sweep], [find_period(wave), find_period(sweep)])
-    True
     """
     moving = [(c, p) for c, p in zip(columns, found, strict=True) if np.ptp(c)]
     repeating = [(c, p) for c, p in moving if p is not None]

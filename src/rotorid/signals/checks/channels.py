@@ -104,12 +104,8 @@ def quantum(samples: Floats) -> float:
 def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
     """Find channels that say nothing: the same value in every sample.
 
-    Parameters
-    ----------
-    record : Record
-    scatter : array, shape (channel,), optional
-        Standard deviation of a sample between periods: where the others have some, it is measured,
-        and no sensor is without.
+    Where `scatter`, the standard deviation of a sample between periods, is there in others, it is
+    measured, and no sensor is without.
     """
     if not len(record.samples):
         return []
@@ -212,14 +208,7 @@ def _flat(samples: Floats, value: float) -> int:
 @whole_check("quantized", lambda seen: (seen.used,))
 @record_check("quantized", "no channel is too coarse", lambda seen: (seen.part, seen.scatter))
 def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]:
-    """Find channels whose steps are so coarse that their rounding does not average out.
-
-    Parameters
-    ----------
-    record : Record
-    scatter : array, shape (channel,), optional
-        Standard deviation of a sample between periods.
-    """
+    """Find channels whose steps are so coarse that their rounding does not average out."""
     found = []
     for c, channel in enumerate(record.channels):
         step = quantum(record.samples[:, c])
@@ -266,12 +255,8 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
 def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
     """Find pairs of channels whose noise is the same: one column read twice.
 
-    Parameters
-    ----------
-    channels : sequence of Channel
-    deviations : array, shape (value, channel)
-        What chance makes of each channel: deviations from the mean over periods, or, where there
-        are no periods, the samples less their mean.
+    `deviations`, (value, channel), are what chance makes of each channel: deviations from the mean
+    over periods, or, where there are no periods, the samples less their mean.
     """
     power = np.sqrt((deviations**2).sum(axis=0))
     alive = power > 0
@@ -459,12 +444,7 @@ SHARE = 0.5
 
 @whole_check("lost samples", lambda seen: (seen.record,))
 def check_jumps(record: Record) -> list[Note]:
-    """Find where all positions jump within one sample.
-
-    Parameters
-    ----------
-    record : Record
-    """
+    """Find where all positions jump within one sample."""
     columns = [c for c, ch in enumerate(record.channels) if ch.unit in LENGTHS and not is_input(ch)]
     if len(columns) < 2 or len(record.samples) < 4 * AROUND:
         return []

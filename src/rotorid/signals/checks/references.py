@@ -52,14 +52,7 @@ def check_references(
 ) -> list[Note]:
     """Find references that are late, or that nothing follows.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the references, whose lines from DC on are `references`, (line, reference).
-    measured : sequence of str
-        Of the channels, whose lines are `channels`, (line, channel).
-    sample_rate : float
-        Hz.
+    `references` and `channels` are the lines from DC on, (line, reference) and (line, channel).
     """
     found = []
     samples = 2 * (len(references) - 1)
@@ -165,14 +158,7 @@ def check_quiet(
 ) -> list[Note]:
     """Hold a quiet record against the one it goes with.
 
-    Parameters
-    ----------
-    channels : sequence of Channel
-    record, quiet : Motion
-    speeds : (float, float)
-        As stated of each, rad/s.
-    shown : float, optional
-        What the lines of the quiet record show, rad/s.
+    `speeds` are as stated of each, and `shown` is what the lines of the quiet one show, rad/s.
     """
     stated, other = speeds
     cure = "record the machine without excitation at the speed and under the control of the record"
@@ -201,7 +187,6 @@ def check_quiet(
 
 
 def _why(shown: float | None) -> str:
-    """Say what the difference comes of."""
     if shown is None:
         return "one of the two was taken at another speed than stated, or under another controller"
     return f"it was taken at {shown * 30 / np.pi:.6g} rpm, as its lines show"

@@ -187,51 +187,15 @@ def check_record(
 ) -> tuple[Note, ...]:
     """Look at the samples of a record: dead, clipped, quantized and copied channels, the speed.
 
-    Parameters
-    ----------
-    record : Record
-    periods : PeriodicRecord, optional
-        Its periods, where it has them: their scatter tells rounding from noise.
-    excerpt : Record, optional
-        The part of a long record in which the channels are looked at one by one.
-
-    Returns
-    -------
-    tuple of Note
-        One that passes for each thing that was looked at and found in order.
-
-    Examples
-    --------
-    >>> from rotorid.data.record import Channel
-    >>> x = np.clip(np.sin(np.arange(1000) / 20.0), -0.9, 0.9)
-    >>> found = check_record(Record([Channel("x", "m")], x[:, None], 1000.0))
-    >>> [c.about for c in found if c.severity == "warns"]
-    ['clipped']
+    The scatter of its `periods` tells rounding from noise; `excerpt` is the part of a long record
+    in which the channels are looked at one by one. One note passes for each thing that was looked
+    at and found in order.
     """
     return SeenRecord(record=record, periods=periods, excerpt=excerpt).told()
 
 
 def check_periods(periods: PeriodicRecord) -> tuple[Note, ...]:
-    """Look at averaged periods: scatter, settling, knocks, drift, lost samples, clocks.
-
-    Parameters
-    ----------
-    periods : PeriodicRecord
-
-    Returns
-    -------
-    tuple of Note
-        One that passes for each thing that was looked at and found in order.
-
-    Examples
-    --------
-    >>> from rotorid.data.record import Channel
-    >>> from rotorid.signals.average import average
-    >>> wave = np.tile(np.cos(2 * np.pi * np.arange(40) / 40), 4)[:, None]
-    >>> periods = average(Record([Channel("x", "m")], wave, 40.0), 1.0, harmonics=[1])
-    >>> [c.about for c in check_periods(periods) if c.severity == "warns"]
-    ['identical periods']
-    """
+    """Look at averaged periods: scatter, settling, knocks, drift, lost samples, clocks."""
     return SeenPeriods(periods=periods).told()
 
 

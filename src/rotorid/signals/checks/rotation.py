@@ -336,14 +336,7 @@ def _on_grid(periods: PeriodicRecord, sensors: list[int]) -> list[Tone]:
     lambda seen: (seen.record, seen.periods) if seen.untorn else None,
 )
 def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[Note]:
-    """Hold the speed against the tones of the sensors.
-
-    Parameters
-    ----------
-    record : Record
-    periods : PeriodicRecord, optional
-        Its periods, where it has them: their mean takes the excitation away.
-    """
+    """Hold the speed against the tones of the sensors, the excitation taken away with periods."""
     given = abs(record.speed) / _TURN
     found = tones(record, periods)
     if not found:
@@ -463,18 +456,9 @@ def shown_rotation(
 ) -> float | None:
     """Return where the lines show a rotation, in lines; None where that is as stated.
 
-    Parameters
-    ----------
-    lines : complex array, shape (line, channel)
-        All lines of the record from DC on.
-    motion : complex array, shape (line, column)
-        What motion follows there, besides the rotation.
-    rotation : complex array, shape (line, column)
-        What the rotation as stated puts there; no column where none is taken out.
-    standing_out : int array
-        Lines that noise does not explain.
-    stated : float
-        The rotation as stated, in lines.
+    All of (line, column) from DC on: `motion` is what motion follows besides the rotation,
+    `rotation` what the rotation as stated puts there, without columns where none is taken out.
+    Noise does not explain the lines `standing_out`.
     """
     distance = np.abs(standing_out - stated)
     near = standing_out[distance < NEAR * stated]
