@@ -12,9 +12,9 @@ import pytest
 from rotorid.cli import run
 from rotorid.core.errors import InputError
 from rotorid.force.laws import Differential
-from rotorid.rig.errors import RigError
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import Actuator, Coil
+from rotorid.rig.rig import RigError
 
 TEXT = load_rig("three-mass").text
 MAGNETS = """law = "differential"

@@ -6,44 +6,27 @@ import numpy as np
 from scipy import linalg
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig.controller import Controller
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
 from rotorid.rig.lags import Lags, build_lags
 from rotorid.rig.machine import Machine
 from rotorid.rig.parts import PositionSensor
 from rotorid.rig.plant import Plant, pairs
-from rotorid.rig.schedule import Schedule
 
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
 HUM = 50.0  # Hz, of the mains
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
 
 
-@frozen
-class Transitions:
-    """Exact steps of the linear rig from each event of the pattern to the next.
-
-    ``x[+] = state x + command c + noise w + load e`` with x = [q, q', lagging currents, z], c the
-    held commands, w the held random forces, e = [cos h phi, sin h phi, ...] at the event.
-    """
-
-    state: Floats  # (event, state, state)
-    command: Floats  # (event, state, input)
-    noise: Floats  # (event, state, noise)
-    load: Floats  # (event, state, 2 harmonic)
-
-
-def transitions(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Transitions:
+def exact_steps(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Steps:
     """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
     a, cuts = _continuous(rig, plant.at(speed), lags, speed)
     lengths = rig.schedule.length
     step = {length: linalg.expm(a * length) for length in set(lengths)}
     steps = np.array([step[length] for length in lengths])[:, : cuts[0]]
     blocks = np.split(steps, cuts, axis=2)
-    return Transitions(*(np.ascontiguousarray(block) for block in blocks))
+    return Steps(True, *(np.ascontiguousarray(block) for block in blocks))
 
 
 def _continuous(rig: Machine, plant: Plant, lags: Lags, speed: float) -> tuple[Floats, list[int]]:
@@ -113,15 +96,17 @@ def sensor_matrix(rig: Machine) -> Floats:
 def growth(rig: Machine, plant: Plant, speed: float) -> tuple[float, float, str]:
     """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
     lags = build_lags(rig, plant, sensor_matrix(rig))
-    steps = transitions(rig, plant, lags, speed)
+    steps = exact_steps(rig, plant, lags, speed)
     names = [sensor.name for sensor in rig.sensors]
     fed_back = [names.index(name) for name in rig.feedback]
     motion, _, state = lags.reading
     reads = np.zeros((len(fed_back), steps.state.shape[1]))
     reads[:, : motion.shape[1]] = motion[fed_back]
     reads[:, reads.shape[1] - len(lags.floor) :] = state[fed_back]
-    matrix = loop_matrix(rig.schedule, steps.state, steps.command, rig.controller, reads)
-    radius, angle, moving = worst_mode(matrix)
+    values, vectors = np.linalg.eig(_loop_matrix(rig, steps, reads))
+    worst = int(np.argmax(np.abs(values)))
+    radius, angle = float(np.abs(values[worst])), float(np.abs(np.angle(values[worst])))
+    moving = np.abs(vectors[:, worst])
     at_actuators = np.abs(plant.displacement @ moving[: len(plant.force)])
     axis = rig.model.inputs[int(np.argmax(at_actuators))]
     duration = rig.schedule.duration
@@ -140,8 +125,7 @@ def step_table(rig: Machine, plant: Plant, lags: Lags) -> Steps:
     """Return the exact steps of a linear rig; of another one only their sizes matter."""
     n, inputs = plant.force.shape
     if rig.linear:
-        steps = transitions(rig, plant, lags, rig.rotation.speed)
-        return Steps(True, steps.state, steps.command, steps.noise, steps.load)
+        return exact_steps(rig, plant, lags, rig.rotation.speed)
     events, size = len(rig.schedule.offset), 2 * n + len(lags.floor)
     noises = len(rig.process_noise.std) + len(rig.disturbances)
     shapes = ((size, size), (size, inputs), (size, noises), (size, 0))
@@ -302,19 +286,14 @@ def log_table(rig: Machine, samples: int) -> Log:
     )
 
 
-def loop_matrix(
-    schedule: Schedule,
-    state: Floats,
-    command: Floats,
-    controller: Controller,
-    reads: Floats,
-) -> Floats:
+def _loop_matrix(rig: Machine, steps: Steps, reads: Floats) -> Floats:
     """Return the matrix that carries the loop over one pattern of events, without inputs.
 
     Its states are those of the rotor and the amplifiers, of the controller, and the commands that
     wait or are held, as the kernel keeps them.
     """
-    rotor, memory, inputs = state.shape[1], controller.states, controller.commands
+    schedule, controller = rig.schedule, rig.controller
+    rotor, memory, inputs = steps.state.shape[1], controller.states, controller.commands
     slots = schedule.lag + 1  # commands that wait at the start of a pattern, the newest last
     size = rotor + memory + (slots + 1) * inputs
     identity = np.eye(size)
@@ -329,16 +308,5 @@ def loop_matrix(
         if schedule.apply[e] >= 0:
             # Commands since the pattern began, and those from before it, counted from its start.
             held = waiting[slots + schedule.apply[e] - schedule.lag]
-        x = state[e] @ x + command[e] @ held
+        x = steps.state[e] @ x + steps.command[e] @ held
     return np.vstack([x, m, held, *waiting[-slots:]])
-
-
-def worst_mode(matrix: Floats) -> tuple[float, float, Floats]:
-    """Return size and angle (rad) of the largest eigenvalue and the size of its motion."""
-    values, vectors = np.linalg.eig(matrix)
-    worst = int(np.argmax(np.abs(values)))
-    return (
-        float(np.abs(values[worst])),
-        float(np.abs(np.angle(values[worst]))),
-        np.abs(vectors[:, worst]),
-    )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -52,8 +51,6 @@ class Fault:
 
 
 FAULTS: dict[str, Fault] = {}
-
-
 _SI = {"um": "m", "mm": "m", "kHz": "Hz", "deg": "rad", "us": "s", "mA": "A", "kN": "N"}
 
 
@@ -155,26 +152,29 @@ def _known(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
     return replace(change(rig), described=change(described))
 
 
-def _spoil(rig: Rig, change: Callable[[dict[str, Column], Rig, np.random.Generator], None]) -> Rig:
-    """Have the logger's columns changed, by name, in the order in which they stand."""
+def _disturbed(rig: Rig, on: Sequence[str], size: Callable[[Floats], Floats]) -> Rig:
+    force = Disturbance(dict.fromkeys(on, 1.0), size)
+    return replace(rig, disturbances=(*rig.disturbances, force))
 
-    def spoil(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> tuple[Column, ...]:
-        by_name = {column.name: column for column in columns}
-        change(by_name, rig, rng)
-        return tuple(by_name.values())
+
+def _spoil(
+    rig: Rig,
+    change: Callable[[Floats, np.random.Generator], Floats],
+    chosen: Callable[[str], bool] = lambda name: True,
+) -> Rig:
+    """Have the samples of the logger's columns changed, those of the names chosen."""
+
+    def spoil(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+        return [
+            replace(c, samples=change(c.samples, rng)) if chosen(c.name) else c for c in columns
+        ]
 
     return replace(rig, spoils=(*rig.spoils, spoil))
 
 
-def _each(
-    columns: dict[str, Column], names: Sequence[str], change: Callable[[Floats], Floats]
-) -> None:
-    for name in names:
-        columns[name] = replace(columns[name], samples=change(columns[name].samples))
-
-
-def _positions(rig: Rig) -> list[str]:
-    return [sensor.name for sensor in rig.sensors]
+def _spoil_first(rig: Rig, change: Callable[[Floats, np.random.Generator], Floats]) -> Rig:
+    """Have the column of the first sensor changed."""
+    return _spoil(rig, change, lambda name: name == rig.sensors[0].name)
 
 
 def _swapped(name: str) -> str:
@@ -229,14 +229,11 @@ def _pwm_ripple(rig: Rig, size: float) -> Rig:
     """Ripple of the switching amplifiers, 19.937 kHz, in the measured currents."""
 
     # The motion that it causes, k_i size / (m (2 pi 20 kHz)^2), is below 1e-10 m: left out.
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        def rippled(samples: Floats) -> Floats:
-            turns = 19937.0 * np.arange(len(samples)) / rig.logger.sample_rate + rng.uniform()
-            return np.asarray(samples + size * (4 * np.abs(turns % 1.0 - 0.5) - 1))
+    def rippled(samples: Floats, rng: np.random.Generator) -> Floats:
+        turns = 19937.0 * np.arange(len(samples)) / rig.logger.sample_rate + rng.uniform()
+        return np.asarray(samples + size * (4 * np.abs(turns % 1.0 - 0.5) - 1))
 
-        _each(columns, [name for name in columns if name.startswith("i_")], rippled)
-
-    return _spoil(rig, change)
+    return _spoil(rig, rippled, lambda name: name.startswith("i_"))
 
 
 @_fault("30 us", "rejected", "eddy", "delay[force]", "bandwidth", "amplifier")
@@ -396,8 +393,7 @@ def _weight(rig: Rig, size: float, coordinates: Sequence[str]) -> Rig:
         begun = (time + rig.settling) / time_of if time_of else np.ones_like(time)
         return np.asarray(-size * np.clip(begun, 0.0, 1.0))
 
-    weight = Disturbance(dict.fromkeys(coordinates, 1.0), grown)
-    return replace(rig, disturbances=(*rig.disturbances, weight))
+    return _disturbed(rig, coordinates, grown)
 
 
 @_fault("9.81 m/s^2", "right")
@@ -509,22 +505,19 @@ def _base_motion(rig: Rig, size: float) -> Rig:
     """A foundation that shakes along x at 70 Hz."""
     # Seen from the housing the rotor is accelerated by the housing's acceleration, reversed.
     w = 2 * np.pi * 70.0
-    shaking = Disturbance(
-        dict.fromkeys(_translations(rig, "x"), 1.0),
-        lambda time: np.asarray(size * w**2 * np.cos(w * time)),
-    )
-    return replace(rig, disturbances=(*rig.disturbances, shaking))
+    shaken = _translations(rig, "x")
+    return _disturbed(rig, shaken, lambda time: np.asarray(size * w**2 * np.cos(w * time)))
 
 
 @_fault("20 N", "warned", "transient", "settling", "drift")
 def _transient(rig: Rig, size: float) -> Rig:
     """A force on the first axis that dies away within five periods."""
     constant = 5.0 / (rig.excitation.fundamental if rig.excitation else 10.0)
-    dying = Disturbance(
-        {rig.model.inputs[0]: 1.0},
-        lambda time: np.asarray(size * np.exp(-np.maximum(time, 0.0) / constant)),
-    )
-    return replace(rig, disturbances=(*rig.disturbances, dying))
+
+    def dying(time: Floats) -> Floats:
+        return np.asarray(size * np.exp(-np.maximum(time, 0.0) / constant))
+
+    return _disturbed(rig, rig.model.inputs[:1], dying)
 
 
 @_fault("3 kN", "rejected", "touch", "knock")
@@ -535,8 +528,7 @@ def _touch_down(rig: Rig, size: float) -> Rig:
         part = (time - 3.0) / 4e-3
         return np.where((part > 0) & (part < 1), size * np.sin(np.pi * part), 0.0)
 
-    shock = Disturbance({rig.model.inputs[0]: 1.0}, push)
-    return replace(rig, disturbances=(*rig.disturbances, shock), contact=2e7)
+    return replace(_disturbed(rig, rig.model.inputs[:1], push), contact=2e7)
 
 
 # The rotation and its marks.
@@ -635,88 +627,84 @@ def _anti_alias(rig: Rig, size: float) -> Rig:
 @_fault("5 us", "rejected", "delay", "skew")
 def _skew(rig: Rig, size: float) -> Rig:
     """A multiplexer: each position so much later than the one before."""
+    steps = {s.name: j * size * rig.logger.sample_rate for j, s in enumerate(rig.sensors)}
 
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        for j, name in enumerate(_positions(rig)):
-            steps = j * size * rig.logger.sample_rate
-            _each(columns, [name], partial(shifted, steps=steps))
+    def late(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+        return [
+            replace(c, samples=shifted(c.samples, steps[c.name])) if c.name in steps else c
+            for c in columns
+        ]
 
-    return _spoil(rig, change)
+    return replace(rig, spoils=(*rig.spoils, late))
 
 
 @_fault("1", "rejected", "sign[")
 def _sensor_sign(rig: Rig, size: float) -> Rig:
     """The first sensor's column with the other sign."""
-    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], lambda s: -s))
+    return _spoil_first(rig, lambda samples, _: -samples)
 
 
 @_fault("1", "rejected", "swap[")
 def _sensors_swapped(rig: Rig, size: float) -> Rig:
     """The first two sensors' columns exchanged."""
+    one, other = (sensor.name for sensor in rig.sensors[:2])
 
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        one, other = _positions(rig)[:2]
-        first, second = columns[one].samples, columns[other].samples
-        columns[one] = replace(columns[one], samples=second)
-        columns[other] = replace(columns[other], samples=first)
+    def swap(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+        samples = {c.name: c.samples for c in columns}
+        samples |= {one: samples[other], other: samples[one]}
+        return [replace(c, samples=samples[c.name]) for c in columns]
 
-    return _spoil(rig, change)
+    return replace(rig, spoils=(*rig.spoils, swap))
 
 
 @_fault("25.4", "rejected", "unit[", none=1.0)
 def _unit(rig: Rig, size: float) -> Rig:
     """The first sensor's column so many times too small: mil, said to be um."""
-    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], lambda s: s / size))
+    return _spoil_first(rig, lambda samples, _: samples / size)
 
 
 @_fault("0.5", "rejected", "stuck")
 def _dead_sensor(rig: Rig, size: float) -> Rig:
     """The first sensor stands still for this part of the record."""
 
-    def dead(samples: Floats) -> Floats:
+    def dead(samples: Floats, _: np.random.Generator) -> Floats:
         at = round((1 - size) * len(samples))
         return np.concatenate([samples[:at], np.full(len(samples) - at, samples[at - 1])])
 
-    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], dead))
+    return _spoil_first(rig, dead)
 
 
 @_fault("0.8", "rejected", "clip", "nonlinear", none=1.0)
 def _clipping(rig: Rig, size: float) -> Rig:
     """The first sensor's column clipped at this part of its peak."""
 
-    def clipped(samples: Floats) -> Floats:
+    def clipped(samples: Floats, _: np.random.Generator) -> Floats:
         most = size * np.abs(samples).max()
         return np.clip(samples, -most, most)
 
-    return _spoil(rig, lambda c, rig, _: _each(c, _positions(rig)[:1], clipped))
+    return _spoil_first(rig, clipped)
 
 
 @_fault("3", "rejected", "nan", "finite")
 def _nan(rig: Rig, size: float) -> Rig:
     """So many readings of the first sensor that are no numbers."""
 
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        def holed(samples: Floats) -> Floats:
-            gaps = samples.copy()
-            gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
-            return gaps
+    def holed(samples: Floats, rng: np.random.Generator) -> Floats:
+        gaps = samples.copy()
+        gaps[rng.choice(len(samples), round(size), replace=False)] = np.nan
+        return gaps
 
-        _each(columns, _positions(rig)[:1], holed)
-
-    return _spoil(rig, change)
+    return _spoil_first(rig, holed)
 
 
 def _lost(rig: Rig, size: float) -> Rig:
     """Leave samples out of all columns, in the middle of the record."""
 
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        def shorter(samples: Floats) -> Floats:
-            at = len(samples) // 2 + 37
-            return np.delete(samples, slice(at, at + round(size)))
+    def shorter(samples: Floats, _: np.random.Generator) -> Floats:
+        at = len(samples) // 2 + 37
+        return np.delete(samples, slice(at, at + round(size)))
 
-        _each(columns, list(columns), shorter)
-
-    return _spoil(rig, change)
+    return _spoil(rig, shorter)
 
 
 @_fault("1", "rejected", "lost", "dropped", "phase", "clock")
@@ -735,22 +723,19 @@ def _lost_samples(rig: Rig, size: float) -> Rig:
 def _two_clocks(rig: Rig, size: float) -> Rig:
     """Positions on a clock that is fast by this part."""
 
-    def change(columns: dict[str, Column], rig: Rig, rng: np.random.Generator) -> None:
-        def late(samples: Floats) -> Floats:
-            """Interpolate from blocks of constant shift, a thousandth of a sample apart."""
-            steps = size * np.arange(len(samples))
-            grid = np.round(steps * 1e3) / 1e3
-            found = samples.copy()
-            for shift in np.unique(grid):
-                rows = np.flatnonzero(grid == shift)
-                first, last = max(rows[0] - 64, 0), min(rows[-1] + 65, len(samples))
-                moved = shifted(samples[first:last], float(-shift))
-                found[rows] = moved[rows - first]
-            return found
+    def late(samples: Floats, _: np.random.Generator) -> Floats:
+        """Interpolate from blocks of constant shift, a thousandth of a sample apart."""
+        grid = np.round(size * np.arange(len(samples)) * 1e3) / 1e3
+        found = samples.copy()
+        for shift in np.unique(grid):
+            rows = np.flatnonzero(grid == shift)
+            first, last = max(rows[0] - 64, 0), min(rows[-1] + 65, len(samples))
+            moved = shifted(samples[first:last], float(-shift))
+            found[rows] = moved[rows - first]
+        return found
 
-        _each(columns, _positions(rig), late)
-
-    return _spoil(rig, change)
+    names = [sensor.name for sensor in rig.sensors]
+    return _spoil(rig, late, names.__contains__)
 
 
 # The controller, as everybody knows it.

@@ -30,7 +30,11 @@ class Events(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Exact steps of a linear rig, as `plant.Transitions`; (event, state, ...)."""
+    """Exact steps of a linear rig from each event of the pattern to the next, (event, state, ..).
+
+    ``x[+] = state x + command c + noise w + load e`` with c the held commands, w the held random
+    forces, e = [cos h phi, sin h phi, ...] at the event.
+    """
 
     linear: bool
     state: Floats
@@ -485,53 +489,21 @@ def _laws_at(bearings: Any, time: float, laws: Any) -> None:
                 laws[j, k] += bearings.heating[j, k] * max(time, 0.0)
 
 
-class Room(NamedTuple):
-    """What the loop works on, as it stands before the first event; see `room_of`."""
-
-    x: Floats
-    moved: Floats
-    y: Floats
-    stages: Floats
-    peak: Floats
-    steady: Floats
-    held: Floats
-    newest: Floats
-    coil: Floats
-    iron: Floats
-    room: Floats
-    laws: Floats
-    memory: Floats
-    scratch: Floats
-    waiting: Floats
-    reading: Floats
-    shown: Floats
-
-
 def room_of(
     events: Events, steps: Steps, bearings: Bearings, rotor: Rotor, lags: Lags, loop: Loop
-) -> Room:
-    """Return the room that a run needs: a rig at rest, in the middle, without currents."""
+) -> tuple[Floats, ...]:
+    """Return what `run` works on, in its order: a rig at rest, in the middle, without currents."""
     n, inputs = rotor.force.shape
     states = 2 * n + len(lags.floor)
-    return Room(
-        x=np.zeros(steps.state.shape[1]),
-        moved=np.zeros(steps.state.shape[1]),
-        y=np.zeros((2, states)),
-        stages=np.zeros((7, states)),
-        peak=np.concatenate((rotor.floor, lags.floor)),
-        steady=np.zeros(n),
-        held=np.zeros(inputs),
-        newest=np.zeros(inputs),
-        coil=np.zeros(inputs),
-        iron=np.zeros(inputs),
-        room=np.zeros((4, inputs)),
-        laws=bearings.law.copy(),
-        memory=np.zeros(len(loop.A)),
-        scratch=np.zeros(len(loop.A)),
-        waiting=np.zeros((events.pattern.lag + 2, inputs)),
-        reading=np.zeros(len(loop.quantum)),
-        shown=np.zeros(len(loop.quantum)),
-    )
+    x, moved = np.zeros((2, steps.state.shape[1]))
+    held, newest, coil, iron = np.zeros((4, inputs))
+    memory, scratch = np.zeros((2, len(loop.A)))
+    reading, shown = np.zeros((2, len(loop.quantum)))
+    peak = np.concatenate((rotor.floor, lags.floor))
+    y, stages, room = np.zeros((2, states)), np.zeros((7, states)), np.zeros((4, inputs))
+    waiting = np.zeros((events.pattern.lag + 2, inputs))
+    return (x, moved, y, stages, peak, np.zeros(n), held, newest, coil, iron, room,
+            bearings.law.copy(), memory, scratch, waiting, reading, shown)  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)  # others look how far it is

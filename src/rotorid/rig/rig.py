@@ -11,13 +11,38 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.watch import polled
-from rotorid.rig import assembly, errors, kernel
+from rotorid.rig import assembly, kernel
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
 from rotorid.rig.machine import Machine
 from rotorid.rig.plant import Plant
 
 Spoil = Callable[[Sequence[Column], "Rig", np.random.Generator], Sequence[Column]]
+
+
+class RigError(InputError):
+    """A rig that cannot run on: what happened, when (s since it was switched on), on which axis."""
+
+    def __init__(
+        self,
+        found: str,
+        expected: str,
+        cure: str,
+        *,
+        file: str = "",
+        place: str = "",
+        time: float | None = None,
+        where: str = "",
+    ) -> None:
+        self.time, self.where = time, where
+        super().__init__(found, expected, cure, file=file, place=place)
+
+    def at(self, *, file: str = "", place: str = "") -> RigError:
+        """Return the same error with the file and the outer place that the caller knows."""
+        found = super().at(file=file, place=place)
+        found.time, found.where = self.time, self.where
+        return found
+
 
 SETTLED = 60.0
 """s that a rig is given to settle, unless its record is longer: all of it takes time to run."""
@@ -95,13 +120,30 @@ class Rig(Machine):
         with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
             code, axis, time, size = kernel.run(*tables, loads, room, log)
         since = time + events.settling * events.pattern.duration
-        name = self.model.inputs[axis]
+        name, when = self.model.inputs[axis], f"{since:.6g} s after switching on"
         if code == kernel.TOUCH:
-            raise errors.touched(name, since, float(bearings.clearance[axis]))
+            raise RigError(
+                f"the rotor touching the auxiliary bearing at {name}, {when}",
+                f"a displacement below the clearance of {bearings.clearance[axis] * 1e6:.4g} um",
+                "lower the excitation or the unbalance, or stiffen the controller",
+                time=since,
+                where=name,
+            )
         if code == kernel.BEYOND_BIAS:
-            raise errors.beyond_bias(name, since, size, float(bearings.bias[axis]))
+            raise RigError(
+                f"a current of {size:.4g} A at {name}, {when}",
+                f"less than the bias of {bearings.bias[axis]:.4g} A",
+                "raise the bias, lower the excitation, or limit the current",
+                time=since,
+                where=name,
+            )
         if code == kernel.STUCK:
-            raise errors.stuck(since, self.tolerance)
+            raise RigError(
+                f"no step small enough, {when}",
+                f"motion that can be followed to {self.tolerance:g}",
+                "check the parameters, or allow a larger tolerance",
+                time=since,
+            )
         found = logged(self, plant, log, rng)
         for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
             found = replace(found, columns=tuple(spoil(found.columns, self, own)))
@@ -112,4 +154,13 @@ class Rig(Machine):
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
             rate, frequency, axis = assembly.growth(self, plant, speed)
             if rate >= 0:
-                raise errors.unstable(axis, speed, frequency, rate)
+                raise RigError(
+                    f"an unstable loop at {speed:.6g} rad/s: from the first instant it grows by a "
+                    f"factor of e every {1 / rate if rate > 0 else np.inf:.3g} s with "
+                    f"{frequency:.4g} Hz, most of all at {axis}",
+                    "a loop whose free motion decays",
+                    "check the sign and the size of the gains against k_i and k_s, add damping, or "
+                    "shorten the delay",
+                    time=0.0,
+                    where=axis,
+                )

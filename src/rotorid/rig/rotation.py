@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.rig.errors import check
+from rotorid.rig.schedule import check
 from rotorid.signals.angle import MeasuredAngle, encoder_angle, keyphasor_angle, pulse_edges
 
 

@@ -38,6 +38,20 @@ class Schedule(NamedTuple):
     lag: int  # control steps after which a command takes effect; 0 where it does in the same one
 
 
+def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...] = ()) -> None:
+    """Refuse values that are not positive, or negative, where they must not be."""
+    for name in (*positive, *zero):
+        value, strict = getattr(part, name), name in positive
+        if value is None or value > 0 or (value == 0 and not strict):
+            continue
+        raise InputError(
+            f"{name} = {value}",
+            "more than 0" if strict else "0 or more",
+            f"give a {'positive ' if strict else ''}size, without a sign",
+            place=name,
+        )
+
+
 def check_rate(rate: float, place: str) -> None:
     """Refuse the rate of a clock that does not tick."""
     if not (np.isfinite(rate) and rate > 0):
