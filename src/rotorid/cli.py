@@ -15,6 +15,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
-from rotorid.commands.console import STDOUT, progress, put, silence
+from rotorid.commands.console import STDOUT, Answer, progress, put, silence
 from rotorid.core.errors import LINE, InputError, UnfinishedError, one_line
 from rotorid.core.watch import watch
 
@@ -38,7 +39,8 @@ _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
     """Load the module of a command and run it, without its tables where nobody reads them."""
-    with progress(quiet), silence(quiet or STDOUT in options.values()):
+    targets = (*options.values(), *options.get("answer", ()))
+    with progress(quiet), silence(quiet or STDOUT in targets):
         watch("loading")
         work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
         # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
@@ -95,8 +97,17 @@ _record_option = click.option(
 )
 
 
-def _output_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    return _report_option(_json_option(_force_option(_quiet_option(_debug_option(command)))))
+def _output_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Give a command the options of where its answer goes; it takes them as one."""
+
+    @click.pass_obj
+    @wraps(command)
+    def work(
+        given: str, /, json: Path | None, report: Path | None, force: bool, **options: Any
+    ) -> int:
+        return command(answer=Answer(json, report, force, given), **options)
+
+    return _report_option(_json_option(_force_option(_quiet_option(_debug_option(work)))))
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -143,10 +154,9 @@ def demo(**options: Any) -> int:
 @cli.command(epilog=_example("rotorid inspect run.toml --report inspect.html"))
 @click.argument("experiment", type=_FILE)
 @_output_options
-@click.pass_obj
-def inspect(given: str, /, **options: Any) -> int:
+def inspect(**options: Any) -> int:
     """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
-    return _work("inspect", given=given, **options)
+    return _work("inspect", **options)
 
 
 @cli.command(epilog=_example("rotorid identify run.toml --json run.json --report run.html"))
@@ -160,23 +170,21 @@ def inspect(given: str, /, **options: Any) -> int:
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
 @click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
 @_output_options
-@click.pass_obj
-def identify(given: str, /, **options: Any) -> int:
+def identify(**options: Any) -> int:
     """Estimate the parameters of a machine from the records that EXPERIMENT names.
 
     Ctrl-C ends a search that takes long with the best answer so far.
     """
-    return _work("identify", given=given, **options)
+    return _work("identify", **options)
 
 
 @cli.command(epilog=_example("rotorid validate run.json other-run.toml"))
 @click.argument("result", type=_FILE)
 @click.argument("experiment", type=_FILE)
 @_output_options
-@click.pass_obj
-def validate(given: str, /, **options: Any) -> int:
+def validate(**options: Any) -> int:
     """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
-    return _work("validate", given=given, **options)
+    return _work("validate", **options)
 
 
 @cli.command(epilog=_example('rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"'))
@@ -185,10 +193,9 @@ def validate(given: str, /, **options: Any) -> int:
 @click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
 @_record_option
 @_output_options
-@click.pass_obj
-def modes(given: str, /, **options: Any) -> int:
+def modes(**options: Any) -> int:
     """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
-    return _work("modes", given=given, **options)
+    return _work("modes", **options)
 
 
 @cli.command(
@@ -204,20 +211,18 @@ def modes(given: str, /, **options: Any) -> int:
 @click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
 @_record_option
 @_output_options
-@click.pass_obj
-def balance(given: str, /, **options: Any) -> int:
+def balance(**options: Any) -> int:
     """Correction masses in some planes for RESULT, and the unbalance that is left."""
-    return _work("balance", given=given, **options)
+    return _work("balance", **options)
 
 
 @cli.command(epilog=_example("rotorid sensitivity sweep.toml --report sensitivity.html"))
 @click.argument("experiment", type=_FILE)
 @click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
 @_output_options
-@click.pass_obj
-def sensitivity(given: str, /, **options: Any) -> int:
+def sensitivity(**options: Any) -> int:
     """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
-    return _work("sensitivity", given=given, **options)
+    return _work("sensitivity", **options)
 
 
 @cli.command(epilog=_example("rotorid report run.json --out run.html"))

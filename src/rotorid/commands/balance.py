@@ -9,14 +9,7 @@ from typing import Any
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import (
-    BALANCE,
-    REPORT,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import BALANCE, Answer
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
@@ -38,13 +31,10 @@ def run(
     masses: str | None,
     holes: int | None,
     record: int,
-    json: Path | None,
-    report: Path | None,
-    force: bool,
-    given: str,
+    answer: Answer,
 ) -> int:
     """Show correction masses for a result, what is left after them, and a feedforward."""
-    targets = check_outputs((json, BALANCE), (report, REPORT), force=force)
+    targets = answer.check(BALANCE)
     check_apart(targets, [result])
     estimate = load_estimate(result)
     speeds = list(speed) or speeds_of(estimate)
@@ -68,10 +58,9 @@ def run(
     def html() -> str:
         from rotorid.report.machines import balance_report  # pictures take their time to load
 
-        return balance_report(found, centred, own_model(estimate), done(given, [result]))
+        return balance_report(found, centred, own_model(estimate), done(answer.given, [result]))
 
-    data = as_json(content(found, centred))
-    answer(balance_page(found, centred), json=(json, data), report=(report, as_text(html)))
+    answer.give(balance_page(found, centred), content(found, centred), html)
     return OK if found.status in ("ok", "rejected") else NO_ANSWER
 
 

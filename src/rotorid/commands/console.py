@@ -14,20 +14,13 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
 from rotorid.commands import BROKEN_PIPE
 from rotorid.core.errors import InputError, UnfinishedError, one_line
-from rotorid.core.files import (
-    Content,
-    Kind,
-    Seen,
-    check_target,
-    seen,
-    write_files,
-)
+from rotorid.core.files import Content, Kind, Seen, check_target, seen, write_files
 from rotorid.core.tables import Page, page_text
 from rotorid.core.watch import Pace, watch, watched, words
 
@@ -248,40 +241,53 @@ def write(*outputs: Output) -> None:
         say(content().decode())
 
 
-def answer(page: Page, *, json: Output, report: Output) -> None:
-    """Write the figures, show the page, and make the report last.
+class Answer(NamedTuple):
+    """Where the answer of a command goes, and the line that asked for it."""
 
-    Each is done whatever becomes of the others: the work before may have taken hours, and a
-    report has pictures, fonts and settings that can fail.
-    """
-    faults: list[Exception] = []
-    try:
-        write(json)
-    except (InputError, click.exceptions.Exit, OSError) as error:
-        faults.append(error)
-    try:
-        show(page)
-    except (click.exceptions.Exit, OSError) as error:
-        faults.append(error)
-    if not any(isinstance(fault, InputError) for fault in faults):
-        if report[0] is not None:
-            watch("writing the report")
+    json: Path | None
+    report: Path | None
+    force: bool = False
+    given: str = ""
+
+    def check(self, kind: Kind, *reports: Path | None) -> list[Path]:
+        """Refuse what cannot be written before the work begins; return the targets there are."""
+        pages = ((path, REPORT) for path in (self.report, *reports))
+        return check_outputs((self.json, kind), *pages, force=self.force)
+
+    def give(self, page: Page, data: Any, html: Callable[[], str]) -> None:
+        """Write the figures, show the page, and make the report last.
+
+        Each is done whatever becomes of the others: the work before may have taken hours, and a
+        report has pictures, fonts and settings that can fail.
+        """
+        faults: list[Exception] = []
         try:
-            write(report)
-        except Exception as error:
-            faults.insert(0, _unfinished(report, error))
-    if faults:
-        raise faults[0]
+            write((self.json, data if callable(data) else _as_json(data)))
+        except (InputError, click.exceptions.Exit, OSError) as error:
+            faults.append(error)
+        try:
+            show(page)
+        except (click.exceptions.Exit, OSError) as error:
+            faults.append(error)
+        if not any(isinstance(fault, InputError) for fault in faults):
+            if self.report is not None:
+                watch("writing the report")
+            try:
+                write((self.report, as_text(html)))
+            except Exception as error:
+                faults.insert(0, _unfinished(self.report, error))
+        if faults:
+            raise faults[0]
 
 
-def _unfinished(report: Output, error: Exception) -> UnfinishedError:
+def _unfinished(report: Path | None, error: Exception) -> UnfinishedError:
     """Say that the report is missing, and only that."""
     if isinstance(error, InputError):
         found = error.found
     else:
         found = f"{type(error).__name__}: {error}; --debug shows where"
     told = UnfinishedError(
-        f"{one_line(str(report[0]))}: no report: {one_line(found)}; the answer stands"
+        f"{one_line(str(report))}: no report: {one_line(found)}; the answer stands"
     )
     told.__cause__ = error
     return told
@@ -292,7 +298,7 @@ def as_text(text: Callable[[], str]) -> Content:
     return lambda: text().encode("utf-8", "backslashreplace")
 
 
-def as_json(data: Any) -> Content:
+def _as_json(data: Any) -> Content:
     """Return the content of a file that holds plain data; null stands for what is not finite."""
     return as_text(lambda: json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
 

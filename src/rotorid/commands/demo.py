@@ -7,14 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.commands import OK
-from rotorid.commands.console import (
-    FIGURES,
-    REPORT,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import FIGURES, Answer
 from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
 from rotorid.demo.machine import run_machine
@@ -23,12 +16,9 @@ from rotorid.demo.page import demo_page, machine_page
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
 
 
-def run(
-    runs: int, json: Path | None, report: Path | None, machine: Path | None, force: bool
-) -> int:
+def run(runs: int, machine: Path | None, answer: Answer) -> int:
     """Identify a levitated machine, then the paper's example; show them beside the truth."""
-    targets = check_outputs((json, FIGURES), (report, REPORT), (machine, REPORT), force=force)
-    check_apart(targets, [])
+    check_apart(answer.check(FIGURES, machine), [])
     _show_machine(machine)
     result = run_demo(runs, rng=np.random.default_rng(NOISE))
 
@@ -37,9 +27,8 @@ def run(
 
         return demo_report(result)
 
-    figures = as_json(result.to_dict())
     page = ["", "The example of Levy and Arogeti", *demo_page(result)]
-    answer(page, json=(json, figures), report=(report, as_text(html)))
+    answer.give(page, result.to_dict(), html)
     return OK
 
 
@@ -54,5 +43,4 @@ def _show_machine(report: Path | None) -> None:
         known = with_evidence(result.estimate, result.model, result.periods, result.estimator)
         return estimate_report(known)
 
-    page = machine_page(result)
-    answer(page, json=(None, as_json({})), report=(report, as_text(html)))
+    Answer(None, report).give(machine_page(result), {}, html)

@@ -10,7 +10,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import REPORT, RESULT, answer, as_text, check_outputs
+from rotorid.commands.console import RESULT, Answer
 from rotorid.commands.provenance import environment, source_of
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
@@ -30,14 +30,11 @@ def run(
     method: Any,
     effort: Any,
     strict: bool,
-    json: Path | None,
-    report: Path | None,
     intervals: bool,
-    force: bool,
-    given: str,
+    answer: Answer,
 ) -> int:
     """Identify what an experiment file describes; the exit code says whether there is an answer."""
-    targets = check_outputs((json, RESULT), (report, REPORT), force=force)
+    targets = answer.check(RESULT)
     watch("reading")
     plan = load_experiment(experiment)
     check_apart(targets, plan.files)
@@ -47,10 +44,10 @@ def run(
         estimate = identify(plan.model, records, _BestSoFar(estimator))
     except InputError as error:
         raise error.at(file=str(experiment)) from None
-    if targets or json is not None:  # what is written says more than a screen
+    if targets or answer.json is not None:  # what is written says more than a screen
         watch("predicting")
         estimate = _with_evidence(estimate, plan, records, estimator)
-        estimate = estimate.with_(provenance=provenance(plan, given))
+        estimate = estimate.with_(provenance=provenance(plan, answer.given))
 
     def html() -> str:
         from rotorid.report.estimate import estimate_report  # pictures take their time to load
@@ -58,7 +55,7 @@ def run(
         return estimate_report(estimate)
 
     page = estimate.summary(intervals=intervals)
-    answer(page, json=(json, estimate.to_json), report=(report, as_text(html)))
+    answer.give(page, estimate.to_json, html)
     answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
     return OK if answered else NO_ANSWER
 

@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import (
-    INSPECTION,
-    REPORT,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import INSPECTION, Answer
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.notes import worst
@@ -25,9 +18,9 @@ from rotorid.report.records import inspection_page
 from rotorid.signals.inspection import Inspection
 
 
-def run(experiment: Path, json: Path | None, report: Path | None, force: bool, given: str) -> int:
+def run(experiment: Path, answer: Answer) -> int:
     """Say what is in the records of an experiment, before identifying."""
-    targets = check_outputs((json, INSPECTION), (report, REPORT), force=force)
+    targets = answer.check(INSPECTION)
     if targets:
         check_apart(targets, named_files(experiment))
     watch("reading")
@@ -39,10 +32,10 @@ def run(experiment: Path, json: Path | None, report: Path | None, force: bool, g
     def html() -> str:
         from rotorid.report.records import inspection_report  # pictures take their time to load
 
-        work = done(given, named_files(experiment))
+        work = done(answer.given, named_files(experiment))
         return inspection_report(experiment.name, found, told, work)
 
-    answer(page, json=(json, as_json(content_of(found))), report=(report, as_text(html)))
+    answer.give(page, content_of(found), html)
     return OK
 
 

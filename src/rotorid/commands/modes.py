@@ -10,14 +10,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import (
-    MODES,
-    REPORT,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import MODES, Answer
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
@@ -33,13 +26,10 @@ def run(
     speed: str,
     to: str | None,
     record: int,
-    json: Path | None,
-    report: Path | None,
-    force: bool,
-    given: str,
+    answer: Answer,
 ) -> int:
     """Show natural frequencies and damping of a result or a model, and critical speeds."""
-    targets = check_outputs((json, MODES), (report, REPORT), force=force)
+    targets = answer.check(MODES)
     check_apart(targets, [Path(source)])
     read = source_of(source)
     watch("computing")
@@ -51,10 +41,9 @@ def run(
     def html() -> str:
         from rotorid.report.machines import modes_report  # pictures take their time to load
 
-        return modes_report(read, found, diagram, done(given, [Path(source)]))
+        return modes_report(read, found, diagram, done(answer.given, [Path(source)]))
 
-    data = as_json(content(found, diagram))
-    answer(page, json=(json, data), report=(report, as_text(html)))
+    answer.give(page, content(found, diagram), html)
     return OK if found.status in ("ok", "rejected") else NO_ANSWER
 
 

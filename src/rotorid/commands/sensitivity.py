@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import (
-    REPORT,
-    SENSITIVITY,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import SENSITIVITY, Answer
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
@@ -31,13 +24,10 @@ from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
 def run(
     experiment: Path,
     pair: Sequence[str],
-    json: Path | None,
-    report: Path | None,
-    force: bool,
-    given: str,
+    answer: Answer,
 ) -> int:
     """Show the sensitivity of each loop as it was measured, its peak, and its zone."""
-    targets = check_outputs((json, SENSITIVITY), (report, REPORT), force=force)
+    targets = answer.check(SENSITIVITY)
     watch("reading")
     plan = load_experiment(experiment)
     plan.require_records()
@@ -54,10 +44,10 @@ def run(
     def html() -> str:
         from rotorid.report.machines import sensitivity_report  # pictures take their time to load
 
-        return sensitivity_report(found, experiment.name, done(given, plan.files))
+        return sensitivity_report(found, experiment.name, done(answer.given, plan.files))
 
-    data = as_json({"axes": [_axis(each) for each in found], "verdict": worst_of(found)})
-    answer(sensitivity_page(found), json=(json, data), report=(report, as_text(html)))
+    data = {"axes": [_axis(each) for each in found], "verdict": worst_of(found)}
+    answer.give(sensitivity_page(found), data, html)
     return OK
 
 

@@ -13,14 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import (
-    REPORT,
-    VALIDATION,
-    answer,
-    as_json,
-    as_text,
-    check_outputs,
-)
+from rotorid.commands.console import VALIDATION, Answer
 from rotorid.commands.provenance import done, source_of
 from rotorid.core.errors import InputError
 from rotorid.core.files import check_apart
@@ -34,13 +27,10 @@ from rotorid.report.record_tables import information_lines, validation_table
 def run(
     result: Path,
     experiment: Path,
-    json: Path | None,
-    report: Path | None,
-    force: bool,
-    given: str,
+    answer: Answer,
 ) -> int:
     """Predict the records of an experiment with a result."""
-    targets = check_outputs((json, VALIDATION), (report, REPORT), force=force)
+    targets = answer.check(VALIDATION)
     estimate = load_estimate(result)
     watch("reading")
     plan = load_experiment(experiment)
@@ -69,11 +59,11 @@ def run(
         from rotorid.results.evidence import record_evidence
 
         shown = record_evidence(estimate, plan.model, placed, another=True)
-        work = [*done(given, [result, *plan.files]), *information_lines(told), *fitted]
+        work = [*done(answer.given, [result, *plan.files]), *information_lines(told), *fitted]
         return validation_report(estimate, plan.model, found, shown, work)
 
     content = {"verdict": reached.verdict, "channels": channels(found)}
-    answer(page, json=(json, as_json(content)), report=(report, as_text(html)))
+    answer.give(page, content, html)
     return OK if reached.verdict == "predicts" else NO_ANSWER
 
 
