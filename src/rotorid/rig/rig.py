@@ -11,6 +11,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.watch import polled
+from rotorid.force.laws import Differential
 from rotorid.rig import assembly, kernel
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
@@ -119,35 +120,33 @@ class Rig(Machine):
         room = kernel.room_of(*tables)
         with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
             code, axis, time, size = kernel.run(*tables, loads, room, log)
-        since = time + events.settling * events.pattern.duration
-        name, when = self.model.inputs[axis], f"{since:.6g} s after switching on"
-        if code == kernel.TOUCH:
-            raise RigError(
-                f"the rotor touching the auxiliary bearing at {name}, {when}",
-                f"a displacement below the clearance of {bearings.clearance[axis] * 1e6:.4g} um",
-                "lower the excitation or the unbalance, or stiffen the controller",
-                time=since,
-                where=name,
-            )
-        if code == kernel.BEYOND_BIAS:
-            raise RigError(
-                f"a current of {size:.4g} A at {name}, {when}",
-                f"less than the bias of {bearings.bias[axis]:.4g} A",
-                "raise the bias, lower the excitation, or limit the current",
-                time=since,
-                where=name,
-            )
-        if code == kernel.STUCK:
-            raise RigError(
-                f"no step small enough, {when}",
-                f"motion that can be followed to {self.tolerance:g}",
-                "check the parameters, or allow a larger tolerance",
-                time=since,
-            )
+        if code != kernel.FINE:
+            since = time + events.settling * events.pattern.duration
+            raise self._fault(code, axis, since, size, float(bearings.clearance[axis]))
         found = logged(self, plant, log, rng)
         for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
             found = replace(found, columns=tuple(spoil(found.columns, self, own)))
         return found
+
+    def _fault(self, code: int, axis: int, time: float, size: float, clearance: float) -> RigError:
+        name = self.model.inputs[axis]
+        when = f"{time:.6g} s after switching on"
+        if code == kernel.TOUCH:
+            found = f"the rotor touching the auxiliary bearing at {name}, {when}"
+            expected = f"a displacement below the clearance of {clearance * 1e6:.4g} um"
+            cure = "lower the excitation or the unbalance, or stiffen the controller"
+        elif code == kernel.BEYOND_BIAS:
+            law = self.actuators[name].law
+            assert isinstance(law, Differential)
+            found = f"a current of {size:.4g} A at {name}, {when}"
+            expected = f"less than the bias of {law.most:.4g} A"
+            cure = "raise the bias, lower the excitation, or limit the current"
+        else:
+            found = f"no step small enough, {when}"
+            expected = f"motion that can be followed to {self.tolerance:g}"
+            cure = "check the parameters, or allow a larger tolerance"
+            name = ""
+        return RigError(found, expected, cure, time=time, where=name)
 
     def _require_stable(self, plant: Plant, duration: float) -> None:
         """Refuse a loop that grows at any speed of the run."""
