@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
@@ -103,7 +103,7 @@ class LowPass:
 
 
 _TEXT = re.compile(
-    r"\s*(?:abs\(\s*(?P<inside>\w+)(?P<inside_dots>'{0,2})\s*\)|(?P<name>\w+)(?P<dots>'{0,2}))"
+    r"\s*(?P<size>abs\(\s*)?(?P<name>\w+)(?P<dots>'{0,2})(?(size)\s*\))"
     r"\s*(?P<sign>[<>])\s*(?P<limit>\S.*?)\s*"
 )
 _PER_SECOND = ("{unit}", "{unit}/s", "{unit}/s^2")
@@ -136,9 +136,7 @@ def read_condition(text: str, units: dict[str, str]) -> Condition:
             "write it so; several conditions stand in a list",
             place="leave_out",
         )
-    inside = found["inside"] is not None
-    name = found["inside"] if inside else found["name"]
-    order = len(found["inside_dots"] if inside else found["dots"])
+    name, order = found["name"], len(found["dots"])
     if name not in units:
         raise InputError(
             f"{name!r} in the condition {text!r}",
@@ -151,7 +149,8 @@ def read_condition(text: str, units: dict[str, str]) -> Condition:
         limit = to_si(found["limit"], unit)
     except InputError as error:
         raise error.at(place="leave_out") from None
-    return Condition(text.strip(), name, order, inside, found["sign"] == "<", limit)
+    below = found["sign"] == "<"
+    return Condition(text.strip(), name, order, found["size"] is not None, below, limit)
 
 
 SPILLED = 0.1
@@ -293,71 +292,56 @@ def filtered(
     >>> len(low.used), low.decimate
     (587, 5)
     """
-    hertz = _cutoff(quantity(cutoff, "Hz"), record)
-    _check_decimate(decimate, record)
-    inner = LowPass(record.sample_rate, (hertz,))
-    second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
-    outer = LowPass(record.sample_rate, (hertz,) if second is None else (hertz, second))
-    units = {c.name: c.unit for c in record.channels}
-    try:
+    hertz, begin = quantity(cutoff, "Hz"), quantity(skip, "s")
+    end = np.inf if until is None else quantity(until, "s")
+    with naming(record.source):
+        _check(record, hertz, decimate)
+        units = {c.name: c.unit for c in record.channels}
         conditions = [read_condition(text, units) for text in leave_out]
-    except InputError as error:
-        raise error.at(file=record.source) from None
-    good, told = _good(record, conditions, quantity(skip, "s"), _end(until))
-    edge = inner.memory() + outer.memory()
-    begins, ends = _stretches(good)
-    kept = _trimmed(len(good), begins, ends, edge)
-    told["trimmed"] = int((good & ~kept).sum())
-    for condition in conditions:
-        if condition.order:
-            out = _spilled(record, condition, inner, outer, begins, ends)
-            told[f"where {condition.text}"] = int((kept & out).sum())
-            kept &= ~out
-    used = np.flatnonzero(kept)
-    count = len(used)
-    used = used[used % decimate == 0]
-    if not len(used):
-        raise _nothing_left(record, hertz, edge, told)
+        good, told = _good(record, conditions, begin, end)
+        begins, ends = _stretches(good)
+        second = None if decimate == 1 else PASSED * record.sample_rate / (2 * decimate)
+        found = FilteredRecord(record, hertz, decimate, second, begins, ends, np.arange(0))
+        edge = found.inner.memory() + found.outer.memory()
+        kept = _trimmed(found, edge)
+        told["trimmed"] = int((good & ~kept).sum())
+        for condition in conditions:
+            if condition.order:
+                out = _spilled(found, condition)
+                told[f"where {condition.text}"] = int((kept & out).sum())
+                kept &= ~out
+        used = np.flatnonzero(kept)
+        count = len(used)
+        used = used[used % decimate == 0]
+        if not len(used):
+            raise _nothing_left(found, edge, told)
     long = (ends - begins) > 2 * edge
-    return FilteredRecord(
-        record=record,
-        cutoff=hertz,
-        decimate=decimate,
-        second=second,
+    return replace(
+        found,
         begins=begins[long],
         ends=ends[long],
         used=used,
         checks=(
             *check_record(replace(record, valid=good)),  # without periods no line tells the speed
-            *_said(record, inner, outer, decimate, edge, count, told),
+            *_said(found, edge, count, told),
         ),
         warnings=record.warnings,
     )
 
 
-def _end(until: float | str | None) -> float:
-    return np.inf if until is None else quantity(until, "s")
-
-
-def _cutoff(hertz: float, record: Record) -> float:
+def _check(record: Record, hertz: float, decimate: int) -> None:
     if not 0 < hertz < record.sample_rate / 2:
         raise InputError(
             f"a cut-off of {hertz:g} Hz",
             f"a frequency between 0 and {record.sample_rate / 2:g} Hz, half the sample rate",
             "give five to ten times the highest frequency of the motion",
-            file=record.source,
             place="cutoff",
         )
-    return hertz
-
-
-def _check_decimate(decimate: int, record: Record) -> None:
     if not isinstance(decimate, int) or not 1 <= decimate <= len(record.samples):
         raise InputError(
             f"decimate = {decimate!r}",
             "a whole number, 1 or more, that leaves samples",
             "leave it out to use every sample",
-            file=record.source,
             place="decimate",
         )
 
@@ -390,43 +374,35 @@ def _stretches(good: Booleans) -> tuple[Integers, Integers]:
     return np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
 
 
-def _trimmed(count: int, begins: Integers, ends: Integers, edge: int) -> Booleans:
+def _trimmed(found: FilteredRecord, edge: int) -> Booleans:
     """Return which samples lie in stretches, but for their ends."""
-    kept = np.zeros(count, dtype=bool)
-    for begin, end in zip(begins, ends, strict=True):
+    kept = np.zeros(len(found.record.samples), dtype=bool)
+    for begin, end in zip(found.begins, found.ends, strict=True):
         kept[begin + edge : max(end - edge, begin + edge)] = True
     return kept
 
 
-def _spilled(
-    record: Record,
-    condition: Condition,
-    inner: LowPass,
-    outer: LowPass,
-    begins: Integers,
-    ends: Integers,
-) -> Booleans:
+def _spilled(found: FilteredRecord, condition: Condition) -> Booleans:
     """Return the samples too much of whose filtered weight lies where a condition is met."""
-    out = np.zeros(len(record.samples), dtype=bool)
-    column = record.names.index(condition.channel)
-    channel = (record.channels[column],)
-    for begin, end in zip(begins, ends, strict=True):
+    samples = found.record.samples
+    out = np.zeros(len(samples), dtype=bool)
+    column = found.index(condition.channel)
+    for begin, end in zip(found.begins, found.ends, strict=True):
         if end - begin < 3:
             continue
-        part = record.samples[begin:end, column : column + 1]
-        met = condition.met(inner.apply(part, condition.order, channel))
-        out[begin:end] = met[:, 0] | (outer.apply(met.astype(float))[:, 0] > SPILLED)
+        part, channel = samples[begin:end, column : column + 1], (found.channels[column],)
+        met = condition.met(found.inner.apply(part, condition.order, channel))
+        out[begin:end] = met[:, 0] | (found.outer.apply(met.astype(float))[:, 0] > SPILLED)
     return out
 
 
-def _nothing_left(record: Record, cutoff: float, edge: int, told: dict[str, int]) -> InputError:
+def _nothing_left(found: FilteredRecord, edge: int, told: dict[str, int]) -> InputError:
     why = ", ".join(f"{count} {reason}" for reason, count in told.items() if count)
     return InputError(
-        f"no sample left of {len(record.samples)}: {why}",
-        f"stretches longer than {2 * edge / record.sample_rate:.3g} s, twice what the filter at "
-        f"{cutoff:g} Hz must trim at an end",
+        f"no sample left of {len(found.record.samples)}: {why}",
+        f"stretches longer than {2 * edge / found.record.sample_rate:.3g} s, twice what the filter "
+        f"at {found.cutoff:g} Hz must trim at an end",
         "leave out less, raise the cut-off, or record longer",
-        file=record.source,
         place="leave_out",
     )
 
@@ -436,34 +412,22 @@ def told_of(record: Record) -> str:
     return f"{Path(record.source).name}: " if record.source else ""
 
 
-def _said(
-    record: Record,
-    inner: LowPass,
-    outer: LowPass,
-    decimate: int,
-    edge: int,
-    kept: int,
-    told: dict[str, int],
-) -> tuple[Note, ...]:
+def _said(found: FilteredRecord, edge: int, kept: int, told: dict[str, int]) -> tuple[Note, Note]:
     """Say what was done to the samples, and which were left out."""
     text = (
-        f"zero-phase Butterworth of 4th order, forward and backward, {inner.cutoffs[0]:g} Hz; "
+        f"zero-phase Butterworth of 4th order, forward and backward, {found.cutoff:g} Hz; "
         "derivatives taken on its lines"
     )
-    if decimate > 1:
+    if found.second is not None:
         text += (
-            f"; every {decimate} samples one is used, after a second low-pass at "
-            f"{outer.cutoffs[1]:g} Hz"
+            f"; every {found.decimate} samples one is used, after a second low-pass at "
+            f"{found.second:g} Hz"
         )
     left = "; ".join(f"{count} {reason}" for reason, count in told.items() if count)
-    trimmed = f"{edge / record.sample_rate:.3g} s at each end of a stretch"
+    if told["trimmed"]:
+        left += f" ({edge / found.record.sample_rate:.3g} s at each end of a stretch)"
+    samples = f"{kept} of {len(found.record.samples)} samples kept; left out: {left}"
     return (
         Note("low-pass", "says", text),
-        Note(
-            "left out",
-            "says",
-            told_of(record)
-            + f"{kept} of {len(record.samples)} samples kept; left out: {left}"
-            + (f" ({trimmed})" if told["trimmed"] else ""),
-        ),
+        Note("left out", "says", told_of(found.record) + samples),
     )

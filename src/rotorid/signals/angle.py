@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Floats, Integers
 from rotorid.signals.rotation_fit import Readings, fit_rotation
@@ -83,27 +83,23 @@ def encoder_angle(
     """
     raw = np.asarray(readings, dtype=float)
     bad = np.flatnonzero(~np.isfinite(raw))
-    if raw.ndim != 1 or len(raw) < 3 or bad.size:
-        found = f"{raw[bad[0]]} in sample {bad[0]}" if bad.size else f"shape {raw.shape}"
-        raise InputError(
-            found,
-            "finite angles, one per sample",
-            "name the column that holds the angle, and cut off the samples without one",
-            file=source,
-        )
     step = 2 * np.pi / lines if lines else 0.0
+    with naming(source):
+        if raw.ndim != 1 or len(raw) < 3 or bad.size:
+            raise InputError(
+                f"{raw[bad[0]]} in sample {bad[0]}" if bad.size else f"shape {raw.shape}",
+                "finite angles, one per sample",
+                "name the column that holds the angle, and cut off the samples without one",
+            )
+        angle = np.unwrap(raw * (2 * np.pi / per_revolution))
+        _require_steady(angle, sample_rate, step)
     time = np.arange(len(raw)) / sample_rate
-    angle = np.unwrap(raw * (2 * np.pi / per_revolution))
-    _require_steady(angle, sample_rate, step, source)
     if not step:  # an angle without steps is taken as it is
         return MeasuredAngle(angle, *_regression(time, angle))
     angle, missing, extra = _without_lost_lines(angle, step)
     fit = fit_rotation(Readings(time, angle + step / 2, np.full(len(angle), step / 2)))
     smooth = np.asarray(fit.spline(time))
-    speed, drift, scatter = _regression(time, smooth)
-    return MeasuredAngle(
-        smooth, speed, drift, scatter, fit.std, fit.noise, missing=missing, extra=extra
-    )
+    return MeasuredAngle(smooth, *_regression(time, smooth), fit.std, fit.noise, missing, extra)
 
 
 def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
@@ -142,7 +138,7 @@ def _without_excursions(lines: Floats) -> Floats:
     return np.asarray(np.where(away, trend + usual, lines))
 
 
-def _require_steady(angle: Floats, sample_rate: float, step: float, source: str) -> None:
+def _require_steady(angle: Floats, sample_rate: float, step: float) -> None:
     """Refuse an encoder that is too fast for its samples, or turns around."""
     per_sample = np.diff(angle)
     most = np.abs(per_sample).max()
@@ -153,7 +149,6 @@ def _require_steady(angle: Floats, sample_rate: float, step: float, source: str)
             f"{np.degrees(most):.4g} degrees between two samples",
             "well below half a revolution",
             "sample faster; or the unit of the angle is wrong",
-            file=source,
         )
     ahead = angle if speed >= 0 else -angle
     fall = np.maximum.accumulate(ahead) - ahead
@@ -165,7 +160,6 @@ def _require_steady(angle: Floats, sample_rate: float, step: float, source: str)
             f"by {np.degrees(fall.max()):.4g} degrees",
             "one direction of rotation",
             "cut the record there, or check the encoder",
-            file=source,
         )
 
 
@@ -181,23 +175,20 @@ def pulse_edges(
     >>> pulse_edges([0, 0, 1, 1, 0, 0], 1000.0)
     (array([0.0015]), array([0.0005]))
     """
-    rises, part, open_ = _edges(samples, threshold, source)
+    with naming(source):
+        rises, part, open_ = _edges(samples, threshold)
     middle = np.where(open_ > 0, 0.5, part)
     return np.asarray((rises + middle) / sample_rate), np.asarray(open_ / sample_rate)
 
 
-def _edges(
-    samples: ArrayLike, threshold: float | None, source: str
-) -> tuple[Integers, Floats, Floats]:
+def _edges(samples: ArrayLike, threshold: float | None) -> tuple[Integers, Floats, Floats]:
     """Return the sample before each rise, the part of a sample after it, half of what is open."""
     raw = np.asarray(samples, dtype=float)
     low, high = (np.percentile(raw, q) for q in (0.5, 99.5)) if len(raw) else (0.0, 0.0)
     if not high - low > 0:
         low, high = (raw.min(), raw.max()) if len(raw) else (0.0, 0.0)
     if not high > low:
-        raise InputError(
-            "a column without a pulse", "one pulse per revolution", "name another", file=source
-        )
+        raise InputError("a column without a pulse", "one pulse per revolution", "name another")
     level = (low + high) / 2 if threshold is None else threshold
     # Noise on a flank crosses the threshold again: a pulse counts once it has been low.
     above, armed = raw >= level, raw < level - 0.2 * (high - low)
@@ -232,14 +223,14 @@ def keyphasor_angle(
     fitted through the others. `half` is half the time in s that each leaves open.
     """
     t = np.asarray(times, dtype=float)
-    if len(t) < 4:
-        raise InputError(
-            f"{len(t)} pulses",
-            "four or more",
-            "record longer, or check the threshold and the column",
-            file=source,
-        )
-    kept, turns = _count_turns(t, source)
+    with naming(source):
+        if len(t) < 4:
+            raise InputError(
+                f"{len(t)} pulses",
+                "four or more",
+                "record longer, or check the threshold and the column",
+            )
+        kept, turns = _count_turns(t)
     open_ = np.broadcast_to(np.asarray(half, dtype=float), t.shape)[kept]
     missing = int(turns[-1] - turns[0] + 1 - len(turns))
     t, angle = t[kept], 2 * np.pi * turns
@@ -251,14 +242,11 @@ def keyphasor_angle(
     for end, outside in ((t[0], time < t[0]), (t[-1], time > t[-1])):
         rate = float(fit.spline.derivative()(end))
         smooth[outside] += rate * (time[outside] - end)
-    speed, drift, scatter = _regression(time, smooth)
     extra = len(kept) - int(kept.sum())
-    return MeasuredAngle(
-        smooth, speed, drift, scatter, fit.std, fit.noise, missing=missing, extra=extra
-    )
+    return MeasuredAngle(smooth, *_regression(time, smooth), fit.std, fit.noise, missing, extra)
 
 
-def _count_turns(times: Floats, source: str) -> tuple[Booleans, Floats]:
+def _count_turns(times: Floats) -> tuple[Booleans, Floats]:
     """Return which pulses count, and the number of the turn at which each of them stands."""
     spacing = np.diff(times)
     period = _rhythm(spacing)
@@ -276,7 +264,6 @@ def _count_turns(times: Floats, source: str) -> tuple[Booleans, Floats]:
             f"{int(faults)} pulses missing or too many, of {len(times)}",
             "one pulse per revolution",
             "check the threshold and the column, or cut the record where they fail",
-            file=source,
         )
     return kept, turns[kept] - np.nanmin(turns)
 

@@ -26,8 +26,7 @@ class Distortion:
     """
 
     channels: tuple[str, ...]
-    # (line,): harmonics that were excited; odd and even ones that were not
-    excited: Integers
+    # (line,): odd and even harmonics that were not excited
     odd: Integers
     even: Integers
     level: Floats  # (channel,): on the excited lines
@@ -83,21 +82,21 @@ def detect_distortion(
     periods = average(record, fundamental, harmonics=range(1, top + 1), skip=skip)
     power = np.abs(periods.mean_spectrum) ** 2
     noise = _noise(periods)
-    lines = {"odd": out[out % 2 == 1], "even": out[out % 2 == 0]}
-    mean = {name: _mean(power, chosen) for name, chosen in lines.items()}
-    floor = {name: _mean(noise, chosen) for name, chosen in lines.items()}
+    odd, even = out[out % 2 == 1], out[out % 2 == 0]
+    (odd_mean, odd_noise), (even_mean, even_noise) = (
+        (_mean(power, chosen), _mean(noise, chosen)) for chosen in (odd, even)
+    )
     quiet = np.maximum(_mean(noise, out), 1e-300)
     return Distortion(
         channels=periods.names,
-        excited=np.array(sorted(excited), dtype=np.int64),
-        odd=lines["odd"],
-        even=lines["even"],
+        odd=odd,
+        even=even,
         level=np.sqrt(_mean(power, np.array(sorted(excited)))),
-        odd_level=np.sqrt(np.maximum(mean["odd"] - floor["odd"], 0.0)),
-        even_level=np.sqrt(np.maximum(mean["even"] - floor["even"], 0.0)),
+        odd_level=np.sqrt(np.maximum(odd_mean - odd_noise, 0.0)),
+        even_level=np.sqrt(np.maximum(even_mean - even_noise, 0.0)),
         noise=np.sqrt(_mean(noise, out)),
-        odd_excess=np.sqrt(mean["odd"] / quiet),
-        even_excess=np.sqrt(mean["even"] / quiet),
+        odd_excess=np.sqrt(odd_mean / quiet),
+        even_excess=np.sqrt(even_mean / quiet),
     )
 
 

@@ -209,14 +209,7 @@ class _Regression:
 
     def among(self, chosen: Integers) -> _Regression:
         """Return some of the windows."""
-        return _Regression(
-            self.half,
-            self.references[chosen],
-            self.rotation[chosen],
-            self.powers[chosen],
-            self.offset[chosen],
-            self.kept[chosen],
-        )
+        return replace(self, **{n: v[chosen] for n, v in vars(self).items() if n != "half"})
 
     def fitted(self, data: Complexes, denominator: Complexes | float = 1.0) -> _Fit:
         """Fit data with given poles."""

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Floats
+from rotorid.core.values import Booleans, Floats, Integers
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -67,7 +67,10 @@ class Readings:
         if count <= most:
             return self
         golden = np.arange(most) * 0.6180339887498949 % 1.0
-        places = ((np.arange(most) + golden) * (count / most)).astype(int)
+        return self.at(((np.arange(most) + golden) * (count / most)).astype(int))
+
+    def at(self, places: Integers | Booleans) -> Readings:
+        """Return some of them."""
         return Readings(self.time[places], self.middle[places], self.half[places])
 
 
@@ -78,7 +81,6 @@ class RotationFit:
     spline: BSpline  # phi in rad at times in s
     std: float  # deviation in rad of an offset common to all times
     noise: float  # deviation in rad of a reading besides its interval
-    knots: int  # interior knots
 
 
 def fit_rotation(readings: Readings) -> RotationFit:
@@ -100,8 +102,8 @@ def fit_rotation(readings: Readings) -> RotationFit:
     assert best is not None
     _, spline, noise, count = best
     offset = _offset(used, spline, noise)[0]
-    spline = _moved(spline, offset)
-    return RotationFit(spline, _uncertainty(used, spline, noise, count), noise, count)
+    spline = scipy.interpolate.BSpline(spline.t, spline.c + offset, spline.k)
+    return RotationFit(spline, _uncertainty(used, spline, noise, count), noise)
 
 
 def _candidates(readings: Readings) -> list[tuple[int, int]]:
@@ -124,20 +126,13 @@ def _uncertainty(readings: Readings, spline: BSpline, noise: float, count: int) 
     ends = np.linspace(readings.time[0], readings.time[-1], count + 2)[1:-1]
     part = np.searchsorted(ends, readings.time)
     squares = [
-        _offset(Readings(readings.time[at], readings.middle[at], readings.half[at]), spline, noise)[
-            1
-        ]
-        ** 2
-        for at in (part == j for j in range(count + 1))
-        if at.any()
+        _offset(readings.at(part == j), spline, noise)[1] ** 2
+        for j in range(count + 1)
+        if (part == j).any()
     ]
     alone = float(np.sqrt((readings.half**2).mean() / 3 + noise**2))
     least = alone * np.sqrt(len(spline.c) / min(len(readings.time), INDEPENDENT))
     return float(max(np.sqrt(np.mean(squares)), least))
-
-
-def _moved(spline: BSpline, offset: float) -> BSpline:
-    return scipy.interpolate.BSpline(spline.t, spline.c + offset, spline.k)
 
 
 def _fit(readings: Readings, count: int, degree: int) -> tuple[BSpline, float, float]:

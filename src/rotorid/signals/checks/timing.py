@@ -69,32 +69,53 @@ class Shifts:
     explained: float  # part of the lines' turning that the shift explains, in units of their noise
 
 
+@frozen
+class _Lines:
+    """Lines that the excitation alone makes, of some channels, and their noise."""
+
+    z: Complexes  # (period, line, channel)
+    harmonics: Integers
+    omega: Floats
+    noise: Floats  # (line, channel): variance between periods
+    clear: Booleans  # (line, channel)
+
+    @classmethod
+    def of(cls, periods: PeriodicRecord, channels: Sequence[int]) -> _Lines:
+        lines = _steady_lines(periods)
+        z = periods.spectra[:, lines][:, :, list(channels)]
+        power, steps = z.real**2 + z.imag**2, np.diff(z, axis=0)
+        # The median, so that a single jump does not count as noise; 2 ln 2 makes it a variance.
+        noise = median(steps.real**2 + steps.imag**2, axis=0) / (2 * np.log(2))
+        level = np.sqrt(power.mean(axis=(0, 1)))
+        noise = np.maximum(noise, np.maximum((NO_SCATTER * level) ** 2, 1e-300))
+        clear = power.mean(axis=0) > 25.0 * noise
+        return cls(z, periods.harmonics[lines], periods.omega[lines], noise, clear)
+
+    @property
+    def weight(self) -> Floats:
+        return np.where(self.clear, 1.0 / self.noise, 0.0)
+
+    def told(self, tau: Floats, turned: Complexes, at: slice = slice(None)) -> Shifts:
+        """Return the shifts of some channels together, which turn their lines so."""
+        z, weight, turned = self.z[:, :, at], self.weight[:, at], turned[:, :, at]
+        before, after = (float((weight * values.var(axis=0)).sum()) for values in (z, turned))
+        chance = float(np.count_nonzero(weight))
+        explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
+        size = np.stack([np.abs(z.mean(axis=0)) ** 2, (np.abs(z) ** 2).mean(axis=0)])
+        information = (weight * size * self.omega[:, None] ** 2).sum(axis=(1, 2)).max()
+        return Shifts(tau, float(1 / np.sqrt(2 * information)), explained)
+
+
 def shifts_of(
     periods: PeriodicRecord, channels: Sequence[int], start: Floats | None = None
 ) -> Shifts | None:
     """Return the shift of each period, or None where no line is clear enough."""
-    lines = _steady_lines(periods)
-    if not len(channels) or not lines.any():
+    seen = _Lines.of(periods, channels)
+    if not seen.clear.any():
         return None
-    z = periods.spectra[:, lines][:, :, list(channels)]
-    omega = periods.omega[lines]
-    steps = np.diff(z, axis=0)
-    level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
-    # The median, so that a single jump does not count as noise; 2 ln 2 makes it a variance.
-    noise = np.maximum(median(np.abs(steps) ** 2, axis=0) / (2 * np.log(2)), _floor(level))
-    size = np.sqrt((np.abs(z) ** 2).mean(axis=0))
-    clear = size**2 > 25.0 * noise
-    if not clear.any():
-        return None
-    weight = np.where(clear, 1.0 / noise, 0.0)
+    z, weight, omega = seen.z, seen.weight, seen.omega
     tau = _refined(z, weight, omega, _cumulated(z, weight, omega, periods, start))
-    information = float((weight * np.abs(z.mean(axis=0)) ** 2 * omega[:, None] ** 2).sum())
-    sharp = float((weight * size**2 * omega[:, None] ** 2).sum())
-    turned = np.exp(1j * tau[:, None, None] * omega[:, None])
-    before, after = _spread(z, weight), _spread(z * turned, weight)
-    chance = float(np.count_nonzero(clear))
-    explained = (before - after) / (before - chance) if before > 2 * chance else 1.0
-    return Shifts(tau, float(1 / np.sqrt(max(information, sharp) * 2)), float(explained))
+    return seen.told(tau, z * np.exp(1j * tau[:, None, None] * omega[:, None]))
 
 
 def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
@@ -103,41 +124,19 @@ def _small_shifts(periods: PeriodicRecord) -> dict[int, Shifts] | None:
     No phase then wraps, and all channels are done at once; None where a line turns by more than
     `LITTLE`, or none is clear. As `shifts_of`, one by one.
     """
-    lines = _steady_lines(periods)
-    if not lines.any():
+    seen = _Lines.of(periods, range(len(periods.channels)))
+    mean = seen.z.mean(axis=0)
+    phase = np.angle(np.where(seen.clear, seen.z * mean.conj(), 1.0))
+    if not seen.clear.any() or np.abs(phase).max() > LITTLE:
         return None
-    z, omega = periods.spectra[:, lines], periods.omega[lines]
-    power = z.real**2 + z.imag**2
-    steps = np.diff(z, axis=0)
-    floor = np.stack([_floor(np.sqrt(power.mean(axis=(0, 1))))] * len(omega))
-    scatter = median(steps.real**2 + steps.imag**2, axis=0)
-    noise = np.maximum(scatter / (2 * np.log(2)), floor)
-    clear = power.mean(axis=0) > 25.0 * noise
-    mean = z.mean(axis=0)
-    if not clear.any():
-        return None
-    phase = np.angle(np.where(clear, z * mean.conj(), 1.0))
-    if np.abs(phase).max() > LITTLE:
-        return None
-    weight = np.where(clear, 1.0 / noise, 0.0)
-    squared = omega[:, None] ** 2
-    strength = weight * np.abs(mean) ** 2
-    information = (strength * squared).sum(axis=0)
-    sharp = (weight * power.mean(axis=0) * squared).sum(axis=0)
-    slopes = strength * omega[:, None] / np.where(information > 0, information, 1.0)
+    strength = seen.weight * np.abs(mean) ** 2 * seen.omega[:, None]
+    information = (strength * seen.omega[:, None]).sum(axis=0)
+    slopes = strength / np.where(information > 0, information, 1.0)
     tau = -np.einsum("plc,lc->pc", phase, slopes)
-    turned = z * _turns(periods.harmonics[lines], 2 * np.pi * periods.fundamental * tau)
-    before, after = (_spreads(values, weight) for values in (z, turned))
-    chance = np.count_nonzero(clear, axis=0)
-    told = before > 2 * chance
-    explained = np.where(told, (before - after) / np.where(told, before - chance, 1.0), 1.0)
+    turned = seen.z * _turns(seen.harmonics, 2 * np.pi * periods.fundamental * tau)
     return {
-        int(c): Shifts(
-            tau[:, c] - tau[0, c],
-            float(1 / np.sqrt(2 * max(information[c], sharp[c]))),
-            float(explained[c]),
-        )
-        for c in np.flatnonzero(chance)
+        int(c): seen.told(tau[:, c] - tau[0, c], turned, slice(c, c + 1))
+        for c in np.flatnonzero(seen.clear.any(axis=0))
     }
 
 
@@ -152,28 +151,14 @@ def _turns(harmonics: Integers, angle: Floats) -> Complexes:
     return turns
 
 
-def _spreads(z: Complexes, weight: Floats) -> Floats:
-    apart = z - z.mean(axis=0)
-    return np.asarray((weight * (apart.real**2 + apart.imag**2).mean(axis=0)).sum(axis=0))
-
-
-def _floor(level: Floats) -> Floats:
-    return np.asarray(np.maximum((NO_SCATTER * level) ** 2, 1e-300))
-
-
-def _spread(z: Complexes, weight: Floats) -> float:
-    return float((weight * (np.abs(z - z.mean(axis=0)) ** 2).mean(axis=0)).sum())
-
-
 def _steady_lines(periods: PeriodicRecord) -> Booleans:
     """Return the lines that the excitation alone makes: not DC, not the rotation's orders."""
     lines = periods.harmonics > 0
     turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
     if turns > 0:
         order = np.round(periods.harmonics / turns)
-        near = np.abs(periods.harmonics - order * turns) < 0.5
-        if (lines & ~near).any():
-            lines = lines & ~near
+        others = lines & (np.abs(periods.harmonics - order * turns) >= 0.5)
+        lines = others if others.any() else lines
     return np.asarray(lines)
 
 
@@ -223,10 +208,9 @@ def _match(cross: Complexes, omega: Floats, late: Floats | float) -> Floats:
 
 @frozen
 class Fit:
-    """The shift as a line with one step: slope per period, step, both with deviations."""
+    """The shift as a line with one step: slope per period, step with its deviation."""
 
     slope: float
-    slope_std: float
     step: float
     step_std: float
     place: int
@@ -235,7 +219,7 @@ class Fit:
 def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
     """Fit a line and a step: at the place given, or where it helps most."""
     count = len(tau)
-    at = _best_place(tau) if at is None else at
+    at = 1 + int(np.argmax(_explained_by_steps(tau))) if at is None else at
     place = np.arange(count) - (count - 1) / 2
     columns = [np.ones(count), place, (np.arange(count) >= at).astype(float)]
     # A loss within a period splits that period, the one before the step or behind it: they are
@@ -246,18 +230,7 @@ def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
     solved = np.linalg.lstsq(r, q.T @ tau, rcond=None)[0]
     deviation = _long_run(tau - table @ solved, len(solved), noise)
     root = np.linalg.norm(np.linalg.pinv(r), axis=1)
-    return Fit(
-        slope=float(solved[1]),
-        slope_std=float(deviation * root[1]),
-        step=float(solved[2]),
-        step_std=float(deviation * root[2]),
-        place=at,
-    )
-
-
-def _best_place(tau: Floats) -> int:
-    """Return the first period behind the step that explains most."""
-    return 1 + int(np.argmax(_explained_by_steps(tau)))
+    return Fit(float(solved[1]), float(solved[2]), float(deviation * root[2]), at)
 
 
 def _may_step(channels: dict[int, Shifts]) -> list[int]:
@@ -268,11 +241,8 @@ def _may_step(channels: dict[int, Shifts]) -> list[int]:
     if not channels:
         return []
     most = _explained_by_steps(np.stack([s.tau for s in channels.values()])).max(axis=1)
-    return [
-        c
-        for (c, s), found in zip(channels.items(), most, strict=True)
-        if found > (STEP / 2 * s.noise) ** 2
-    ]
+    noise = np.array([s.noise for s in channels.values()])
+    return [c for c, clear in zip(channels, most > (STEP / 2 * noise) ** 2, strict=True) if clear]
 
 
 def _explained_by_steps(tau: Floats) -> Floats:
@@ -318,11 +288,9 @@ def check_timing(periods: PeriodicRecord) -> list[Note]:
 
 def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
     """Tell whether the lines of some channels drift as a shift of time makes them, and no more."""
-    lines = _steady_lines(periods)
-    z, omega = periods.spectra[:, lines][:, :, list(channels)], periods.omega[lines]
+    seen = _Lines.of(periods, channels)
+    z, omega, noise = seen.z, seen.omega, seen.noise
     mean, place = z.mean(axis=0), np.arange(len(z)) - (len(z) - 1) / 2
-    noise = median(np.abs(np.diff(z, axis=0)) ** 2, axis=0) / (2 * np.log(2))
-    noise = np.maximum(noise, _floor(np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))))
     weight = np.where(np.abs(mean) ** 2 > 25.0 * noise, np.abs(mean) ** 2 / noise, 0.0)
     size = float(place @ place)
     relative = np.einsum("p,plc->lc", place, z) / size / np.where(weight > 0, mean, 1.0)
@@ -336,6 +304,8 @@ def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
 
 def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
     """Return the shifts of every channel that tells them."""
+    if not _steady_lines(periods).any():
+        return {}
     small = _small_shifts(periods)
     if small is not None:
         return small
