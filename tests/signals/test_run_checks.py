@@ -171,7 +171,7 @@ def test_no_line_left_out_is_refused() -> None:
 
 
 def test_a_transient_of_one_period_is_told_as_one():
-    one, more = Settling(1, 0.2, 153.0, 1.0), Settling(3, 0.6, 153.0, 1.0)
+    one, more = Settling(1, 0.2, 153.0), Settling(3, 0.6, 153.0)
     scatter = "153 times the scatter of the later ones"
     assert one.told == f"a transient in the first period, {scatter}"
     assert more.told == f"a transient in the first 3 periods, {scatter}"

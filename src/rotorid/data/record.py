@@ -445,6 +445,16 @@ class PeriodicRecord(Drawn, OfMachine):
         return self.sample_rate / self.samples
 
     @property
+    def turns(self) -> float:
+        """Revolutions in a period, whichever way."""
+        return abs(self.speed) / (2 * np.pi * self.fundamental)
+
+    @property
+    def on_rotation(self) -> Booleans:
+        """Whether a line is that of the rotation, or nearest to it; shape (line,)."""
+        return np.asarray(np.abs(self.harmonics - self.turns) < 0.5)
+
+    @property
     def frequency(self) -> Floats:
         """Frequencies of the lines in Hz, shape (line,)."""
         return np.asarray(self.harmonics * self.fundamental, dtype=float)

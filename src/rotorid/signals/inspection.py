@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -309,8 +310,9 @@ def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFac
     size = float(samples.std())
     low, high = float(samples.min()), float(samples.max())
     orders = _orders(record, c)
+    facts = ChannelFacts(channel.name, channel.unit, low, high, size, orders=orders)
     if periods is None:
-        return ChannelFacts(channel.name, channel.unit, low, high, size, orders=orders)
+        return facts
     z = periods.spectra[:, :, c]
     noise = z.var(axis=0, ddof=1)
     mean = np.abs(z.mean(axis=0)) ** 2
@@ -318,18 +320,13 @@ def _facts(record: Record, periods: PeriodicRecord | None, c: int) -> ChannelFac
     signal = max(float((mean - noise / periods.periods).sum()), 0.0)
     share = mean / np.maximum((np.abs(z) ** 2).mean(axis=0), 1e-300)
     odd, even = _distortion(periods, c)
-    return ChannelFacts(
-        channel.name,
-        channel.unit,
-        low,
-        high,
-        size,
+    return replace(
+        facts,
         crest_factor=_crest(periods.mean[:, c]),
         snr_db=float(10 * np.log10(signal / total)) if signal > 0 and total > 0 else None,
         coherence=float(share.min()) if mean.any() else None,
         odd=odd,
         even=even,
-        orders=orders,
     )
 
 
@@ -339,7 +336,7 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
     noise = float(periods.variance[:, c].mean()) / (periods.samples * periods.periods)
     lines = np.arange(len(power))
     highest = int(periods.harmonics.max())
-    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
+    turns = periods.turns
     near = np.zeros(len(lines), dtype=bool)
     if turns > 0.5:
         near = np.abs(lines / turns - np.round(lines / turns)) * turns < 0.5

@@ -12,7 +12,7 @@ import numpy as np
 
 from rotorid.core.distributions import f_limit
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note, Severity
+from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
@@ -42,7 +42,6 @@ class Settling:
     # root mean square of the deviation of these periods from the settled ones, over all lines and
     # channels, in units of the scatter between the settled ones; 0 where there is none
     excess: float
-    relative: float  # their largest deviation, as a part of the channel's line spectrum
 
     @property
     def told(self) -> str:
@@ -54,7 +53,7 @@ class Settling:
         )
 
 
-NONE = Settling(0, 0.0, 0.0, 0.0)
+NONE = Settling(0, 0.0, 0.0)
 """No transient."""
 
 
@@ -68,7 +67,7 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
     count = periods.periods
     if count < LEAST_PERIODS:
         return NONE
-    deviation, size = _deviation(periods.spectra)
+    deviation = _deviation(periods.spectra)
     d = (deviation**2).mean(axis=1)
     # Against differences of neighbours the second half has d = 1; a drift in it makes it large.
     drifts = median(d[count // 2 :]) > _DRIFT
@@ -79,12 +78,11 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
         periods=last,
         drop=min(2 * last, count // 2) / periods.fundamental,
         excess=float(np.sqrt(d[:last].mean())),
-        relative=float(size[:last].max()),
     )
 
 
-def _deviation(spectra: Complexes) -> tuple[Floats, Floats]:
-    """Return each period's deviation from the second half: over its scatter, and relative."""
+def _deviation(spectra: Complexes) -> Floats:
+    """Return each period's deviation from the second half, over its scatter."""
     count = len(spectra)
     spectra = _without_drift(spectra)
     settled = spectra[count // 2 :]
@@ -95,9 +93,7 @@ def _deviation(spectra: Complexes) -> tuple[Floats, Floats]:
     pooled = np.sqrt((scatter**2).mean(axis=0))
     level = np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))  # a channel that stops has none late
     floor = np.maximum(pooled, np.maximum(_ROUNDING * np.maximum(channel, level), 1e-300))
-    moved = np.abs(spectra - mean)
-    relative = moved / np.where(channel > 0, channel, np.inf)
-    return (moved / floor).reshape(count, -1), relative.reshape(count, -1).max(axis=1)
+    return np.asarray((np.abs(spectra - mean) / floor).reshape(count, -1))
 
 
 def _without_drift(spectra: Complexes) -> Complexes:
@@ -179,16 +175,18 @@ def check_identical(periods: PeriodicRecord) -> list[Note]:
             "record again if the periods were copied or computed"
         )
         return [Note("identical periods", "warns", text)]
-    found = []
-    for c in np.flatnonzero(same):
-        channel = periods.channels[c]
-        command = is_input(channel)
-        text = "no scatter between periods, while other channels have some: " + (
-            "taken as exact" if command else "computed or copied, not measured"
+    text = "no scatter between periods, while other channels have some: "
+    return [
+        Note("identical periods", "says", f"{text}taken as exact", on=(channel.name,))
+        if is_input(channel)
+        else Note(
+            "identical periods",
+            "warns",
+            f"{text}computed or copied, not measured",
+            on=(channel.name,),
         )
-        severity: Severity = "says" if command else "warns"
-        found.append(Note("identical periods", severity, text, on=(channel.name,)))
-    return found
+        for channel in (periods.channels[c] for c in np.flatnonzero(same))
+    ]
 
 
 @period_check("copied periods", "no period is an earlier one again")
@@ -253,6 +251,12 @@ def check_repeats(periods: PeriodicRecord) -> list[Note]:
     return [Note("repeats", "warns", text)]
 
 
+_CURES = {
+    "input": "excite the machine, or give the rate at which it repeats as the fundamental",
+    "sensor": "raise the excitation, or look at the fundamental and at what its column holds",
+}
+
+
 @period_check("lines below noise", "every line that is used stands above its noise")
 def check_silent(periods: PeriodicRecord) -> list[Note]:
     """Find lines that no channel holds, and channels that hold no line."""
@@ -267,18 +271,8 @@ def check_silent(periods: PeriodicRecord) -> list[Note]:
     # The deviation is itself a guess: what chance exceeds as seldom, by F.
     ratio = np.sqrt(f_limit(np.exp(-(SILENT**2)), 2, freedom))
     there = mean > np.where(noisy, ratio * deviation, NO_SCATTER * mean.max(axis=0))
-    for wanted, what, cure in (
-        (
-            True,
-            "input",
-            "excite the machine, or give the rate at which it repeats as the fundamental",
-        ),
-        (
-            False,
-            "sensor",
-            "raise the excitation, or look at the fundamental and at what its column holds",
-        ),
-    ):
+    for what, cure in _CURES.items():
+        wanted = what == "input"
         chosen = [c for c, channel in enumerate(periods.channels) if is_input(channel) == wanted]
         if not chosen:
             continue
@@ -412,8 +406,12 @@ def check_drift(periods: PeriodicRecord) -> list[Note]:
         limit = max(limit, f_limit(FALSE_ALARM, freedom, 2 * len(_beside(count))))
     rest = _beside_rotation(periods, ratio := np.abs(slope) ** 2 / np.maximum(variance, floor))
     alone = rest is not None and (strength > limit).any() and (rest <= limit).all()
-    if alone and _turns(periods, slope, ratio):
-        return [_creeping(periods, ratio)]
+    if alone:
+        most = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+        relative = slope[most] * np.conj(periods.mean_spectrum[most])
+        # It turns, as with a speed, and does not grow, as with a gain.
+        if abs(relative.imag) > abs(relative.real):
+            return [_creeping(periods, periods.names[most[1]])]
     found = []
     for c in np.flatnonzero(strength > limit):
         k = int(np.argmax(np.abs(slope[:, c])))
@@ -430,30 +428,20 @@ def check_drift(periods: PeriodicRecord) -> list[Note]:
 
 def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
     """Return the mean over lines without that of the rotation, (channel,); None without one."""
-    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
-    others = np.abs(periods.harmonics - turns) >= 0.5
+    others = ~periods.on_rotation
     if not periods.speed or others.all() or not others.any():
         return None
     return np.asarray(ratio[others].mean(axis=0))
 
 
-def _turns(periods: PeriodicRecord, slope: Complexes, ratio: Floats) -> bool:
-    """Tell whether the line that changes most turns, as with a speed, or grows, as with a gain."""
-    k, c = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-    relative = slope[k, c] * np.conj(periods.mean_spectrum[k, c])
-    return bool(abs(relative.imag) > abs(relative.real))
-
-
-def _creeping(periods: PeriodicRecord, ratio: Floats) -> Note:
-    """Say that the line of the rotation alone changes slowly."""
+def _creeping(periods: PeriodicRecord, name: str) -> Note:
     hertz = abs(periods.speed) / (2 * np.pi)
-    worst = int(np.argmax(ratio.max(axis=0)))
     text = (
         f"the line of the rotation, {hertz:g} Hz, changes slowly and no other does: the speed is "
         "not quite the one stated; give it to more digits, or measure the angle (encoder or "
         "keyphasor)"
     )
-    return Note("speed", "warns", text, on=(periods.names[worst],))
+    return Note("speed", "warns", text, on=(name,))
 
 
 def _beside(count: int) -> list[int]:

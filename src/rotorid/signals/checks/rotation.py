@@ -56,25 +56,39 @@ def synchronism(periods: PeriodicRecord) -> Synchronism:
     """
     angle, time = unread(periods, "angle"), unread(periods, "time")
     if isinstance(angle, Steady) and isinstance(time, Steady):
-        return _of_one_speed(periods, angle.slope)
-    return _measured(periods)
+        turns, length, bend, sizes = _of_one_speed(periods, angle.slope)
+    else:
+        turns, length, bend, sizes = _measured(periods)
+    nearest = round(turns)
+    *kept, own = sizes
+    return Synchronism(
+        turns=turns,
+        slip=(turns - nearest) * 2 * np.pi * periods.fundamental * length,
+        drift=2 * bend * length,
+        loss=float(1 - own),
+        leakage=np.where(periods.harmonics == nearest, 0.0, kept),
+    )
 
 
-def _of_one_speed(periods: PeriodicRecord, speed: float) -> Synchronism:
-    """Return it for a constant speed: the sums over periods and over samples are apart."""
+_Turning = tuple[float, float, float, Floats]
+"""Turns per period, length of the record, half its acceleration, and the size of the rotation on
+the kept lines and, last, on its own."""
+
+
+def _of_one_speed(periods: PeriodicRecord, speed: float) -> _Turning:
+    """For a constant speed: the sums over periods and over samples are apart."""
     omega0, count = 2 * np.pi * periods.fundamental, periods.periods
     turns = speed / omega0
-    nearest = round(turns)
-    gains = speed - omega0 * np.array([*periods.harmonics, nearest])
+    gains = speed - omega0 * np.array([*periods.harmonics, round(turns)])
     place = np.arange(periods.samples) / periods.sample_rate
     begin = np.arange(count) / periods.fundamental
     means = [np.exp(1j * np.multiply.outer(t, gains)).mean(axis=0) for t in (begin, place)]
     length = (count * periods.samples - 1) / periods.sample_rate
-    return _synchronism(periods, turns, length, 0.0, np.abs(means[0] * means[1]))
+    return turns, length, 0.0, np.abs(means[0] * means[1])
 
 
-def _measured(periods: PeriodicRecord) -> Synchronism:
-    """Return it for a measured angle: its line in every period."""
+def _measured(periods: PeriodicRecord) -> _Turning:
+    """For a measured angle: its line in every period."""
     angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
     omega0 = 2 * np.pi * periods.fundamental
     some = slice(None, None, max(1, len(time) // _FITTED))
@@ -91,22 +105,7 @@ def _measured(periods: PeriodicRecord) -> Synchronism:
         part = slice(begin, begin + step)
         sums += (starts[part] * (np.exp(1j * periods.angle[part]) @ waves)).sum(axis=0)
     length = float(time[-1] - time[0])
-    return _synchronism(periods, turns, length, float(speed[2]), np.abs(sums / len(time)))
-
-
-def _synchronism(
-    periods: PeriodicRecord, turns: float, length: float, bend: float, sizes: Floats
-) -> Synchronism:
-    """Return what is told of a rotation, from its sizes on the kept lines and, last, its own."""
-    nearest = round(turns)
-    *kept, own = sizes
-    return Synchronism(
-        turns=turns,
-        slip=(turns - nearest) * 2 * np.pi * periods.fundamental * length,
-        drift=2 * bend * length,
-        loss=float(1 - own),
-        leakage=np.where(periods.harmonics == nearest, 0.0, kept),
-    )
+    return turns, length, float(speed[2]), np.abs(sums / len(time))
 
 
 def rotation_warnings(periods: PeriodicRecord) -> tuple[str, ...]:
@@ -210,8 +209,11 @@ def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
             continue
         power, floor = _spectrum(rest)
         clear = _off_grid(rest, power, floor, record.sample_rate, record.names[c])
-        clear = [t for t in clear if not _is_ghost(t, clear[0], record, periods, len(rest))]
-        found += [t for t in clear if not _is_sideband(t, record, periods, len(rest))]
+        if periods is not None:
+            spacing = record.sample_rate / len(rest)
+            clear = [t for t in clear if not _is_ghost(t, clear[0], periods, spacing)]
+            clear = [t for t in clear if not _is_sideband(t, periods, spacing)]
+        found += clear
         found += [tone for tone in on_grid if tone.channel == record.names[c]]
     best: list[Tone] = []
     width = 2 * record.sample_rate / min(len(record.samples), _MOST)
@@ -271,26 +273,20 @@ def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str
     return found
 
 
-def _is_ghost(
-    tone: Tone, strongest: Tone, record: Record, periods: PeriodicRecord | None, samples: int
-) -> bool:
+def _is_ghost(tone: Tone, strongest: Tone, periods: PeriodicRecord, spacing: float) -> bool:
     """Tell whether a tone on the grid is what the mean over periods holds of a much stronger one.
 
     Of a tone between the lines the mean keeps a little, and taking it away puts that on all lines.
     """
-    if periods is None or tone.strength > GHOST * strongest.strength:
-        return False
     turns = tone.frequency / periods.fundamental
-    return abs(turns - round(turns)) * periods.fundamental < 2 * record.sample_rate / samples
+    near = abs(turns - round(turns)) * periods.fundamental < 2 * spacing
+    return near and tone.strength <= GHOST * strongest.strength
 
 
-def _is_sideband(tone: Tone, record: Record, periods: PeriodicRecord | None, samples: int) -> bool:
+def _is_sideband(tone: Tone, periods: PeriodicRecord, spacing: float) -> bool:
     """Tell whether a tone lies so close to a kept line that a slow change of that makes it."""
-    if periods is None:
-        return False
-    beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * record.sample_rate / samples
-    own = np.abs(periods.frequency - abs(record.speed) / _TURN) < 0.5 * periods.fundamental
-    return bool((beside & ~own).any())
+    beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * spacing
+    return bool((beside & ~periods.on_rotation).any())
 
 
 def _refined(power: Floats, k: int) -> float:
@@ -352,12 +348,12 @@ def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[N
         return [Note("speed", "says", text, on=(tone.channel,))]
     if any(abs(tone.frequency - given) <= width for tone in found):
         return []
-    order = [t for t in found if not _is_order(t.frequency, given, width)]
-    if not order:
+    others = [t for t in found if not _is_order(t.frequency, given, width)]
+    if not others:
         return []
-    orbits = order[0].strength > CLEAR and _orbits(record, periods, order[0])
-    hidden = _hidden(periods, given, width) and not orbits
-    return [_wrong_speed(order, given, hidden)]
+    orbits = others[0].strength > CLEAR and _orbits(record, periods, others[0])
+    excited = periods is not None and (np.abs(periods.frequency - given) < 2 * width).any()
+    return [_wrong_speed(others, given, bool(excited and not orbits))]
 
 
 def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
@@ -386,9 +382,7 @@ def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency
 @period_check("wander", "the line of the rotation scatters as the others do")
 def check_wander(periods: PeriodicRecord) -> list[Note]:
     """Find a line of the rotation that scatters from period to period as no other does."""
-    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
-    on = np.flatnonzero(np.abs(periods.harmonics - turns) < 0.5)
-    others = np.flatnonzero(np.abs(periods.harmonics - turns) >= 0.5)
+    on, others = np.flatnonzero(periods.on_rotation), np.flatnonzero(~periods.on_rotation)
     if not periods.speed or not len(on) or len(others) < 2 or periods.periods < 4:
         return []
     variance = periods.spectra.var(axis=0, ddof=1)
@@ -411,13 +405,6 @@ def _is_order(frequency: float, given: float, width: float) -> bool:
     return 1 < multiple <= 10 and abs(frequency - multiple * given) <= multiple * width
 
 
-def _hidden(periods: PeriodicRecord | None, given: float, width: float) -> bool:
-    """Tell whether the line of the rotation is on one that is excited."""
-    if periods is None:
-        return False
-    return bool((np.abs(periods.frequency - given) < 2 * width).any())
-
-
 def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
     near = [t for t in found if abs(t.frequency / given - 1) < NEAR]
     tone = near[0] if near else found[0]
@@ -426,17 +413,17 @@ def _wrong_speed(found: list[Tone], given: float, hidden: bool) -> Note:
         f"the clearest line that is not excited stands at {tone.frequency:.6g} Hz "
         f"({60 * tone.frequency:.6g} rpm), the speed given is {given:.6g} Hz ({60 * given:.6g} rpm)"
     )
-    severity: Severity = "warns"
-    for factor, mistake in _UNITS:
-        if abs(ratio / factor - 1) < SAME_UNIT:
-            return Note("speed", severity, f"{told}: {mistake}?", on=(tone.channel,))
-    if near:
-        text = f"{told}: give the speed that the record shows"
+    mistakes = [what for factor, what in _UNITS if abs(ratio / factor - 1) < SAME_UNIT]
+    if mistakes:
+        why = f": {mistakes[0]}?"
+    elif near:
+        why = ": give the speed that the record shows"
     elif hidden:
-        text, severity = f"{told}: hum, or is that the speed?", "says"
+        why = ": hum, or is that the speed?"
     else:
-        text = f"{told}, where nothing stands: give the speed at which the machine ran"
-    return Note("speed", severity, text, on=(tone.channel,))
+        why = ", where nothing stands: give the speed at which the machine ran"
+    severity: Severity = "says" if hidden and not mistakes and not near else "warns"
+    return Note("speed", severity, told + why, on=(tone.channel,))
 
 
 AROUND = 12

@@ -154,10 +154,9 @@ def _turns(harmonics: Integers, angle: Floats) -> Complexes:
 def _steady_lines(periods: PeriodicRecord) -> Booleans:
     """Return the lines that the excitation alone makes: not DC, not the rotation's orders."""
     lines = periods.harmonics > 0
-    turns = abs(periods.speed) / (2 * np.pi * periods.fundamental)
-    if turns > 0:
-        order = np.round(periods.harmonics / turns)
-        others = lines & (np.abs(periods.harmonics - order * turns) >= 0.5)
+    if periods.speed:
+        order = np.round(periods.harmonics / periods.turns)
+        others = lines & (np.abs(periods.harmonics - order * periods.turns) >= 0.5)
         lines = others if others.any() else lines
     return np.asarray(lines)
 
