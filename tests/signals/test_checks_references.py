@@ -16,7 +16,7 @@ RATE = 1000.0
 def checks(references: np.ndarray, channels: np.ndarray) -> list[rid.Note]:
     lines = [np.fft.rfft(np.atleast_2d(part).T, axis=0) for part in (references, channels)]
     names = [[f"{kind}{k}" for k in range(lines[n].shape[1])] for n, kind in enumerate("rc")]
-    return check_references(names[0], lines[0], names[1], lines[1], RATE)
+    return list(check_references(names[0], lines[0], names[1], lines[1], RATE))
 
 
 def wave(top: float, seed: int = 1) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_lines_that_are_weak_do_not_count(power: float, told: bool) -> None:
     other = np.exp(2j * np.pi * rng.random(COUNT // 2 + 1))
     shift = np.exp(2j * np.pi * np.arange(COUNT // 2 + 1) * 400 / COUNT)
     lines = np.where(strong, phase * shift, other)
-    found = check_references(["r"], reference[:, None], ["c"], lines[:, None], RATE)
+    found = list(check_references(["r"], reference[:, None], ["c"], lines[:, None], RATE))
     assert ["c follows it" in check.found for check in found] == [told]
 
 

@@ -27,7 +27,7 @@ def stopped(samples: np.ndarray, play: np.ndarray | float = 0.0) -> np.ndarray:
 
 def checks(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> list[Note]:
     record = Record([Channel("c", unit)], samples[:, None], 1000.0)
-    return check_stuck(record, steady=steady)
+    return list(check_stuck(record, steady=steady))
 
 
 def verdict(samples: np.ndarray, unit: str = "m", *, steady: bool = False) -> str:
@@ -84,6 +84,6 @@ def test_a_channel_whose_last_digit_is_all_that_moves(levels: int, told: str) ->
     samples = 4e-6 + 1e-7 * np.random.default_rng(3).integers(0, levels, COUNT)
     record = Record([Channel("x", "m")], samples[:, None], 1000.0)
     assert [check.verdict for check in check_quantized(record)] == [told]
-    assert not check_stuck(record, steady=False)
+    assert not list(check_stuck(record, steady=False))
     force = replace(record, channels=(Channel("F", "N"),))
     assert [check.verdict for check in check_quantized(force)] == ["note"]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import scipy
@@ -101,20 +102,19 @@ def quantum(samples: Floats) -> float:
 
 @whole_check("dead", lambda seen: (seen.used,))
 @record_check("dead", "every channel moves", lambda seen: (seen.part, seen.scatter))
-def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
+def check_dead(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
     """Find channels that say nothing: the same value in every sample.
 
     Where `scatter`, the standard deviation of a sample between periods, is there in others, it is
     measured, and no sensor is without.
     """
     if not len(record.samples):
-        return []
+        return
     # A channel that moves at once need not be read to its end.
     still = np.flatnonzero((record.samples[:_FEW] == record.samples[0]).all(axis=0))
     dead = [int(c) for c in still if (record.samples[:, c] == record.samples[0, c]).all()]
     sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
     all_dead = bool(sensors) and set(sensors) <= set(dead)
-    found = []
     for c in dead:
         channel = record.channels[c]
         value = record.samples[0, c]
@@ -126,43 +126,35 @@ def check_dead(record: Record, scatter: Floats | None = None) -> list[Note]:
             severity = "refuses"
         else:
             text, severity = "right only if nothing moves there", "warns"
-        found.append(
-            Note("dead", severity, f"{value + 0.0:.6g} in every sample: {text}", on=(channel.name,))
+        yield Note(
+            "dead", severity, f"{value + 0.0:.6g} in every sample: {text}", on=(channel.name,)
         )
-    return found
 
 
 @whole_check("stuck", lambda seen: (seen,))
-def _stopped(seen: SeenWhole) -> list[Note]:
-    found = check_stuck(seen.record, steady=False, references=seen.references)
-    return [replace(c, about=REFERENCE) if {*c.on} & {*seen.references} else c for c in found]
+def _stopped(seen: SeenWhole) -> Iterator[Note]:
+    for note in check_stuck(seen.record, steady=False, references=seen.references):
+        yield replace(note, about=REFERENCE) if {*note.on} & {*seen.references} else note
 
 
 @whole_check(REFERENCE, lambda seen: (seen,))
-def _idle(seen: SeenWhole) -> list[Note]:
+def _idle(seen: SeenWhole) -> Iterator[Note]:
     """Tell of references that never move; one that is zero belongs to an axis at rest."""
     text = "what it drove counts as noise, and widens deviations: name the column of the excitation"
     values = {name: seen.record.column(name) for name in seen.references}
     still = {name: samples[0] for name, samples in values.items() if np.ptp(samples) == 0}
     none_moves = len(still) == len(values)  # not an axis at rest: all of them
-    return [
-        Note(
-            REFERENCE,
-            "warns" if value or none_moves else "says",
-            f"{value:.6g} in every sample: {text}",
-            on=(name,),
-        )
-        for name, value in still.items()
-    ]
+    for name, value in still.items():
+        severity: Severity = "warns" if value or none_moves else "says"
+        yield Note(REFERENCE, severity, f"{value:.6g} in every sample: {text}", on=(name,))
 
 
 @whole_check("clipped", lambda seen: (seen.used,))
 @record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
-def check_clipped(record: Record) -> list[Note]:
+def check_clipped(record: Record) -> Iterator[Note]:
     """Find channels that are cut at a limit: flat tops that it meets at full slope."""
-    found = []
     if not len(record.samples):
-        return []
+        return
     for c, channel in enumerate(record.channels):
         samples = np.ascontiguousarray(record.samples[:, c])
         limits = samples.min(), samples.max()
@@ -182,8 +174,7 @@ def check_clipped(record: Record) -> list[Note]:
             f"flat tops of {where} ({100 * sum(counts.values()) / len(samples):.2g} % of the "
             "samples): lower the excitation or widen the range, and record again"
         )
-        found.append(Note("clipped", "warns", text, on=(channel.name,)))
-    return found
+        yield Note("clipped", "warns", text, on=(channel.name,))
 
 
 def _flat(samples: Floats, value: float) -> int:
@@ -207,9 +198,8 @@ def _flat(samples: Floats, value: float) -> int:
 
 @whole_check("quantized", lambda seen: (seen.used,))
 @record_check("quantized", "no channel is too coarse", lambda seen: (seen.part, seen.scatter))
-def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]:
+def check_quantized(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
     """Find channels whose steps are so coarse that their rounding does not average out."""
-    found = []
     for c, channel in enumerate(record.channels):
         step = quantum(record.samples[:, c])
         if step == 0 or channel.hold:
@@ -217,7 +207,7 @@ def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]
         few = _spread(record.samples[:, c])
         size = float(few.std())
         if np.ptp(few) <= DITHER * step and np.ptp(record.samples[:, c]) <= DITHER * step:
-            found.append(_last_digit(channel, float(median(few)), step))
+            yield _last_digit(channel, float(median(few)), step)
             continue
         told = f"steps of {step:.3g} {channel.unit}, {size / step:.3g} of them to its rms"
         if scatter is not None and 0 < scatter[c] < UNDITHERED * step:
@@ -226,12 +216,9 @@ def check_quantized(record: Record, scatter: Floats | None = None) -> list[Note]
                 "repeats in every period and no mean removes it; use a finer range"
             )
             severity: Severity = "warns" if size < COARSE * step else "says"
-            found.append(Note("quantized", severity, text, on=(channel.name,)))
+            yield Note("quantized", severity, text, on=(channel.name,))
         elif size < COARSE * step:
-            found.append(
-                Note("quantized", "says", f"{told}: use a finer range", on=(channel.name,))
-            )
-    return found
+            yield Note("quantized", "says", f"{told}: use a finer range", on=(channel.name,))
 
 
 def _last_digit(channel: Channel, level: float, step: float) -> Note:
@@ -252,7 +239,7 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
     "no two channels are the same",
     lambda seen: (seen.periods.channels, seen.deviations),
 )
-def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
+def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
     """Find pairs of channels whose noise is the same: one column read twice.
 
     `deviations`, (value, channel), are what chance makes of each channel: deviations from the mean
@@ -262,32 +249,26 @@ def check_copied(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
     alive = power > 0
     unit = deviations / np.where(alive, power, 1.0)
     correlation = unit.T @ unit
-    found = []
-    for i in range(len(channels)):
-        for j in range(i + 1, len(channels)):
-            if not (alive[i] and alive[j] and abs(correlation[i, j]) > 0.999):
-                continue
+    for i, j in combinations(range(len(channels)), 2):
+        if alive[i] and alive[j] and abs(correlation[i, j]) > 0.999:
             rest = unit[:, j] - correlation[i, j] * unit[:, i]
             if (rest**2).sum() > COPY:
                 continue
             factor = correlation[i, j] * power[j] / power[i]
             both_sensors = not is_input(channels[i]) and not is_input(channels[j])
-            found.append(
-                Note(
-                    "copied",
-                    "refuses" if both_sensors else "warns",
-                    f"{channels[j].name} is {factor:.6g} times {channels[i].name}, noise and all: "
-                    "one column read twice; name another",
-                    on=(channels[i].name, channels[j].name),
-                )
+            yield Note(
+                "copied",
+                "refuses" if both_sensors else "warns",
+                f"{channels[j].name} is {factor:.6g} times {channels[i].name}, noise and all: "
+                "one column read twice; name another",
+                on=(channels[i].name, channels[j].name),
             )
-    return found
 
 
 @whole_check("copied", lambda seen: (seen.used.channels, seen.centred))
-def _alike(channels: Sequence[Channel], deviations: Floats) -> list[Note]:
+def _alike(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
     """Tell of copies, and refuse none: without noise two sensors may well be alike."""
-    return [replace(c, severity="warns") for c in check_copied(channels, deviations)]
+    return (replace(note, severity="warns") for note in check_copied(channels, deviations))
 
 
 STUCK = 0.02
@@ -341,13 +322,12 @@ def check_stuck(
     *,
     steady: bool = True,
     references: tuple[str, ...] = (),
-) -> list[Note]:
+) -> Iterator[Note]:
     """Find channels that stop in the middle: one value for a good part of the record.
 
     What lies before `begin`, in s, is not used, and may rest. `steady`: the motion repeats, so
     that no rest belongs to it; otherwise a sensor has to stop out of full motion.
     """
-    found = []
     first = max(0, round((max(begin, record.start) - record.start) * record.sample_rate))
     for c, channel in enumerate(record.channels):
         samples = record.samples[first:, c]
@@ -361,14 +341,10 @@ def check_stuck(
         elif not rest.abrupt(samples) and not (steady and rest.tolerance == 0):
             severity = "says"
         text = _told(rest, record.start + first / record.sample_rate, record.sample_rate)
-        found.append(Note("stuck", severity, f"{text}: {_cure(severity)}", on=(channel.name,)))
-    return found
-
-
-def _cure(severity: Severity) -> str:
-    if severity == "says":
-        return "right only if nothing was to move there"
-    return "check its cable and its logger, use the part in which it moves (skip, until)"
+        cure = "check its cable and its logger, use the part in which it moves (skip, until)"
+        if severity == "says":
+            cure = "right only if nothing was to move there"
+        yield Note("stuck", severity, f"{text}: {cure}", on=(channel.name,))
 
 
 def _told(rest: _Rest, start: float, rate: float) -> str:
@@ -519,6 +495,6 @@ def check_phases(name: str, phases: Floats, *, degrees: bool) -> Iterator[Note]:
 
 
 @record_check("stuck", "no channel stops in the middle", lambda seen: (seen,))
-def _stuck(seen: SeenRecord) -> list[Note]:
+def _stuck(seen: SeenRecord) -> Iterator[Note]:
     whole = seen.record if seen.untorn else seen.part
     return check_stuck(whole, seen.begin, steady=seen.periods is not None)

@@ -297,8 +297,16 @@ def _listed(values: Floats, most: int = 6) -> str:
     return shown + (f" and {len(values) - most} more" if len(values) > most else "")
 
 
-def check_settled(periods: PeriodicRecord) -> list[Note]:
+# What shifts or settles leaves other traces too: they are told once.
+DISTURBED = ("lost samples", "settled")
+
+
+@period_check("settled", "no transient is left", lambda seen: (seen,))
+def check_settled(seen: SeenPeriods) -> list[Note]:
     """Tell whether the start still holds a transient, with few periods too."""
+    periods = seen.periods
+    if seen.notes("lost samples"):
+        return []
     if periods.periods >= LEAST_PERIODS:
         found = detect_settling(periods)
         if not found.periods:
@@ -333,13 +341,13 @@ def _first_against_rest(spectra: Complexes) -> tuple[int | None, float]:
     return (worst if ratio[worst] > limit else None), float(np.sqrt(ratio[worst]))
 
 
-def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Note]:
+@period_check("knock", "no period stands out", lambda seen: (seen,))
+def check_knocks(seen: SeenPeriods) -> list[Note]:
     """Find single periods that are not like the others."""
-    spectra = periods.spectra[first:]
-    count = len(spectra)
-    if count < LEAST_TO_JUDGE:
+    periods, count = seen.periods, seen.periods.periods
+    if count < LEAST_TO_JUDGE or seen.warned(*DISTURBED):
         return []
-    size = _without_trend(spectra)
+    size = _without_trend(periods.spectra)
     typical = median(size, axis=0)
     out = size > KNOCK**2 * np.maximum(typical, 1e-300)
     if out.any():
@@ -354,10 +362,8 @@ def check_knocks(periods: PeriodicRecord, first: int = 0) -> list[Note]:
     worst = int(knocked[np.argmax(ratio[knocked].max(axis=1))])
     channels = np.flatnonzero(out[knocked].any(axis=0))
     factor = float(np.sqrt(ratio[worst].max()))
-    starts = periods.time[first + knocked, 0]
-    which = ", ".join(
-        f"{first + p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts[:5], strict=False)
-    )
+    starts = periods.time[knocked, 0]
+    which = ", ".join(f"{p + 1} ({t:.4g} s)" for p, t in zip(knocked[:5], starts, strict=False))
     text = (
         f"period {which}{' and more' if knocked.size > 5 else ''} deviates by up to {factor:.3g} "
         "times the scatter of the others: something knocked; leave it out or record again"
@@ -385,10 +391,11 @@ def _without_trend(spectra: Complexes) -> Floats:
     return np.asarray(size.min(axis=0).T)
 
 
-def check_drift(periods: PeriodicRecord) -> list[Note]:
+@period_check("drift", "no line drifts", lambda seen: (seen,))
+def check_drift(seen: SeenPeriods) -> list[Note]:
     """Find lines that change slowly: their slope against the lines of the record beside it."""
-    count = periods.periods
-    if count < LEAST_PERIODS:
+    periods, count = seen.periods, seen.periods.periods
+    if count < LEAST_PERIODS or seen.warned(*DISTURBED) or seen.notes("knock"):
         return []
     place = np.linspace(-1.0, 1.0, count)
     place /= np.sqrt((place**2).sum())
@@ -593,22 +600,3 @@ def _difference(samples: Floats, lag: int, power: Floats) -> Floats:
     """Return half the power of what differs between periods so far apart, over that of all."""
     change = samples[lag:] - samples[:-lag]
     return np.asarray((change**2).mean(axis=(0, 1)) / (2 * np.maximum(power, 1e-300)))
-
-
-# What shifts or settles leaves other traces too: they are told once.
-DISTURBED = ("lost samples", "settled")
-
-
-@period_check("settled", "no transient is left", lambda seen: (seen,))
-def _settled(seen: SeenPeriods) -> list[Note]:
-    return [] if seen.notes("lost samples") else check_settled(seen.periods)
-
-
-@period_check("knock", "no period stands out", lambda seen: (seen,))
-def _knocks(seen: SeenPeriods) -> list[Note]:
-    return [] if seen.warned(*DISTURBED) else check_knocks(seen.periods)
-
-
-@period_check("drift", "no line drifts", lambda seen: (seen,))
-def _drift(seen: SeenPeriods) -> list[Note]:
-    return [] if seen.warned(*DISTURBED) or seen.notes("knock") else check_drift(seen.periods)

@@ -10,7 +10,7 @@ motion of the rotation in every channel it is as large with excitation as withou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -49,12 +49,11 @@ def check_references(
     measured: Sequence[str],
     channels: Complexes,
     sample_rate: float,
-) -> list[Note]:
+) -> Iterator[Note]:
     """Find references that are late, or that nothing follows.
 
     `references` and `channels` are the lines from DC on, (line, reference) and (line, channel).
     """
-    found = []
     samples = 2 * (len(references) - 1)
     references, channels = references[:MOST], channels[:MOST]
     for j, name in enumerate(names):
@@ -73,7 +72,7 @@ def check_references(
                 "nothing that was measured follows it: it takes no motion away, and what it did "
                 "not drive counts as noise; name the column of the excitation, or leave it out"
             )
-            found.append(Note(CHECK, "warns", text, on=(name,)))
+            yield Note(CHECK, "warns", text, on=(name,))
         elif clear and seconds > WIDE * width:
             text = (
                 f"{measured[best]} follows it {seconds:.3g} s before it comes, "
@@ -81,8 +80,7 @@ def check_references(
                 "deviations are too wide where that turns its phase within a window of lines; "
                 "shift its column, or record it where it is added"
             )
-            found.append(Note(CHECK, "warns", text, on=(name,)))
-    return found
+            yield Note(CHECK, "warns", text, on=(name,))
 
 
 def _strong(lines: Complexes) -> Booleans:
@@ -179,14 +177,11 @@ def check_quiet(
     if sure[worst] <= SURE:
         return []
     unit = channels[worst].unit
+    why = "one of the two was taken at another speed than stated, or under another controller"
+    if shown is not None:
+        why = f"it was taken at {shown * 30 / np.pi:.6g} rpm, as its lines show"
     text = (
         f"where the rotation is said to be it moves by {2 * its[worst]:.3g} {unit}, in the record "
-        f"by {2 * mine[worst]:.3g}: {_why(shown)}, and its noise is another; {cure}"
+        f"by {2 * mine[worst]:.3g}: {why}, and its noise is another; {cure}"
     )
     return [Note("quiet", "warns", text, on=(channels[worst].name,))]
-
-
-def _why(shown: float | None) -> str:
-    if shown is None:
-        return "one of the two was taken at another speed than stated, or under another controller"
-    return f"it was taken at {shown * 30 / np.pi:.6g} rpm, as its lines show"

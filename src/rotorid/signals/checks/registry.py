@@ -3,13 +3,13 @@
 A check is a function in a module of this package, entered beside it, and named nowhere else::
 
     @record_check("clipped", "no channel is cut at a limit", lambda seen: (seen.part,))
-    def check_clipped(record: Record) -> list[Note]: ...
+    def check_clipped(record: Record) -> Iterator[Note]: ...
 """
 
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
@@ -26,7 +26,7 @@ NO_SCATTER = 1e-9
 """Scatter over level of a channel below which its periods are the same: sums of 64-bit numbers
 leave 1e-13, no converter reaches 1e-8."""
 
-F = TypeVar("F", bound=Callable[..., list[Note]])
+F = TypeVar("F", bound=Callable[..., Iterable[Note]])
 Of = Literal["record", "periods", "whole"]
 Arguments = Callable[[Any], tuple[Any, ...] | None]
 
@@ -38,7 +38,7 @@ class Check:
     name: str
     in_order: str  # what is said where it finds nothing, if anything
     arguments: Arguments  # of what is seen; None where there is nothing to look at
-    function: Callable[..., list[Note]]
+    function: Callable[..., Iterable[Note]]
 
 
 _ENTERED: dict[Of, list[Check]] = {"record": [], "periods": [], "whole": []}
@@ -90,7 +90,7 @@ class _Seen:
         if name not in self._found:
             one = _checks(self.of)[name]
             arguments = one.arguments(self)
-            self._found[name] = None if arguments is None else one.function(*arguments)
+            self._found[name] = None if arguments is None else list(one.function(*arguments))
         return self._found[name]
 
     def warned(self, *names: str) -> bool:
