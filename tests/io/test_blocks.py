@@ -90,6 +90,14 @@ def test_as_numpy_averages() -> None:
     assert not total.spectra[:, [0, 2]].imag.any()
 
 
+def test_many_lines_as_few() -> None:
+    samples = RNG.normal(size=(9, 400, 3))
+    few, many = PeriodSums(400, 3, np.arange(5)), PeriodSums(400, 3, np.arange(200))
+    few.add(samples)
+    many.add(samples)
+    np.testing.assert_allclose(many.spectra[:, :5], few.spectra, atol=1e-15)
+
+
 def test_faults_are_told_with_their_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blocks, "WORTH", 0)
     monkeypatch.setattr(blocks, "ROWS", 100)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError
+from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady
 from rotorid.data.record import Channel, PeriodicRecord
@@ -136,6 +137,7 @@ def check_nyquist(channels: Sequence[Channel], size: int, lines: Integers) -> No
         )
 
 
+_FEW_LINES = 20  # up to which sums with sines cost less than a fast transform of every sample
 _CACHED = 1 << 17  # numbers that are worked on at once: a megabyte stays in the cache
 _LEAST = 8  # periods worked on at once, so that merging their means costs little
 
@@ -160,6 +162,7 @@ class PeriodSums:
         self._sum = np.zeros((self.size, self.channels))
         self._squares = np.zeros((self.size, self.channels))
         self._apart = np.empty((0, self.size, self.channels))
+        self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
 
     def add(self, periods: Floats) -> None:
         """Add the next periods, shape (period, sample, channel)."""
@@ -167,7 +170,7 @@ class PeriodSums:
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]
             self._add_moments(part)
-            self._spectra.append(line_spectra(part, self.lines))
+            self._spectra.append(self._lines_of(part))
         self.count += len(periods)
 
     def _add_moments(self, part: Floats) -> None:
@@ -179,6 +182,16 @@ class PeriodSums:
         apart = np.subtract(part, self._centre, out=self._apart[: len(part)])
         self._sum += apart.sum(axis=0)
         self._squares += np.square(apart, out=apart).sum(axis=0)
+
+    def _lines_of(self, part: Floats) -> Complexes:
+        if self._folds is None:
+            return line_spectra(part, self.lines)
+        lines = np.empty((len(part), len(self.lines), self.channels), dtype=np.complex128)
+        for fold in self._folds:
+            sums = np.matmul(fold.waves.T, fold.of(part))
+            lines.real[:, fold.places] = sums[:, : len(fold.places)]
+            lines.imag[:, fold.places] = sums[:, len(fold.places) :]
+        return lines
 
     @property
     def mean(self) -> Floats:
@@ -232,7 +245,50 @@ def median(values: Floats, axis: int = -1) -> Floats:
     return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
 
 
+@frozen
+class _Fold:
+    """Lines that halve a period alike: its second half repeats the first, or is its opposite.
+
+    Even lines are those of the sum of both halves, odd ones those of their difference: half the
+    products. A period of an odd number of samples stays whole.
+    """
+
+    places: Integers
+    waves: Floats
+    sign: int
+
+    def of(self, part: Floats) -> Floats:
+        """Return the samples, folded, shape (period, sample, channel)."""
+        if not self.sign:
+            return part
+        half = part.shape[1] // 2
+        join = np.add if self.sign > 0 else np.subtract
+        return np.asarray(join(part[:, :half], part[:, half:]))
+
+
+def _folds(lines: Integers, size: int) -> list[_Fold]:
+    """Return the lines by how they fold, with their cosines and sines, (sample, 2 x line)."""
+    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
+    folds = []
+    for sign in sorted(set(signs.tolist())):
+        places = np.flatnonzero(signs == sign)
+        waves = _waves(lines[places], size)[:, : size // 2 if sign else size]
+        folds.append(_Fold(places, np.ascontiguousarray(waves.T), sign))
+    return folds
+
+
 def quartiles(values: Floats) -> Floats:
     """Return the quartiles of a row of numbers, the middle one of them its median."""
     place = np.array([0.25, 0.5, 0.75]) * (len(values) - 1)
     return np.asarray(np.interp(place, np.arange(len(values)), np.sort(values)))
+
+
+def _waves(lines: Integers, size: int) -> Floats:
+    """Return cosines and sines over a period, shape (2 x line, sample): X = mean x exp(-i wt).
+
+    From whole numbers, so that the sine of the Nyquist line is nothing.
+    """
+    turns = np.multiply.outer(lines, np.arange(size)) % size
+    angle = 2 * np.pi * turns / size
+    sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
+    return np.concatenate([np.cos(angle), -sine]) / size
