@@ -369,13 +369,11 @@ def _good(
 
 
 def _stretches(good: Booleans) -> tuple[Integers, Integers]:
-    """Return where stretches of good samples begin and end."""
     steps = np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))
     return np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
 
 
 def _trimmed(found: FilteredRecord, edge: int) -> Booleans:
-    """Return which samples lie in stretches, but for their ends."""
     kept = np.zeros(len(found.record.samples), dtype=bool)
     for begin, end in zip(found.begins, found.ends, strict=True):
         kept[begin + edge : max(end - edge, begin + edge)] = True
@@ -413,7 +411,6 @@ def told_of(record: Record) -> str:
 
 
 def _said(found: FilteredRecord, edge: int, kept: int, told: dict[str, int]) -> tuple[Note, Note]:
-    """Say what was done to the samples, and which were left out."""
     text = (
         f"zero-phase Butterworth of 4th order, forward and backward, {found.cutoff:g} Hz; "
         "derivatives taken on its lines"

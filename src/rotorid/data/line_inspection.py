@@ -49,10 +49,10 @@ def inspect_lines(lines: Lines) -> LineInspection:
     size = (2.0 if turning else 1.0) * np.abs(lines.mean)
     noise = np.diagonal(lines.covariance.matrices, axis1=1, axis2=2).real
     where = lines.speed * 30 / np.pi if turning else lines.frequency
-    driven = next((c for c in lines.channels), None)
+    driven = None if turning else lines.channels[0]  # the input of a response is one by definition
     found = []
     for c, channel in enumerate(lines.channels):
-        if not turning and channel is driven:  # the input of a response is one by definition
+        if channel is driven:
             continue
         told = noise[:, c] > 0
         ratio = np.abs(lines.mean[told, c]) ** 2 / noise[told, c]
@@ -60,7 +60,7 @@ def inspect_lines(lines: Lines) -> LineInspection:
         found.append(
             LineFacts(
                 channel.name,
-                channel.unit if turning or driven is None else f"({channel.unit})/({driven.unit})",
+                channel.unit if driven is None else f"({channel.unit})/({driven.unit})",
                 float(size[:, c].min()),
                 float(size[:, c].max()),
                 float(where[np.argmax(size[:, c])]),

@@ -145,7 +145,6 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
 
 
 def _from(record: Record, skip: float) -> Record:
-    """Return a record without what comes before a time."""
     first = max(0, int(np.ceil((skip - record.start) * record.sample_rate - 1e-6)))
     if not first:
         return record
@@ -205,7 +204,6 @@ def _cut(record: Record, angle: Floats, length: int) -> _Cut | None:
 
 
 def _group(channels: int, length: int) -> int:
-    """Return how many segments together tell the covariance of so many channels."""
     return int(np.ceil(FREEDOM * channels / (length - 2)))
 
 
@@ -274,7 +272,6 @@ def _lines(record: Record, cut: _Cut) -> Lines:
 
 
 def _told(cut: _Cut) -> Iterator[str]:
-    """Say where phasors bend within a segment, or lag behind the speed."""
     if cut.bend >= BENT:
         yield (
             f"phasors bend within their segments, {np.sqrt(cut.bend):.2g} times as much as noise "

@@ -58,7 +58,6 @@ class _Rows:
     std: Floats | None
 
     def part(self, rows: Integers) -> _Rows:
-        """Return some of the rows."""
         return _Rows(
             self.speed[rows], self.lines[rows], None if self.std is None else self.std[rows]
         )
@@ -134,7 +133,6 @@ def _corrected(
     sample_rate: float,
     **told: Any,
 ) -> Lines:
-    """Return lines of a table, corrected for what recorded them."""
     transfer = transfer_of_recording(channels, frequency, sample_rate)
     matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     return Lines(
@@ -177,7 +175,6 @@ def _possible(values: Complexes, rows: Floats) -> Booleans:
 
 
 def _deviations(std: ArrayLike, values: Complexes, cure: str, row: bool = True) -> Floats:
-    """Return the stated deviations in the shape of the values."""
     found = np.broadcast_to(np.asarray(std, dtype=np.float64), values.shape)
     wrong = np.argwhere(~((found > 1 / MAGNITUDE) & (found < MAGNITUDE)))
     if len(wrong):
@@ -279,7 +276,6 @@ def _share(scatter: Complexes, mean: Complexes, groups: Integers) -> float:
 
 
 def _doubted(rows: _Rows, std: Floats) -> tuple[str, ...]:
-    """Say where repeated readings scatter otherwise than their deviations state."""
     scatter, groups = _scatter(rows)
     dof = 2 * (len(groups) - groups[-1] - 1) * rows.lines.shape[1]
     squares = float((np.abs(2 * scatter) ** 2 / std**2).sum())
@@ -498,7 +494,6 @@ def _half_digit(numbers: Floats) -> float:
 
 
 def _faint(lost: int, left: int) -> tuple[str, ...]:
-    """Say how many lines hold nothing but noise."""
     if left < 2:
         raise InputError(
             f"a coherence below {FAINT:g} on {'every line' if not left else 'all lines but one'}",

@@ -65,7 +65,6 @@ class _Window:
         return out
 
     def channels(self, names: Sequence[str]) -> Complexes:
-        """Return all lines of some channels, as recorded."""
         return self.lines_of(self.record.samples[:, self.columns(names)])
 
     def rotation(self) -> Complexes:
@@ -174,7 +173,6 @@ def _lines_in(
     every: Complexes,
     covariance: LineCovariance,
 ) -> Lines:
-    """Return the lines of a window as they are bound to a model, with the noise of the samples."""
     record, used = window.record, window.used
     frequency: Floats = np.asarray(kept * window.spacing)
     angle, time = record.rotor_angle()[used], np.arange(len(record.samples)) / record.sample_rate
@@ -229,7 +227,6 @@ class _Parts:
 def _checked(
     window: _Window, channels: tuple[Channel, ...], references: tuple[str, ...]
 ) -> tuple[Note, ...]:
-    """Return what is wrong with what is used of a record, without what needs periods."""
     record, samples = window.record, window.record.samples[window.used]
     columns = window.columns([channel.name for channel in channels])
     start = record.start + window.first / record.sample_rate
@@ -341,7 +338,6 @@ class _Noise:
 def _noise_beside(
     window: _Window, every: Complexes, references: Complexes, kept: Integers, kind: Kind
 ) -> _Noise:
-    """Return the noise that references leave on the lines of the record itself."""
     rotation = window.rotation()
     found = _local(every, references, rotation, kept)
     numbers = np.arange(len(kept))
@@ -385,7 +381,6 @@ def _input_noise(
 def _quiet_noise(
     quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: Motion
 ) -> _Noise:
-    """Return the noise of a record without excitation on the lines of the one with it."""
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
         raise InputError(
@@ -445,7 +440,6 @@ def _shown(found: Local, window: _Window, every: Complexes, references: Complexe
 
 
 def _told(found: Local, window: _Window, shown: float | None) -> tuple[str, ...]:
-    """Say which lines stand out, and where the window bends more than a polynomial follows."""
     told: tuple[str, ...] = ()
     if len(found.standing_out):
         where = ", ".join(f"{line * window.spacing:.6g}" for line in found.standing_out[:5])

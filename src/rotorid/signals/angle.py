@@ -56,7 +56,6 @@ class MeasuredAngle:
 
 
 def _regression(time: Floats, angle: Floats) -> tuple[float, float, float]:
-    """Return mean speed, drift and scatter of angles at some times."""
     middle, half = (time[0] + time[-1]) / 2, max((time[-1] - time[0]) / 2, 1e-300)
     s = (time - middle) / half
     degree = min(2, len(time) - 1)
@@ -103,7 +102,6 @@ def encoder_angle(
 
 
 def _without_lost_lines(angle: Floats, step: float) -> tuple[Floats, int, int]:
-    """Put back lines that a counter lost, take off those that it counted twice."""
     count = len(angle)
     if count < 4 * WINDOW:
         return angle, 0, 0
@@ -139,7 +137,6 @@ def _without_excursions(lines: Floats) -> Floats:
 
 
 def _require_steady(angle: Floats, sample_rate: float, step: float) -> None:
-    """Refuse an encoder that is too fast for its samples, or turns around."""
     per_sample = np.diff(angle)
     most = np.abs(per_sample).max()
     speed = (angle[-1] - angle[0]) / (len(angle) - 1)

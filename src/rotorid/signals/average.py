@@ -98,14 +98,8 @@ def average(
     )
     rise = ramps(record, found)
     if rise.any():
-        again = average(
-            without_ramps(record, found, rise),
-            hertz,
-            period_samples=period_samples,
-            harmonics=harmonics,
-            band=band,
-            skip=skip,
-        )
+        flat = without_ramps(record, found, rise)
+        again = average(flat, period_samples=size, harmonics=lines.tolist(), skip=skip)
         return changed(again, checks=(*again.checks, *ramp_notes(again, rise)))
     seen = check_record(record, found, excerpt=_excerpt(record, first, size))
     return changed(found, checks=(*seen, *check_periods(found)))
@@ -147,7 +141,6 @@ def _kept_periods(
 def _course(
     record: Record, first: int, shape: tuple[int, int], kept: slice | Booleans
 ) -> tuple[Steady | Floats, Steady | Floats]:
-    """Return times and angles of the samples used."""
     time = Steady(first, shape, record.sample_rate, record.start)
     angle = replace(time, slope=record.speed) if record.angle is None else record.angle
     if not isinstance(angle, Steady):

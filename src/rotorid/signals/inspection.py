@@ -272,7 +272,6 @@ def _period(record: Record, skip: float) -> int | None:
 
 
 def _clear_lines(record: Record, size: int, skip: float) -> list[int]:
-    """Return the lines that stand clear of their noise in some channel."""
     every = average(record, period_samples=size, band=(0.0, record.sample_rate / 2), skip=skip)
     mean = np.abs(every.mean_spectrum)
     deviation = np.sqrt(every.spectra.var(axis=0, ddof=1) / every.periods)
@@ -354,7 +353,6 @@ def _distortion(periods: PeriodicRecord, c: int) -> tuple[float | None, float | 
 
 
 def _orders(record: Record, c: int) -> tuple[float, ...]:
-    """Return the amplitudes at multiples of the rotation, by the rotor angle."""
     if record.speed == 0:
         return ()
     angle = record.rotor_angle()

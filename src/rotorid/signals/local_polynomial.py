@@ -153,7 +153,6 @@ class _Windows:
         return np.clip(lines - self.half, 0, len(self.channels) - 2 * self.half - 1)
 
     def touched(self, lines: Integers, fresh: Integers) -> Booleans:
-        """Tell whose windows hold some of these lines."""
         first, fresh = self._first(lines), np.sort(fresh)
         inside = np.searchsorted(fresh, (first, first + 2 * self.half + 1))
         return np.asarray(inside[1] > inside[0])
@@ -208,11 +207,9 @@ class _Regression:
     kept: Booleans
 
     def among(self, chosen: Integers) -> _Regression:
-        """Return some of the windows."""
         return replace(self, **{n: v[chosen] for n, v in vars(self).items() if n != "half"})
 
     def fitted(self, data: Complexes, denominator: Complexes | float = 1.0) -> _Fit:
-        """Fit data with given poles."""
         powers = self.powers / np.asarray(denominator)[..., None]
         design = _design(self.references, self.rotation, powers)
         orthogonal, _ = np.linalg.qr(design * self.kept[:, :, None])
@@ -236,11 +233,10 @@ class _Regression:
             for left in (plain.left[tried], fit.left)
         )
         better = after < before * (1 - chance[tried])
-        orthogonal, left = plain.orthogonal.copy(), plain.left.copy()
-        orthogonal[tried[better]], left[tried[better]] = fit.orthogonal[better], fit.left[better]
-        found = plain.resonant.copy()
-        found[tried[better]] = True
-        return _Fit(orthogonal, left, found)
+        resonant = tried[better]
+        plain.orthogonal[resonant], plain.left[resonant] = fit.orthogonal[better], fit.left[better]
+        plain.resonant[resonant] = True
+        return plain
 
     def poles(self, scaled: Complexes, orthogonal: Complexes) -> tuple[Complexes, Floats]:
         """Return the poles' inverses, and the share of the residual that they explain.

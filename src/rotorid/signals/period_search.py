@@ -80,7 +80,6 @@ def only_rotation(columns: Sequence[Floats], found: Sequence[Period | None]) -> 
 
 
 def _share_of_wave(samples: Floats) -> float:
-    """Return the part of the power that the strongest wave holds."""
     middle = _middle(samples)
     window = np.hanning(len(middle))
     power = np.abs(np.fft.rfft((middle - middle.mean()) * window)) ** 2
@@ -125,7 +124,6 @@ def _refined(correlation: Floats, first: int) -> Period | None:
 
 
 def _top(correlation: Floats, place: int) -> float:
-    """Return the top of the parabola through a peak and its neighbours."""
     left, here, right = correlation[place - 1 : place + 2]
     bend = left - 2 * here + right
     return place + (0.5 * float((left - right) / bend) if bend < 0 else 0.0)

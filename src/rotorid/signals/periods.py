@@ -84,7 +84,6 @@ def lines_of(
 
 
 def _within(rate: float, size: int, band: tuple[float, float]) -> range:
-    """Return the harmonics in a band, both ends included."""
     (low, high), spacing = band, rate / size
     if not high <= (size // 2 + 1e-6) * spacing:
         raise InputError(

@@ -161,7 +161,6 @@ def _noises(left: Floats, width: float) -> tuple[float, ...]:
 
 
 def _floor(readings: Readings) -> float:
-    """Return the rounding of angles of that size."""
     return float(1e-12 * max(1.0, np.abs(readings.middle).max()))
 
 

@@ -315,6 +315,13 @@ class _Rest:
             return False
         return bool(abs(self.level - moving.mean()) > ASIDE * moving.std())
 
+    def alone(self, samples: Floats) -> bool:
+        """Tell whether the channel rests nowhere else a tenth as long."""
+        beside = max(2, int((self.after - self.first) / STUCK_BESIDE))
+        parts = samples[: self.first], samples[self.after :]
+        whole = (part[: len(part) // beside * beside].reshape(-1, beside) for part in parts)
+        return all((np.ptp(each, axis=1) > self.tolerance).all() for each in whole)
+
 
 def check_stuck(
     record: Record,
@@ -363,28 +370,13 @@ def _longest(samples: Floats) -> _Rest | None:
     windows = np.ptp(sliding_window_view(some, _POINTS), axis=1)
     digit = max(quantum(samples), FINE * float(some.std()))
     for tolerance in (0.0, DITHER * digit):
-        rest = _longest_within(samples, windows, step, digit, tolerance)
-        if rest is not None and rest.after - rest.first >= least:
-            return rest
+        rests = list(_rests(samples, windows, step, digit, tolerance))
+        best = max(rests, key=lambda rest: rest.after - rest.first, default=None)
+        if best is None or not least <= best.after - best.first < len(samples):
+            continue  # too short; or it never moves, which is told by itself
+        if best.alone(samples):
+            return best
     return None
-
-
-def _longest_within(
-    samples: Floats, windows: Floats, step: int, digit: float, tolerance: float
-) -> _Rest | None:
-    rests = list(_rests(samples, windows, step, digit, tolerance))
-    if not rests:
-        return None
-    best = max(rests, key=lambda rest: rest.after - rest.first)
-    length = best.after - best.first
-    if length == len(samples):  # it never moves, which is told by itself
-        return None
-    beside = max(2, int(length / STUCK_BESIDE))
-    for part in (samples[: best.first], samples[best.after :]):
-        whole = part[: len(part) // beside * beside].reshape(-1, beside)
-        if (np.ptp(whole, axis=1) <= tolerance).any():
-            return None
-    return best
 
 
 def _rests(

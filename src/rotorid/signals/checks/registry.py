@@ -71,7 +71,6 @@ def _entering(of: Of, name: str, in_order: str, arguments: Arguments) -> Callabl
 
 @cache
 def _checks(of: Of) -> dict[str, Check]:
-    """Return the checks of all modules of this package."""
     package = __name__.rpartition(".")[0]
     for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
         import_module(module.name)
@@ -94,7 +93,6 @@ class _Seen:
         return self._found[name]
 
     def warned(self, *names: str) -> bool:
-        """Tell whether one of some checks found what is more than said."""
         return any(note.severity != "says" for name in names for note in self.notes(name) or ())
 
     def told(self) -> tuple[Note, ...]:

@@ -88,7 +88,6 @@ def _of_one_speed(periods: PeriodicRecord, speed: float) -> _Turning:
 
 
 def _measured(periods: PeriodicRecord) -> _Turning:
-    """For a measured angle: its line in every period."""
     angle, time = periods.angle.reshape(-1), periods.time.reshape(-1)
     omega0 = 2 * np.pi * periods.fundamental
     some = slice(None, None, max(1, len(time) // _FITTED))

@@ -302,7 +302,6 @@ def _of_time(periods: PeriodicRecord, channels: Sequence[int]) -> bool:
 
 
 def _each_shift(periods: PeriodicRecord) -> dict[int, Shifts]:
-    """Return the shifts of every channel that tells them."""
     if not _steady_lines(periods).any():
         return {}
     small = _small_shifts(periods)
@@ -350,7 +349,6 @@ def _largest_step(
 def _lost(
     periods: PeriodicRecord, amount: float, at: int, moved: dict[int, Fit], all_: dict[int, Fit]
 ) -> Note:
-    """Say how many samples are lost, where, and in which channels."""
     names = [periods.names[c] for c in moved]
     # A channel that would show the loss and does not has kept its samples.
     lost = amount / periods.sample_rate
@@ -416,7 +414,6 @@ def _two_clocks(periods: PeriodicRecord, order: list[int], rates: list[float]) -
 
 
 def _line(shifts: Shifts) -> tuple[float, float]:
-    """Return the slope of the shift per period and its deviation."""
     count = len(shifts.tau)
     place = np.arange(count) - (count - 1) / 2
     size = float(place @ place)
