@@ -341,10 +341,15 @@ class Rival:
 class Slopes:
     """The whitened residual at an estimate by all unknowns, fixed ones and rivals included."""
 
-    linear: Linear  # at the estimate, in the unknowns that it has
+    point: Point  # the estimate, with the rivals fixed
     columns: Floats
     index: Mapping[str, int]
     known: Known
+
+    @property
+    def linear(self) -> Linear:
+        """The problem made linear there, in the unknowns that the estimate has."""
+        return self.point.linear
 
     @classmethod
     def turns(cls, case: Case, rivals: Sequence[Rival]) -> Iterator[tuple[Slopes, list[Rival]]]:
@@ -359,17 +364,18 @@ class Slopes:
             turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects())))
             turns.setdefault(turn or (False, False), []).append(rival)
         for among in turns.values():
-            yield cls._of(case, [rival.added for rival in among if rival.added]), among
+            yield cls.of(case, [rival.added for rival in among if rival.added]), among
 
     @classmethod
-    def _of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
+    def of(cls, case: Case, added: Sequence[Unknown]) -> Slopes:
+        """Evaluate the derivative by all unknowns of a case, and by further ones."""
         fixed = [replace(u, scalars=tuple(replace(s, std=0.0) for s in u.scalars)) for u in added]
         wide = case.plus(*fixed) if fixed else case
         known = wide.point.problem.known
         rows = [record.jacobian() for record in wide.point.records]
         columns = np.concatenate([*rows, known.jacobian(wide.unknowns)])
         index = {u.name: k for k, u in enumerate(wide.prepared.layout.unknowns)}
-        return cls(wide.point.linear, columns, index, known)
+        return cls(wide.point, columns, index, known)
 
     def by(self, *names: str) -> Floats:
         """Return the columns of some unknowns."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PeriodicClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.case import Case
+from rotorid.likelihood.case import Case, Slopes
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.doubts_angle import against_angle, creeping
 from rotorid.likelihood.effects import Drives, Turns, of_kind
@@ -41,9 +42,9 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_channels import speed_term
 from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
-from rotorid.likelihood.rivals_terms import parts_between
+from rotorid.likelihood.rivals_terms import Candidate, parts_between
 from rotorid.likelihood.summary import physical_at
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Unknown, every_unknown
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, every_unknown
 from rotorid.models import Model
 
 
@@ -54,6 +55,44 @@ class Asked:
     model: Model
     estimate: Estimate
     fit: Fit
+
+    @cached_property
+    def case(self) -> Case:
+        """The fit as something to change."""
+        fit, point = self.fit, self.fit.solution.point
+        return Case(fit.prepared, fit.records, point.unknowns, values=physical_at(fit), found=point)
+
+    @cached_property
+    def scales(self) -> list[Unknown]:
+        """The unknowns that multiply all forces."""
+        every = every_unknown(self.fit.records)
+        return [u for u in every if _scales_all(of_kind(Drives, u.effects()))]
+
+    @cached_property
+    def exact(self) -> list[tuple[Plausible, list[Unknown]]]:
+        """What may be wrong by how much where nobody asks for it, and its unknowns."""
+        records = self.fit.records
+        kinds = [(kind.plausible, [*kind.every(records)]) for kind in TAKEN_AS_EXACT]
+        return [(plausible, unknowns) for plausible, unknowns in kinds if plausible]
+
+    @cached_property
+    def parts(self) -> list[Candidate]:
+        """Masses between two places of the shaft, which the model may lack."""
+        model, structure = self.case.model, self.case.structure
+        if structure is None or not self.fit.records:
+            return []
+        return parts_between(structure, [model.units[name] for name in model.coordinates])
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """The derivative of the residual by all of these, evaluated once."""
+        exact = (unknown for _, unknowns in self.exact for unknown in unknowns)
+        parts = (part.unknown for part in self.parts)
+        return Slopes.of(self.case, [*self.scales, *exact, *parts])
+
+    def by(self, *unknowns: Unknown) -> Floats:
+        """Return the derivative of the residual by the scalars of some of them."""
+        return self.slopes.by(*(s.name for unknown in unknowns for s in unknown.scalars))
 
 
 Doubt = Callable[[Asked], Iterable[Note]]
@@ -97,18 +136,12 @@ FOLLOWS = 0.5
 def taken_as_exact(asked: Asked) -> Iterable[Note]:
     """Say what is taken as exact, where a plausible error of it is beyond deviations and unseen."""
     fit = asked.fit
-    kinds = [(kind.plausible, kind.every(fit.records)) for kind in TAKEN_AS_EXACT if kind.plausible]
-    scales = [u for u in every_unknown(fit.records) if _scales_all(of_kind(Drives, u.effects()))]
-    point, added = fit.solution.point, [u for _, unknowns in kinds for u in unknowns]
-    case = Case(fit.prepared, fit.records, point.unknowns, found=point)
-    wide = case.plus(*scales, *added)
-    columns = wide.point.jacobian[:, len(fit.prepared.layout.free) :]
-    told = _scale_note(fit, columns[:, 0])
-    notes, first = [*told, *_angle_note(fit)], len(scales)
-    for plausible, unknowns in kinds:
+    told = _scale_note(fit, asked.by(*asked.scales)[:, 0])
+    notes = [*told, *_angle_note(fit)]
+    for plausible, unknowns in asked.exact:
         scalars = [scalar for unknown in unknowns for scalar in unknown.scalars]
-        meant = [first + k for k, scalar in enumerate(scalars) if scalar.unit == plausible.unit]
-        effect, first = columns[:, meant] * plausible.size, first + len(scalars)
+        meant = np.array([scalar.unit == plausible.unit for scalar in scalars], dtype=bool)
+        effect = asked.by(*unknowns)[:, meant] * plausible.size
         if told and plausible.in_scale:
             effect = _differences(fit, effect, unknowns)
         name, size = moved_unseen(fit, effect)
@@ -192,6 +225,7 @@ def _scale_note(fit: Fit, column: Floats) -> list[Note]:
     return [Note("force scale", "says", text, on=tuple(dict.fromkeys(read)))]
 
 
+@lru_cache(maxsize=1)
 def unseen_excess(expected: Expectation) -> float:
     """Return what may be added to the expected cost before a warning tells."""
     if expected.dof <= 0 or expected.mean <= 0:
@@ -237,22 +271,11 @@ FAR = 5.0
 @doubt("ok")
 def part_left_out(asked: Asked) -> Iterator[Note]:
     """Say how far a part between two places of the shaft may move the answer unseen."""
-    fit = asked.fit
-    if not fit.records:
+    model, structure, parts = asked.case.model, asked.case.structure, asked.parts
+    if structure is None or not parts:
         return
-    point = fit.solution.point
-    case = Case(fit.prepared, fit.records, point.unknowns, values=physical_at(fit), found=point)
-    model, structure = case.model, case.structure
-    if structure is None:
-        return
-    units = [model.units[name] for name in model.coordinates]
-    parts, size = parts_between(structure, units), PART * structure.mass(units)
-    columns = case.plus(*(part.unknown for part in parts)).point.jacobian
-    effects = size * columns[:, len(fit.prepared.layout.free) :]
-    moved = [
-        (*moved_unseen(fit, e[:, None]), part.name)
-        for e, part in zip(effects.T, parts, strict=True)
-    ]
+    size = PART * structure.mass([model.units[name] for name in model.coordinates])
+    moved = [(*moved_unseen(asked.fit, size * asked.by(part.unknown)), part.name) for part in parts]
     worst, deviations, name = max(moved, key=lambda each: each[1], default=("", 0.0, ""))
     if not deviations > FAR:
         return

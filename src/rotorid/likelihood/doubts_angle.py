@@ -224,7 +224,7 @@ def _given(periodic: PeriodicRecord) -> Floats | None:
     if isinstance(given, Steady):
         turned = np.exp(1j * given.in_period * np.arange(periodic.periods))
     else:
-        turned = np.exp(1j * given) @ wave
+        turned = np.cos(given) @ wave + 1j * (np.sin(given) @ wave)
     phase = np.unwrap(np.angle(turned))
     return np.asarray(phase - phase.mean())
 

@@ -10,7 +10,7 @@ shaft one way. Nothing says which of two hidden wings is which, so both answers 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -27,7 +27,9 @@ from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
 from rotorid.likelihood.tangent import outside
+from rotorid.models import Model
 from rotorid.models.linear import Kind
+from rotorid.models.model import fact
 from rotorid.models.symmetry import Bits, Link, Web
 
 CLOSE = 15.0
@@ -116,11 +118,13 @@ class Mirrors:
             layout = replace(layout, unknowns=tuple(loose))
         names, links = _links(layout, records, unknowns)
         web = _web(problem, layout, names, links, unknowns)
-        turns = tuple(_turns(web, names, layout))
+        turns = _turns(layout.model, web, names, len(layout.unknowns))
         if len(links) > LARGE:  # what some records do not tell, all are asked by the cost
             names, links = _links(layout, records, unknowns, LARGE)
             web = _web(problem, layout, names, links, unknowns)
-        return cls(layout, turns, tuple(_exchanges(web, names, layout, unknowns)))
+        free = [int(i) for i in layout.free if i < layout.named]
+        fixed = {i: float(unknowns[i]) for i, u in enumerate(layout.unknowns) if u.fixed}
+        return cls(layout, turns, _exchanges(layout.model, web, names, free, fixed))
 
     def as_started(self, solution: Solution) -> Solution:
         """Return the one of its mirror images whose signs are those of the start."""
@@ -352,10 +356,11 @@ def _alike(relations: Relations, priors: Sequence[str]) -> Iterator[frozenset[in
         yield from (frozenset(odd[0] ^ nodes) for nodes in odd[1:])
 
 
-def _turns(web: Web, names: Sequence[Place], layout: Layout) -> Iterator[Turn]:
-    """Yield independent changes of sign: those of unknowns alone, then those with coordinates."""
+@fact
+def _turns(model: Model, web: Web, names: Sequence[Place], unknowns: int) -> tuple[Turn, ...]:
+    """Return independent changes of sign: those of unknowns alone, then those with coordinates."""
     ends = [node for node, (what, _) in enumerate(names) if what in MOVING]
-    own = (1 << len(layout.unknowns)) - 1
+    own, found = (1 << unknowns) - 1, list[Turn]()
     pivots: dict[int, Bits] = {}
     for alone, basis in ((True, web.turns(ends)), (False, web.turns())):
         for turned in basis:
@@ -366,41 +371,48 @@ def _turns(web: Web, names: Sequence[Place], layout: Layout) -> Iterator[Turn]:
                 continue
             pivots[((turned & own) & -(turned & own)).bit_length() - 1] = turned
             which = [node for node in range(len(names)) if turned >> node & 1]
-            unknowns = tuple(node for node in which if node < len(layout.unknowns))
-            yield Turn(unknowns, () if alone else _coordinates(layout, names, which))
+            turning = tuple(node for node in which if node < unknowns)
+            found.append(Turn(turning, () if alone else _coordinates(model, names, which)))
+    return tuple(found)
 
 
-def _coordinates(layout: Layout, names: Sequence[Place], nodes: Sequence[int]) -> tuple[str, ...]:
+def _coordinates(model: Model, names: Sequence[Place], nodes: Sequence[int]) -> tuple[str, ...]:
     found = [names[node][1] for node in nodes if names[node][0] == "coordinate"]
-    every = layout.model.coordinates
+    every = model.coordinates
     return tuple(dict.fromkeys(every[name[1]] for name in found if isinstance(name, tuple)))
 
 
+@fact
 def _exchanges(
-    web: Web, names: Sequence[Place], layout: Layout, unknowns: Floats
-) -> Iterator[Exchange]:
-    """Yield the ways in which free parameters may change places."""
-    count = len(layout.unknowns)
-    used = {f for link in web.links for f in link.factors}
-    free = [int(i) for i in layout.free if i < layout.named and i in used]
+    model: Model,
+    web: Web,
+    names: Sequence[Place],
+    free: Sequence[int],
+    fixed: Mapping[int, float],
+) -> tuple[Exchange, ...]:
+    """Return the ways in which free parameters may change places; `fixed`: values of others."""
+    count, found = sum(what == "unknown" for what, _ in names), list[Exchange]()
+    used = {factor for link in web.links for factor in link.factors}
+    free = [i for i in free if i in used]
     for places in web.exchanges(free):
         known = {i: 1.0 for i, (what, _) in enumerate(names) if what not in MOVING}
         for i in free:
             del known[i]
-        for i in range(count):
-            if layout.unknowns[i].fixed and places[i] != i:
-                known[i] = float(unknowns[places[i]] / unknowns[i])
+        for i, value in fixed.items():
+            if places[i] != i:
+                known[i] = fixed[places[i]] / value
         factors = web.followed(places, known)
         if factors is None:
             continue
         nodes = [node for node in range(len(names)) if places[node] > node]
         pairs = [
-            (_coordinates(layout, names, [node]), _coordinates(layout, names, [places[node]]))
+            (_coordinates(model, names, [node]), _coordinates(model, names, [places[node]]))
             for node in nodes
             if names[node][0] == "coordinate"
         ]
         ends = tuple(dict.fromkeys((a[0], b[0]) for a, b in pairs))
-        yield Exchange(tuple(places[:count]), factors[:count], ends)
+        found.append(Exchange(tuple(places[:count]), factors[:count], ends))
+    return tuple(found)
 
 
 def _told(layout: Layout, turn: Turn) -> Note:

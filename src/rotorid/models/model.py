@@ -373,6 +373,7 @@ class Model:
         """What is wrong with the units of the equations, in words."""
         return tuple(unit_faults(self.products, self.dimensions))
 
+    @fact
     def require_linear(self) -> LinearForm:
         """Return the linear form.
 

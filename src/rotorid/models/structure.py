@@ -24,7 +24,6 @@ import scipy
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import coupled
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.linear import motion_factor, speed_factor
@@ -351,12 +350,12 @@ def _is_energy(matrix: Floats) -> bool:
 def _pairs(masses: Sequence[tuple[str, Floats]]) -> list[tuple[int, int]]:
     pairs: list[tuple[int, int]] = []
     for _, matrix in masses:
-        parts = coupled(matrix)
-        if len(parts) == 2 and all(len(part) == 1 for part in parts):
-            a, b = int(parts[0][0]), int(parts[1][0])
+        moved = np.flatnonzero(np.diag(matrix))
+        if len(moved) == np.count_nonzero(matrix) == 2:
+            a, b = moved.tolist()
             taken = {k for pair in pairs for k in pair}
             if not {a, b} & taken:
-                pairs.append((min(a, b), max(a, b)))
+                pairs.append((a, b))
     return pairs
 
 

@@ -38,6 +38,19 @@ class Expression:
     kind: str
     parts: tuple[Any, ...] = ()
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Expression):
+            return NotImplemented
+        return self is other or (self.kind == other.kind and self.parts == other.parts)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Kept: expressions are keys, and hold others that hold others."""
+        return hash((self.kind, self.parts))
+
     def __reduce__(self) -> tuple[type[Expression], tuple[str, tuple[Any, ...]]]:
         """Copy what it is, not what it keeps: a name is among its own free symbols."""
         return Expression, (self.kind, self.parts)
