@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import InputError
-from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady
 from rotorid.data.record import Channel, PeriodicRecord
@@ -186,10 +185,11 @@ class PeriodSums:
         if self._folds is None:
             return line_spectra(part, self.lines)
         lines = np.empty((len(part), len(self.lines), self.channels), dtype=np.complex128)
-        for fold in self._folds:
-            sums = np.matmul(fold.waves.T, fold.of(part))
-            lines.real[:, fold.places] = sums[:, : len(fold.places)]
-            lines.imag[:, fold.places] = sums[:, len(fold.places) :]
+        half = self.size // 2
+        for places, waves, join in self._folds:
+            folded = part if join is None else join(part[:, :half], part[:, half:])
+            sums = np.matmul(waves.T, folded)
+            lines.real[:, places], lines.imag[:, places] = np.split(sums, 2, axis=1)
         return lines
 
     @property
@@ -244,50 +244,28 @@ def median(values: Floats, axis: int = -1) -> Floats:
     return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
 
 
-@frozen
-class _Fold:
-    """Lines that halve a period alike: its second half repeats the first, or is its opposite.
-
-    Even lines are those of the sum of both halves, odd ones those of their difference: half the
-    products. A period of an odd number of samples stays whole.
-    """
-
-    places: Integers
-    waves: Floats
-    sign: int
-
-    def of(self, part: Floats) -> Floats:
-        """Return the samples, folded, shape (period, sample, channel)."""
-        if not self.sign:
-            return part
-        half = part.shape[1] // 2
-        join = np.add if self.sign > 0 else np.subtract
-        return np.asarray(join(part[:, :half], part[:, half:]))
-
-
-def _folds(lines: Integers, size: int) -> list[_Fold]:
-    """Return the lines by how they fold, with their cosines and sines, (sample, 2 x line)."""
-    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
-    folds = []
-    for sign in sorted(set(signs.tolist())):
-        places = np.flatnonzero(signs == sign)
-        waves = _waves(lines[places], size)[:, : size // 2 if sign else size]
-        folds.append(_Fold(places, np.ascontiguousarray(waves.T), sign))
-    return folds
-
-
 def quartiles(values: Floats) -> Floats:
     """Return the quartiles of a row of numbers, the middle one of them its median."""
     place = np.array([0.25, 0.5, 0.75]) * (len(values) - 1)
     return np.asarray(np.interp(place, np.arange(len(values)), np.sort(values)))
 
 
-def _waves(lines: Integers, size: int) -> Floats:
-    """Return cosines and sines over a period, shape (2 x line, sample): X = mean x exp(-i wt).
+def _folds(lines: Integers, size: int) -> list[tuple[Integers, Floats, np.ufunc | None]]:
+    """Return places of lines, their cosines and sines, X = mean x exp(-i wt), and how they fold.
 
-    From whole numbers, so that the sine of the Nyquist line is nothing.
+    The second half of a period repeats the first on even lines, and is its opposite on odd ones: of
+    the sum or the difference of both halves it takes half the products. A period of an odd number
+    of samples stays whole.
     """
-    turns = np.multiply.outer(lines, np.arange(size)) % size
-    angle = 2 * np.pi * turns / size
-    sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
-    return np.concatenate([np.cos(angle), -sine]) / size
+    signs = np.zeros_like(lines) if size % 2 else np.where(lines % 2, -1, 1)
+    joins: dict[int, np.ufunc | None] = {-1: np.subtract, 0: None, 1: np.add}
+    folds = []
+    for sign in sorted(set(signs.tolist())):
+        places = np.flatnonzero(signs == sign)
+        # From whole numbers, so that the sine of the Nyquist line is nothing.
+        turns = np.multiply.outer(lines[places], np.arange(size)) % size
+        angle = 2 * np.pi * turns / size
+        sine = np.where(2 * turns % size == 0, 0.0, np.sin(angle))
+        waves = np.concatenate([np.cos(angle), -sine])[:, : size // 2 if sign else size] / size
+        folds.append((places, np.ascontiguousarray(waves.T), joins[sign]))
+    return folds
