@@ -56,7 +56,7 @@ test: $(VENV)/.ready-test
 	$(BIN)/pytest -n auto --dist loadfile -m "not slow" $(PYTEST_ARGS)
 
 statistics: $(VENV)/.ready-test
-	$(BIN)/pytest -n auto -m slow $(PYTEST_ARGS)
+	$(BIN)/pytest -n auto --dist worksteal -m slow $(PYTEST_ARGS)
 	$(MAKE) docs
 
 docs: $(VENV)/.ready-test

@@ -17,8 +17,11 @@ def test_the_bank_is_large_and_says_each_thing_once() -> None:
     assert WRONG == 5.0
 
 
-@pytest.mark.sampled(13)
-@pytest.mark.parametrize("case", CASES, ids=[case.what for case in CASES])
+SAMPLED = CASES[::8]
+"""Cases of which one record is a fast test; the slow test below begins with that record of all."""
+
+
+@pytest.mark.parametrize("case", SAMPLED, ids=[case.what for case in SAMPLED])
 def test_what_one_record_is_called(case: Case) -> None:
     found = case.run(0, leads=False)
     assert case.holds(found, leads=False), found
