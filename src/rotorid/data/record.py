@@ -308,30 +308,19 @@ class Record(Drawn):
                 "give one column per channel",
             )
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
-            raise self._error(
-                f"sample rate {self.sample_rate}",
-                "a positive number of Hz",
-                "give the samples per second",
-            )
+            found = f"sample rate {self.sample_rate}"
+            raise self._error(found, "a positive number of Hz", "give the samples per second")
         if not np.isfinite(self.speed):
-            raise self._error(
-                f"speed {self.speed}",
-                "a finite number of rad/s",
-                "give the speed of the rotor, 0 at standstill",
-            )
-        if self.valid is not None and np.shape(self.valid) != (len(self.samples),):
-            raise self._error(
-                f"a mask of shape {np.shape(self.valid)}",
-                f"({len(self.samples)},)",
-                "give one truth value per sample",
-            )
+            cure = "give the speed of the rotor, 0 at standstill"
+            raise self._error(f"speed {self.speed}", "a finite number of rad/s", cure)
+        each = (len(self.samples),)
+        if self.valid is not None and np.shape(self.valid) != each:
+            found = f"a mask of shape {np.shape(self.valid)}"
+            raise self._error(found, f"{each}", "give one truth value per sample")
         check_samples(names, self.samples, self.source, self.valid)
-        if self.angle is not None and np.shape(self.angle) != (len(self.samples),):
-            raise self._error(
-                f"angle of shape {np.shape(self.angle)}",
-                f"({len(self.samples)},)",
-                "give one angle per sample",
-            )
+        if self.angle is not None and np.shape(self.angle) != each:
+            found = f"angle of shape {np.shape(self.angle)}"
+            raise self._error(found, f"{each}", "give one angle per sample")
         if self.angle is not None and not np.isfinite(self.angle).all():
             raise self._error("an angle that is not finite", "radians", "cut the record there")
 

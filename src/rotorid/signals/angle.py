@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Floats, Integers
+from rotorid.core.values import Booleans, Floats
 from rotorid.signals.rotation_fit import Readings, fit_rotation
 
 LOST = 0.6
@@ -172,20 +172,14 @@ def pulse_edges(
     >>> pulse_edges([0, 0, 1, 1, 0, 0], 1000.0)
     (array([0.0015]), array([0.0005]))
     """
-    with naming(source):
-        rises, part, open_ = _edges(samples, threshold)
-    middle = np.where(open_ > 0, 0.5, part)
-    return np.asarray((rises + middle) / sample_rate), np.asarray(open_ / sample_rate)
-
-
-def _edges(samples: ArrayLike, threshold: float | None) -> tuple[Integers, Floats, Floats]:
-    """Return the sample before each rise, the part of a sample after it, half of what is open."""
     raw = np.asarray(samples, dtype=float)
     low, high = (np.percentile(raw, q) for q in (0.5, 99.5)) if len(raw) else (0.0, 0.0)
     if not high - low > 0:
         low, high = (raw.min(), raw.max()) if len(raw) else (0.0, 0.0)
     if not high > low:
-        raise InputError("a column without a pulse", "one pulse per revolution", "name another")
+        raise InputError(
+            "a column without a pulse", "one pulse per revolution", "name another", file=source
+        )
     level = (low + high) / 2 if threshold is None else threshold
     # Noise on a flank crosses the threshold again: a pulse counts once it has been low.
     above, armed = raw >= level, raw < level - 0.2 * (high - low)
@@ -198,12 +192,11 @@ def _edges(samples: ArrayLike, threshold: float | None) -> tuple[Integers, Float
     before, after = raw[rises], raw[rises + 1]
     flank = (before < level) & (after > before)
     part = np.where(flank, (level - before) / np.where(flank, after - before, 1.0), 0.5)
-    at_low = before <= low + PLATEAU * (high - low)
-    at_high = after >= high - PLATEAU * (high - low)
-    part = np.where(at_low & at_high, 0.5, part)
-    # With one sample on the flank, its corner lies anywhere beside that sample.
-    open_ = np.where(at_low | at_high, 0.5, 0.0)
-    return np.asarray(rises, dtype=np.int64), np.asarray(part), np.asarray(open_)
+    # With one sample on the flank, or none, its corner lies anywhere beside that sample.
+    margin = PLATEAU * (high - low)
+    beside = (before <= low + margin) | (after >= high - margin)
+    times = rises + np.where(beside, 0.5, part)
+    return np.asarray(times / sample_rate), np.asarray(np.where(beside, 0.5, 0.0) / sample_rate)
 
 
 def keyphasor_angle(

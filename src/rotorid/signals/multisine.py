@@ -172,14 +172,12 @@ def multisine(
     if apart:
         turn = np.arange(len(lines))[:, None] % len(names)
         size = np.where(turn == np.arange(len(names)), size, 0.0)
+    angle = np.zeros(size.shape)
     if phases == "random":
         if rng is None:
             raise InputError("random phases without rng", "a generator", "pass rng", place="rng")
         angle = rng.uniform(0, 2 * np.pi, size.shape)
-    elif phases == "zero":
-        angle = np.zeros(size.shape)
-    else:
-        angle = np.zeros(size.shape)
+    elif phases == "schroeder":
         for j, column in enumerate(size.T):
             used = column != 0
             if used.any():
