@@ -15,7 +15,6 @@ import errno
 import os
 import re
 import stat
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -282,6 +281,8 @@ def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | N
 
 def _written(path: Path, data: bytes, mode: int | None) -> str:
     """Write a new file beside the one that it is to replace, with its mode; return its name."""
+    import tempfile  # a tenth of what --help loads
+
     folder, name = os.path.split(os.path.realpath(path))
     file, part = tempfile.mkstemp(".part", f".{name[:80]}.", folder)
     try:
