@@ -14,6 +14,7 @@ poles: McKelvey, Guerin 2012).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -88,54 +89,22 @@ def local_covariance(
     Channels, references and rotation hold all lines of the record from DC on; `rotation` has no
     column at standstill.
     """
-    count, driven, turning = channels.shape[1], references.shape[1], rotation.shape[1] > 0
-    fitting = [
-        order
-        for order in ORDERS
-        if 2 * half_width(count, driven, turning, order) + 1 <= len(channels)
-    ]
+    windows = [_Windows(channels, references, rotation, order) for order in ORDERS]
+    fitting = [each for each in windows if 2 * each.half + 1 <= len(channels)]
     probed = lines[:: max(1, len(lines) // PROBED)]
 
-    def left(order: int) -> Floats:
-        found = _of_order(channels, references, rotation, probed, order)
-        return np.diagonal(found.matrices, axis1=1, axis2=2).real
+    def left(each: _Windows) -> Floats:
+        return np.diagonal(each.local(probed).matrices, axis1=1, axis2=2).real
 
-    this = left(fitting[0]) if len(fitting) > 1 else np.zeros((0, count))
-    for order, above in pairwise(fitting):
+    this = left(fitting[0]) if len(fitting) > 1 else np.zeros((0, channels.shape[1]))
+    for each, above in pairwise(fitting):
         following = left(above)
         typical = np.median(following, axis=0)
         typical = np.where(typical > 0, typical, 1.0)
         if (this / typical).mean() <= BENT * (following / typical).mean():
-            return _of_order(channels, references, rotation, lines, order)
+            return each.local(lines)
         this = following
-    last = _of_order(channels, references, rotation, lines, fitting[-1])
-    return replace(last, bent=len(fitting) > 1)
-
-
-def _of_order(
-    channels: Complexes, references: Complexes, rotation: Complexes, lines: Integers, order: int
-) -> Local:
-    """Return C of lines; lines that stand out of their window are left out of those beside."""
-    count, driven, turning = channels.shape[1], references.shape[1], rotation.shape[1] > 0
-    half = half_width(count, driven, turning, order)
-    dof = 2 * half + 1 - columns_of(driven, turning, order)
-    every = _Windows(channels, references, rotation, order, half, dof)
-    ordinary = np.ones(len(channels), dtype=bool)
-    found, lever, share = every.covariances(lines, ordinary)
-    for last in range(PASSES):
-        fresh = lines[ordinary[lines] & (share > _limit(count, dof, len(lines)))]
-        ordinary[fresh] = False
-        if not len(fresh) or last == PASSES - 1:
-            break
-        again = every.touched(lines, fresh)  # the other windows are as they were
-        found[again], lever[again], share[again] = every.covariances(lines[again], ordinary)
-    leverage = float(lever.mean()) if len(lines) else 0.0
-    return Local(found, dof, leverage, order, half, lines[~ordinary[lines]])
-
-
-def _limit(channels: int, dof: int, lines: int) -> float:
-    """Return the share of A that a line of noise alone reaches once in a thousand records."""
-    return float(scipy.special.betaincinv(channels, max(dof - channels, 1), 1 - ALONE / lines))
+    return replace(fitting[-1].local(lines), bent=len(fitting) > 1)
 
 
 @frozen
@@ -146,8 +115,34 @@ class _Windows:
     references: Complexes
     rotation: Complexes
     order: int
-    half: int
-    dof: int
+
+    @cached_property
+    def half(self) -> int:
+        turning = self.rotation.shape[1] > 0
+        return half_width(self.channels.shape[1], self.references.shape[1], turning, self.order)
+
+    @cached_property
+    def dof(self) -> int:
+        turning = self.rotation.shape[1] > 0
+        return 2 * self.half + 1 - columns_of(self.references.shape[1], turning, self.order)
+
+    def local(self, lines: Integers) -> Local:
+        """Return C of lines; lines that stand out of their window are left out of those beside."""
+        count, dof = self.channels.shape[1], self.dof
+        # The share of A that a line of noise alone reaches once in a thousand records.
+        chance = 1 - ALONE / max(len(lines), 1)
+        limit = scipy.special.betaincinv(count, max(dof - count, 1), chance)
+        ordinary = np.ones(len(self.channels), dtype=bool)
+        found, lever, share = self.covariances(lines, ordinary)
+        for last in range(PASSES):
+            fresh = lines[ordinary[lines] & (share > limit)]
+            ordinary[fresh] = False
+            if not len(fresh) or last == PASSES - 1:
+                break
+            again = self.touched(lines, fresh)  # the other windows are as they were
+            found[again], lever[again], share[again] = self.covariances(lines[again], ordinary)
+        leverage = float(lever.mean()) if len(lines) else 0.0
+        return Local(found, dof, leverage, self.order, self.half, lines[~ordinary[lines]])
 
     def _first(self, lines: Integers) -> Integers:
         return np.clip(lines - self.half, 0, len(self.channels) - 2 * self.half - 1)
