@@ -141,11 +141,11 @@ def interrupt(*_: object, **__: object) -> None:
 def test_a_second_interrupt_ends_it(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rotorid.likelihood.search.trials_of", interrupt)
+    monkeypatch.setattr("rotorid.likelihood.estimator.trials_of", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 1
     assert (folder / "run.json").exists()
     (folder / "run.json").unlink()
-    monkeypatch.setattr("rotorid.likelihood.search.summarize", interrupt)
+    monkeypatch.setattr("rotorid.likelihood.estimator.summarize", interrupt)
     assert cli.run([*LONG, "--quiet"]) == 130
     assert not (folder / "run.json").exists()
     assert capsys.readouterr().err.split() == ["rotorid:", "interrupted"]
@@ -159,7 +159,7 @@ def test_an_interrupt_behind_the_search_takes_no_answer_with_it(
     notes = json.loads((folder / "run.json").read_text())["notes"]
     told = "nothing of the records is kept for a report: KeyboardInterrupt"
     assert told in [note["found"] for note in notes]
-    monkeypatch.setattr("rotorid.likelihood.search.trials_of", interrupt)
+    monkeypatch.setattr("rotorid.likelihood.estimator.trials_of", interrupt)
     assert cli.run([*LONG, "--quiet", "--force"]) == 130
 
 

@@ -35,7 +35,7 @@ from .io import read_record as read_record
 from .likelihood.bound import Plan as Plan
 from .likelihood.bound import predict_accuracy as predict_accuracy
 from .likelihood.estimator import MaximumLikelihood as MaximumLikelihood
-from .likelihood.search import Progress as Progress
+from .likelihood.estimator import Progress as Progress
 from .linear.estimators import Batch as Batch
 from .linear.estimators import LeastSquares as LeastSquares
 from .linear.estimators import Sequential as Sequential

@@ -22,7 +22,7 @@ from rotorid.experiment import Experiment, load_experiment
 from rotorid.models import Model
 
 if TYPE_CHECKING:
-    from rotorid.likelihood.search import Search
+    from rotorid.likelihood.estimator import Search
 
 
 def run(

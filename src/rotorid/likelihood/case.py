@@ -21,16 +21,14 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
-from rotorid.likelihood.known import Known
 from rotorid.likelihood.layout import physical_factors
 from rotorid.likelihood.linear import Linear
 from rotorid.likelihood.preparation import Prepared, generic
-from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.problem import Known, Point, Problem, inside, outside, retract, tangent
 from rotorid.likelihood.relations import Monomials, Relations
 from rotorid.likelihood.solver import STAGES, anchored, evaluated, solve
 from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
-from rotorid.likelihood.tangent import inside, outside, retract, tangent
 from rotorid.likelihood.unknowns import Unknown
 from rotorid.models import Model
 from rotorid.models.rotor.model import structure_of

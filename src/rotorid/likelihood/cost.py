@@ -1,13 +1,13 @@
 """The likelihood of one record: whitened residual, its derivative, and their kernel.
 
-Notation (theory, section 3), for one line; rows and coordinates are scaled, see `scaling`:
+Notation (theory, section 3), for one line; rows and coordinates are scaled, see `whitening`:
 
     z = [u; y]         measured mean, covariance C = F F^H
     E                  calibration of the channels: true = E z (gain, delay)
     q = R v + H w      v: what the sensors read, true, v = E_y y - r; w: hidden coordinates
     P = -Z             the dynamic stiffness, negative
     s = L z + h        equation error without w: L = [B, P R] E, h = g - P R r
-    N                  orthonormal basis of the left null space of P H, see `projection`
+    N                  orthonormal basis of the left null space of P H, see `whitening`
     e = N^H s          with covariance V = N^H (L C L^H + sigma^2 S) N = U^H U
     eps = U^-H e       the whitened residual; J = sum c |eps|^2
 
@@ -37,9 +37,15 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.likelihood.effects import Calibration
-from rotorid.likelihood.projection import Projection, projection
 from rotorid.likelihood.relations import Monomials
-from rotorid.likelihood.whitening import Ends, Noise, Sizes, Transient
+from rotorid.likelihood.whitening import (
+    Ends,
+    Noise,
+    Projection,
+    Sizes,
+    Transient,
+    projection,
+)
 
 
 @frozen

@@ -23,12 +23,11 @@ from rotorid.likelihood.inference import Inference, Shared, infer, shared_noise
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.likelihood.other_answers import Doubt, questioned
 from rotorid.likelihood.preparation import Knowledge, Prepared, prepare
-from rotorid.likelihood.problem import Lowest, Problem
+from rotorid.likelihood.problem import Lowest, Problem, outside
 from rotorid.likelihood.rivals import Plain, by_shown_speed, plainly
 from rotorid.likelihood.solver import Solution, settle, solve
 from rotorid.likelihood.starts import WAYS, Minimum, explained, search, thinned
 from rotorid.likelihood.symmetric_answers import Mirrors
-from rotorid.likelihood.tangent import outside
 from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
 from rotorid.linear.estimators import Batch
 from rotorid.models import Model

@@ -13,7 +13,7 @@ of what is taken as exact moves the unknowns by M v deviations and leaves L v in
 unseen where it adds no more than s to the cost: of all v with |v|^2 + |L v|^2 / s <= 1 the worst
 moves unknown i by the root of M_i (1 + L' L / s)^-1 M_i'.
 
-The solver keeps a factorization of its own (`tangent`): it needs a triangle of [J | r] alone, and
+The solver keeps a factorization of its own (`Tangent`): it needs a triangle of [J | r] alone, and
 another scale, in which no column is rounding on the way to the minimum.
 """
 

@@ -12,11 +12,10 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.measured_modes import Mode
 from rotorid.likelihood.effects import Replaces, of_kind
-from rotorid.likelihood.known import Known
 from rotorid.likelihood.layout import Layout, base_factors, physical_factors
 from rotorid.likelihood.modal import modal_rows
+from rotorid.likelihood.problem import Known, retract
 from rotorid.likelihood.relations import Polynomial, Relations
-from rotorid.likelihood.tangent import retract
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 from rotorid.models.priors import Constraint, constraint_polynomial, eliminate

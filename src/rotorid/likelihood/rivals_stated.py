@@ -27,11 +27,10 @@ from rotorid.data.measured_modes import Mode, number
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Kind, Records, Rival, Small, mistake, rivals
 from rotorid.likelihood.effects import Replaces, of_kind
-from rotorid.likelihood.known import Known
 from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.modal import ModalRows
 from rotorid.likelihood.preparation import Limit
-from rotorid.likelihood.problem import Point
+from rotorid.likelihood.problem import Known, Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar

@@ -28,9 +28,8 @@ import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
 from rotorid.likelihood.relations import Relations
-from rotorid.likelihood.tangent import Tangent, inside, outside, retract, tangent
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """The homotopy: sigma of each stage, in units of the mean force."""

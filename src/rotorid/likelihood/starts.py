@@ -35,10 +35,9 @@ from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.layout import linear_form
-from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Polynomial, Relations
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
-from rotorid.likelihood.tangent import outside
 from rotorid.models import Model
 from rotorid.models.rotor.model import RotorModel
 from rotorid.models.rotor.reduction import Banded

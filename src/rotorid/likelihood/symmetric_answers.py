@@ -23,10 +23,9 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import Stiffness, every_load, other_terms
 from rotorid.likelihood.inference import Inference
 from rotorid.likelihood.layout import Layout, linear_form
-from rotorid.likelihood.problem import Problem
+from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
-from rotorid.likelihood.tangent import outside
 from rotorid.models import Model
 from rotorid.models.linear import Kind
 from rotorid.models.model import fact

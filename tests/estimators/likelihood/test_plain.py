@@ -9,9 +9,8 @@ from test_spectra import KNOWN, MODEL, levitated
 import rotorid as rid
 from rotorid.likelihood import rivals as plain
 from rotorid.likelihood import solver
-from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.problem import Point, Problem, Tangent
 from rotorid.likelihood.starts import PLAIN_LINES
-from rotorid.likelihood.tangent import Tangent
 
 tangent = solver.tangent
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.likelihood.projection import Reflections, Reflectors, projection
+from rotorid.likelihood.whitening import Reflections, Reflectors, projection
 
 
 @pytest.fixture

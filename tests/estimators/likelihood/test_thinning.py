@@ -14,12 +14,11 @@ from rotorid.likelihood import assembly, solver
 from rotorid.likelihood import starts as search
 from rotorid.likelihood import starts as thinning
 from rotorid.likelihood import summary as result
-from rotorid.likelihood.problem import Point
+from rotorid.likelihood.problem import Point, Tangent
 from rotorid.likelihood.response import SINGULAR, _motion
 from rotorid.likelihood.rivals import PLAIN
 from rotorid.likelihood.solver import HOPELESS, Solution
 from rotorid.likelihood.starts import FEW, WORTH, thinned
-from rotorid.likelihood.tangent import Tangent
 from rotorid.likelihood.whitening import Noise, noise_factor
 from rotorid.signals.covariance import LineCovariance
 
