@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +71,10 @@ def detect_distortion(
     excited one; `skip` in s is what is dropped before.
     """
     top = int(max(excited)) if highest is None else highest
-    aside = {*excited, *apart, *_rotation(record, fundamental, top)}
+    turns = abs(record.speed) / (2 * np.pi * fundamental)
+    first = round(turns)
+    rotation = range(first, top + 1, first) if first and abs(turns - first) <= 0.01 else ()
+    aside = {*excited, *apart, *rotation}
     out = np.array([k for k in range(1, top + 1) if k not in aside], dtype=np.int64)
     if not out.size:
         raise InputError(
@@ -82,7 +85,8 @@ def detect_distortion(
         )
     periods = average(record, fundamental, harmonics=range(1, top + 1), skip=skip)
     power = np.abs(periods.mean_spectrum) ** 2
-    noise = _noise(periods)
+    # Of the mean of each line: differences of successive periods hold no slow drift.
+    noise = (np.abs(np.diff(periods.spectra, axis=0)) ** 2).mean(axis=0) / 2 / periods.periods
     odd, even = out[out % 2 == 1], out[out % 2 == 0]
     (odd_mean, odd_noise), (even_mean, even_noise) = (
         (_mean(power, chosen), _mean(noise, chosen)) for chosen in (odd, even)
@@ -99,23 +103,6 @@ def detect_distortion(
         odd_excess=np.sqrt(odd_mean / quiet),
         even_excess=np.sqrt(even_mean / quiet),
     )
-
-
-def _rotation(record: Record, fundamental: float, highest: int) -> list[int]:
-    turns = abs(record.speed) / (2 * np.pi * fundamental)
-    first = round(turns)
-    if first < 1 or abs(turns - first) > 0.01:
-        return []
-    return list(range(first, highest + 1, first))
-
-
-def _noise(periods: PeriodicRecord) -> Floats:
-    """Return the variance of the mean of each line, shape (line, channel).
-
-    From differences of successive periods, which a slow drift does not enter.
-    """
-    steps = np.abs(np.diff(periods.spectra, axis=0)) ** 2
-    return np.asarray(steps.mean(axis=0) / 2 / periods.periods)
 
 
 def _mean(power: Floats, harmonics: Integers) -> Floats:
@@ -138,6 +125,8 @@ ORDERS = (1, 2, 3)
 
 MOST_LINES = 400
 """Lines kept where nothing says which: the strongest."""
+
+NO_PERIOD = "no period found: see docs/inspect.md for records that do not repeat"
 
 
 @frozen
@@ -231,7 +220,10 @@ def inspect_record(
         if lines is None or lines:
             periods = average(record, period_samples=size, harmonics=lines, band=band, skip=skip)
     if periods is None:
-        checks: tuple[Note, ...] = (*check_record(record), _no_period(whole))
+        none = Note("period", "says", NO_PERIOD)
+        if whole:
+            none = Note("period", "passes", "no period, as the file says: taken as a whole")
+        checks: tuple[Note, ...] = (*check_record(record), none)
     else:
         checks = (*periods.checks, *_crests(periods))
     return Inspection(
@@ -242,13 +234,6 @@ def inspect_record(
         channels=tuple(_facts(record, periods, c) for c in range(len(record.channels))),
         noise_correlation=None if periods is None else _correlation(periods),
     )
-
-
-def _no_period(whole: bool) -> Note:
-    if whole:
-        return Note("period", "passes", "no period, as the file says: taken as a whole")
-    text = "no period found: see docs/inspect.md for records that do not repeat"
-    return Note("period", "says", text)
 
 
 def _period(record: Record, skip: float) -> int | None:
@@ -282,17 +267,14 @@ def _clear_lines(record: Record, size: int, skip: float) -> list[int]:
     return sorted(int(k) for k in strongest if strength[k] > 1)
 
 
-def _crests(periods: PeriodicRecord) -> list[Note]:
-    found = []
+def _crests(periods: PeriodicRecord) -> Iterator[Note]:
     for c, channel in enumerate(periods.channels):
         crest = _crest(periods.mean[:, c])
         if is_input(channel) and crest is not None and crest > CREST:
-            text = (
-                f"crest factor {crest:.3g}: other phases (minimize_crest) excite more with the "
-                "same peak"
+            text = "other phases (minimize_crest) excite more with the same peak"
+            yield Note(
+                "crest factor", "says", f"crest factor {crest:.3g}: {text}", on=(channel.name,)
             )
-            found.append(Note("crest factor", "says", text, on=(channel.name,)))
-    return found
 
 
 def _crest(mean: Floats) -> float | None:

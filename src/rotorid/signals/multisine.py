@@ -210,12 +210,6 @@ def minimize_crest(signals: Multisine, *, steps: int = 8) -> Multisine:
     return replace(signals, amplitudes=np.stack(columns, axis=1))
 
 
-def _sweeps(size: Floats) -> list[Floats]:
-    """Return phases of sweeps that take one period, and 1.4 of it: more starts gain below 1 %."""
-    sweep = schroeder_phases(size**2)
-    return [sweep, sweep * 1.4]
-
-
 def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Complexes:
     used = np.abs(amplitudes) > 0
     lines, size, count = harmonics[used], np.abs(amplitudes[used]), _fine(harmonics)
@@ -235,7 +229,9 @@ def _flattened(harmonics: Integers, amplitudes: Complexes, steps: int) -> Comple
 
     given = np.angle(amplitudes[used])
     best, lowest = given, cost(given, 2**20)[0]
-    for start in (given, *_sweeps(size)):
+    sweep = schroeder_phases(size**2)
+    # Sweeps that take one period, and 1.4 of it: more starts gain below 1 %.
+    for start in (given, sweep, sweep * 1.4):
         angle = start
         for step in range(1, steps + 1):
             angle = scipy.optimize.minimize(
