@@ -20,7 +20,6 @@ from rotorid import Batch, LeastSquares, Sequential
 from rotorid.answer.estimate import Estimate, check_units
 from rotorid.answer.parts import (
     Alternative,
-    EquationMisfit,
     LineMisfit,
     Misfit,
     Prediction,
@@ -83,9 +82,6 @@ def estimates(draw):
         condition_number=draw(DEVIATIONS),
         line_misfit=tuple(
             draw(st.lists(st.builds(LineMisfit, st.integers(0, 9), FINITE, FINITE, FINITE)))
-        ),
-        equation_misfit=tuple(
-            draw(st.lists(st.builds(EquationMisfit, st.integers(0, 9), NAMES, FINITE, FINITE)))
         ),
         alternatives=tuple(draw(st.lists(st.builds(Alternative, FINITE, ASSIGNMENTS)))),
         provenance=draw(st.none() | st.builds(Provenance, SOURCES, NAMES, NAMES, NAMES)),
@@ -190,7 +186,7 @@ def test_rows_of_version_2():
 
 def test_a_file_of_version_1_still_loads(tmp_path):
     data = json.loads(json.dumps(VALID))
-    for key in ("alternatives", "checks", "provenance", "equation_misfit", "notes"):
+    for key in ("alternatives", "checks", "provenance", "notes"):
         del data[key]
     data["schema"] = "rotorid-estimate/1"
     data["suspects"] = [{"term": "damping", "drop": 2.0}]

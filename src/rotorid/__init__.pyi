@@ -3,7 +3,6 @@ from .answer.estimate import Estimate as Estimate
 from .answer.identify import Estimator as Estimator
 from .answer.identify import identify as identify
 from .answer.parts import Alternative as Alternative
-from .answer.parts import EquationMisfit as EquationMisfit
 from .answer.parts import LineMisfit as LineMisfit
 from .answer.parts import Misfit as Misfit
 from .answer.parts import ModeFit as ModeFit

@@ -15,7 +15,6 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.evidence import Evidence, Prior
 from rotorid.answer.identify import identify
 from rotorid.answer.parts import (
-    EquationMisfit,
     LineMisfit,
     Misfit,
     Provenance,
@@ -272,15 +271,11 @@ def test_of_parameters_left_open(model: Model, periods: PeriodicRecord) -> None:
 
 def test_where_the_misfit_lies(estimate: Estimate) -> None:
     lines = tuple(LineMisfit(0, f, cost, 12.0) for f, cost in ((10, 11), (20, 90.5), (30, 13)))
-    rows = tuple(EquationMisfit(0, name, cost, 18.0) for name, cost in (("x", 70.25), ("y", 20)))
-    found = estimate.with_(
-        misfit=Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines, equation_misfit=rows
-    )
+    found = estimate.with_(misfit=Misfit(114.5, 36.0, 30, 1e-7), line_misfit=lines)
     page = Page(estimate_report(found))
     check_self_contained(page)
     assert "Misfit, frequency by frequency" in titles(page)
     assert "20 Hz90.5" in page.words
-    assert "x70.2518" in page.words
     text = str(found).splitlines()
     start = text.index("misfit by line  found  by noise")
     assert [line.split()[0] for line in text[start + 1 : start + 4]] == ["20", "30", "10"]

@@ -57,8 +57,6 @@ class Estimate(Answer):
         Of the scaled least-squares problem.
     line_misfit : sequence of LineMisfit
         The misfit line by line, for methods with a likelihood.
-    equation_misfit : sequence of EquationMisfit
-        The same equation by equation.
     alternatives : sequence of Alternative
         Other answers that fit as well; not empty means that the status is ``not_identifiable``.
     modes : sequence of ModeFit

@@ -158,6 +158,5 @@ def without_deviations(estimate: Estimate) -> Estimate:
         covariance=np.full(estimate.covariance.shape, np.nan),
         misfit=None,
         line_misfit=(),
-        equation_misfit=(),
         notes=(Note(NO_SCATTER, "doubts", told), *(n for n in estimate.notes if n.drop is None)),
     )

@@ -75,16 +75,6 @@ class LineMisfit:
 
 
 @frozen
-class EquationMisfit:
-    """The misfit of one equation of one record (counted from 0), against what noise would leave."""
-
-    record: Count
-    equation: str
-    cost: Number
-    expected: Number
-
-
-@frozen
 class Suspect:
     """What the model may lack, or a channel get wrong.
 
@@ -291,7 +281,6 @@ class Answer(ByContent):
     notes: Annotated[tuple[Note, ...], PlainSerializer(_told)] = ()
     condition_number: Optional = None
     line_misfit: tuple[LineMisfit, ...] = ()
-    equation_misfit: tuple[EquationMisfit, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     modes: tuple[ModeFit, ...] = ()
     unbalance: tuple[Unbalance, ...] = ()

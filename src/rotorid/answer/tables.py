@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorid.answer.judge import EFFORT
-from rotorid.answer.parts import DOUBTFUL, Answer, EquationMisfit, LineMisfit, Prediction, Value
+from rotorid.answer.parts import DOUBTFUL, Answer, Prediction, Value
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -244,33 +244,19 @@ def _suspect_tables(estimate: Answer) -> list[Table]:
 
 def _misfit_tables(estimate: Answer) -> list[Table]:
     """Return where the misfit lies, worst first; nothing where it is what noise leaves."""
-    if estimate.misfit is None or estimate.misfit.p_value > NOTICED:
+    rows = sorted(estimate.line_misfit, key=lambda row: row.cost - row.expected, reverse=True)
+    if not rows or estimate.misfit is None or estimate.misfit.p_value > NOTICED:
         return []
-    several = len({row.record for row in estimate.line_misfit}) > 1
-    lines = [
-        (f"{row.frequency_hz:.6g} Hz" + f", record {row.record + 1}" * several, row)
-        for row in estimate.line_misfit
-    ]
-    equations = [
-        (row.equation + f", record {row.record + 1}" * several, row)
-        for row in estimate.equation_misfit
-    ]
-    return [
-        _misfit_table(title, rows)
-        for title, rows in (("misfit by line", lines), ("misfit by equation", equations))
-        if rows
-    ]
-
-
-def _misfit_table(title: str, rows: Sequence[tuple[str, LineMisfit | EquationMisfit]]) -> Table:
-    def excess(named: tuple[str, LineMisfit | EquationMisfit]) -> float:
-        return named[1].cost - named[1].expected
-
-    worst = sorted(rows, key=excess, reverse=True)[:WORST]
+    several = len({row.record for row in rows}) > 1
     cells = [
-        (name, _plain(f"{row.cost:.4g}"), _plain(f"{row.expected:.4g}")) for name, row in worst
+        (
+            f"{row.frequency_hz:.6g} Hz" + f", record {row.record + 1}" * several,
+            _plain(f"{row.cost:.4g}"),
+            _plain(f"{row.expected:.4g}"),
+        )
+        for row in rows[:WORST]
     ]
-    return table((title, "found", "by noise"), cells)
+    return [table(("misfit by line", "found", "by noise"), cells)]
 
 
 def _inflated(values: Sequence[Value]) -> bool:
