@@ -85,10 +85,10 @@ def unread(value: object, name: str) -> Any:
     return vars(value)[name]
 
 
-def first_of(value: object, name: str) -> float:
-    """Return the first value of a field of times or angles, without making the others."""
+def head_of(value: object, name: str) -> Floats:
+    """Return a field of times or angles in the first period, (1, sample), without the others."""
     given = unread(value, name)
-    return float((given.head(1) if isinstance(given, Steady) else given)[0, 0])
+    return np.asarray(given.head(1) if isinstance(given, Steady) else given[:1])
 
 
 def mean_of(value: object, name: str) -> float:

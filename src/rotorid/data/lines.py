@@ -17,7 +17,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers
-from rotorid.data.lazy_time import Steady, WhenRead, changed, unread
+from rotorid.data.lazy_time import Steady, WhenRead, changed, head_of, unread
 from rotorid.data.record import Channel, Known, OfMachine, PeriodicRecord
 from rotorid.signals.covariance import LineCovariance, white_covariance
 from rotorid.signals.spectrum import line_spectra, quantity
@@ -68,13 +68,13 @@ class PeriodicClock(Arrays):
     @property
     def period(self) -> Floats:
         """Times of the first period, shape (sample,)."""
-        return np.asarray(self._first_of("time")[0])
+        return np.asarray(head_of(self, "time")[0])
 
     def grid(self, *, timed: bool) -> tuple[Floats, Floats]:
         """Return t and phi of all periods, or of the first where the others repeat it."""
         if timed or not self._repeats:
             return self.time, self.angle
-        return self._first_of("time"), self._first_of("angle")
+        return head_of(self, "time"), head_of(self, "angle")
 
     @cached_property
     def _repeats(self) -> bool:
@@ -85,11 +85,6 @@ class PeriodicClock(Arrays):
             return bool(abs(turns - round(turns)) * (angle.shape[0] - 1) < 1e-9)
         turns = (self.angle - self.angle[0]) / (2 * np.pi)
         return bool(np.abs(turns - np.round(turns)).max() < 1e-9)
-
-    def _first_of(self, name: str) -> Floats:
-        """Return a field in the first period, shape (1, sample), without making the others."""
-        given = unread(self, name)
-        return np.asarray(given.head(1) if isinstance(given, Steady) else given[:1])
 
     def turned(self, angle: float) -> PeriodicClock:
         """Return the clock of a run whose rotor angle is this much larger."""

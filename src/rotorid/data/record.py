@@ -19,7 +19,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Arrays, Booleans, Complexes, Floats, Integers, read_only
-from rotorid.data.lazy_time import WhenRead, changed, first_of, mean_of
+from rotorid.data.lazy_time import WhenRead, changed, head_of, mean_of
 from rotorid.force.channel_dynamics import Dynamics
 
 if TYPE_CHECKING:
@@ -411,7 +411,7 @@ class PeriodicRecord(Drawn, OfMachine):
     @property
     def begin(self) -> float:
         """Time in s of the first sample used."""
-        return first_of(self, "time")
+        return float(head_of(self, "time")[0, 0])
 
     @property
     def middle(self) -> float:

@@ -232,7 +232,7 @@ def _last_digit(channel: Channel, level: float, step: float) -> Note:
 @record_check(
     "copied",
     "no two channels are the same",
-    lambda seen: (seen.part.channels, seen.centred) if seen.periods is None else None,
+    lambda seen: (seen.part.channels, _centred(seen.part)) if seen.periods is None else None,
 )
 @period_check(
     "copied",
@@ -265,10 +265,14 @@ def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[No
             )
 
 
-@whole_check("copied", lambda seen: (seen.used.channels, seen.centred))
+@whole_check("copied", lambda seen: (seen.used.channels, _centred(seen.used)))
 def _alike(channels: Sequence[Channel], deviations: Floats) -> Iterator[Note]:
     """Tell of copies, and refuse none: without noise two sensors may well be alike."""
     return (replace(note, severity="warns") for note in check_copied(channels, deviations))
+
+
+def _centred(record: Record) -> Floats:
+    return np.asarray(record.samples - record.samples.mean(axis=0))
 
 
 STUCK = 0.02

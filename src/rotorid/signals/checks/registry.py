@@ -128,11 +128,6 @@ class SeenRecord(_Seen):
         return self.record.valid is None
 
     @property
-    def centred(self) -> Floats:
-        """The samples less their mean."""
-        return np.asarray(self.part.samples - self.part.samples.mean(axis=0))
-
-    @property
     def begin(self) -> float:
         """Time in s of the first sample that is used."""
         return -np.inf if self.periods is None else self.periods.begin
@@ -173,11 +168,6 @@ class SeenWhole(_Seen):
     record: Record  # every channel, over the time that is used
     used: Record  # what is fitted of it; of references only what stops: no line of them is used
     references: tuple[str, ...]
-
-    @property
-    def centred(self) -> Floats:
-        """The samples less their mean."""
-        return np.asarray(self.used.samples - self.used.samples.mean(axis=0))
 
 
 def check_record(
