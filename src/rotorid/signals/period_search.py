@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
+from rotorid.signals.spectrum import top_of
 
 _MIDDLE = 0.15  # of the record left out at each end: approach and return are no part of a period
 _OVERLAP = 0.25  # of the middle that a shift must leave to compare
@@ -109,7 +110,11 @@ def _refined(correlation: Floats, first: int) -> Period | None:
 
     What rings, or sweeps through a resonance, is like itself one wave later, and less so two.
     """
-    period, multiple = _top(correlation, first), 1
+
+    def top(place: int) -> float:
+        return place + top_of(*correlation[place - 1 : place + 2])
+
+    period, multiple = top(first), 1
     while (expected := period * (multiple + 1)) < len(correlation) - 2:
         reach = max(1, round(0.02 * period))
         low = max(round(expected) - reach, 1)
@@ -119,11 +124,5 @@ def _refined(correlation: Floats, first: int) -> Period | None:
         if correlation[place] < _HELD * correlation[first]:
             return None
         multiple += 1
-        period = _top(correlation, place) / multiple
+        period = top(place) / multiple
     return Period(period, 1.0 / multiple, float(correlation[first]))
-
-
-def _top(correlation: Floats, place: int) -> float:
-    left, here, right = correlation[place - 1 : place + 2]
-    bend = left - 2 * here + right
-    return place + (0.5 * float((left - right) / bend) if bend < 0 else 0.0)

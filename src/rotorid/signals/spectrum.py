@@ -61,6 +61,12 @@ def transfer_of_recording(
     return np.asarray(np.stack(columns, axis=-1))
 
 
+def top_of(left: float, here: float, right: float) -> float:
+    """Return how far from the middle of three neighbours the top of their parabola lies."""
+    bend = left - 2 * here + right
+    return float(0.5 * (left - right) / bend) if bend < 0 else 0.0
+
+
 _HALF = 64
 _BETA = 18.9  # 180 dB beside the lines
 """A sinc over 128 samples under Kaiser's window: right to 1e-9 up to 0.45 of the sample rate."""

@@ -23,6 +23,7 @@ from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import period_check, record_check
 from rotorid.signals.periods import median
+from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
 _BLOCK = 1 << 16  # samples at once, so that memory does not grow with the record
@@ -266,7 +267,8 @@ def _off_grid(rest: Floats, power: Floats, floor: Floats, rate: float, name: str
     strongest = at[np.argsort(-(power / floor)[at])][:5]
     found = []
     for k in strongest:
-        turns = _steady(rest, _refined(power, int(k)) / len(rest))
+        top = top_of(*np.log(np.maximum(power[k - 1 : k + 2], 1e-300)))
+        turns = _steady(rest, float(k + top) / len(rest))
         if turns is not None:
             found.append(Tone(turns * rate, float(power[k] / floor[k]), name))
     return found
@@ -286,13 +288,6 @@ def _is_sideband(tone: Tone, periods: PeriodicRecord, spacing: float) -> bool:
     """Tell whether a tone lies so close to a kept line that a slow change of that makes it."""
     beside = np.abs(periods.frequency - tone.frequency) < SIDEBAND * spacing
     return bool((beside & ~periods.on_rotation).any())
-
-
-def _refined(power: Floats, k: int) -> float:
-    """Return the place of a peak between the lines: a parabola through the logarithms."""
-    left, here, right = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
-    bend = left - 2 * here + right
-    return k + float(0.5 * (left - right) / bend) if bend < 0 else float(k)
 
 
 def _steady(rest: Floats, turns: float) -> float | None:
