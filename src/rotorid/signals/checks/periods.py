@@ -6,13 +6,14 @@ a line between periods, from differences of neighbours, which a slow drift does 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rotorid.core.distributions import f_limit
 from rotorid.core.frozen import frozen
-from rotorid.core.notes import Note
+from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
@@ -161,32 +162,27 @@ in 8000 lines."""
 
 
 @period_check("identical periods", "the periods scatter, so that deviations can be stated")
-def check_identical(periods: PeriodicRecord) -> list[Note]:
+def check_identical(periods: PeriodicRecord) -> Iterator[Note]:
     """Find channels without scatter: nothing tells how well their mean is known."""
     level = np.sqrt((periods.mean**2).mean(axis=0))
     scatter = np.sqrt(periods.variance.mean(axis=0))
     moving = np.ptp(periods.mean, axis=0) > NO_SCATTER * level
     same = moving & (scatter <= NO_SCATTER * level)
     if not same.any():
-        return []
+        return
     if same[moving].all():
         text = (
             "no scatter between periods: the deviations of the result are unknown, not zero; "
             "record again if the periods were copied or computed"
         )
-        return [Note("identical periods", "warns", text)]
-    text = "no scatter between periods, while other channels have some: "
-    return [
-        Note("identical periods", "says", f"{text}taken as exact", on=(channel.name,))
-        if is_input(channel)
-        else Note(
-            "identical periods",
-            "warns",
-            f"{text}computed or copied, not measured",
-            on=(channel.name,),
-        )
-        for channel in (periods.channels[c] for c in np.flatnonzero(same))
-    ]
+        yield Note("identical periods", "warns", text)
+        return
+    for channel in (periods.channels[c] for c in np.flatnonzero(same)):
+        command = is_input(channel)
+        severity: Severity = "says" if command else "warns"
+        told = "taken as exact" if command else "computed or copied, not measured"
+        text = f"no scatter between periods, while other channels have some: {told}"
+        yield Note("identical periods", severity, text, on=(channel.name,))
 
 
 @period_check("copied periods", "no period is an earlier one again")
@@ -392,11 +388,11 @@ def _without_trend(spectra: Complexes) -> Floats:
 
 
 @period_check("drift", "no line drifts", lambda seen: (seen,))
-def check_drift(seen: SeenPeriods) -> list[Note]:
+def check_drift(seen: SeenPeriods) -> Iterator[Note]:
     """Find lines that change slowly: their slope against the lines of the record beside it."""
     periods, count = seen.periods, seen.periods.periods
     if count < LEAST_PERIODS or seen.warned(*DISTURBED) or seen.notes("knock"):
-        return []
+        return
     place = np.linspace(-1.0, 1.0, count)
     place /= np.sqrt((place**2).sum())
     z = periods.spectra - periods.mean_spectrum
@@ -418,8 +414,8 @@ def check_drift(seen: SeenPeriods) -> list[Note]:
         relative = slope[most] * np.conj(periods.mean_spectrum[most])
         # It turns, as with a speed, and does not grow, as with a gain.
         if abs(relative.imag) > abs(relative.real):
-            return [_creeping(periods, periods.names[most[1]])]
-    found = []
+            yield _creeping(periods, periods.names[most[1]])
+            return
     for c in np.flatnonzero(strength > limit):
         k = int(np.argmax(np.abs(slope[:, c])))
         ends = 2 * np.abs(slope[k, c]) * place[-1]
@@ -429,8 +425,7 @@ def check_drift(seen: SeenPeriods) -> list[Note]:
             f"the record, {ends / np.sqrt(max(variance[k, c], floor[c])):.3g} times its scatter: "
             "warm up before recording, or take a shorter record"
         )
-        found.append(Note("drift", "warns", text, on=(periods.names[c],)))
-    return found
+        yield Note("drift", "warns", text, on=(periods.names[c],))
 
 
 def _beside_rotation(periods: PeriodicRecord, ratio: Floats) -> Floats | None:
