@@ -93,18 +93,16 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     data = periods if isinstance(periods, Sequence) else [periods]
     found = [_checks(each) for each in data]
     for each, checks in zip(data, found, strict=True):
-        for check in checks:
-            if check.severity == "refuses":
-                table = not isinstance(each, Observation) and isinstance(
-                    getattr(each, "clock", None), PhasorClock
-                )
-                more = "" if table else "; rotorid inspect shows more"
-                raise InputError(
-                    str(check),
-                    "a record that can be identified",
-                    f"mend the record or leave that channel out{more}",
-                    file=_source(each),
-                )
+        refusal = next((check for check in checks if check.severity == "refuses"), None)
+        if refusal is not None:
+            table = isinstance(getattr(each, "clock", None), PhasorClock)
+            more = "" if table else "; rotorid inspect shows more"
+            raise InputError(
+                str(refusal),
+                "a record that can be identified",
+                f"mend the record or leave that channel out{more}",
+                file=each.lines.source if isinstance(each, Observation) else each.source,
+            )
     checks = tuple(dict.fromkeys(check for checks in found for check in checks))
     chosen = by_name(estimator) if isinstance(estimator, str) else estimator
     estimate = chosen.estimate(model, data)
@@ -112,19 +110,13 @@ def identify(model: Model, periods: Data | Sequence[Data], estimator: Estimator 
     if silent:
         estimate = without_deviations(estimate)
     told = (*of_data(checks, estimate.status), *unbalance_untold(model, estimate))
+    # What a result must hold of its model to be used without the model's file.
+    text = Provenance(model=model.file_text, held=model.held) if model.file_text else None
     return (
         estimate.with_(notes=(*checks, *estimate.notes))
         .with_notes(*told)
-        .with_(
-            unbalance=unbalance_of(model, estimate),
-            provenance=estimate.provenance or _model_of(model),
-        )
+        .with_(unbalance=unbalance_of(model, estimate), provenance=estimate.provenance or text)
     )
-
-
-def _model_of(model: Model) -> Provenance | None:
-    """Return what a result must hold of its model to be used without the model's file."""
-    return Provenance(model=model.file_text, held=model.held) if model.file_text else None
 
 
 def _checks(data: Data) -> tuple[Note, ...]:
@@ -134,11 +126,6 @@ def _checks(data: Data) -> tuple[Note, ...]:
     if held.checks or not isinstance(periods, PeriodicRecord):
         return held.checks
     return check_periods(periods)
-
-
-def _source(data: Data) -> str:
-    """Return where a record comes from."""
-    return data.lines.source if isinstance(data, Observation) else data.source
 
 
 def without_deviations(estimate: Estimate) -> Estimate:

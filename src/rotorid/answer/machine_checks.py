@@ -52,17 +52,17 @@ ROUNDING = 1e-9
 
 def _negative(about: str, size: float, std: float, text: str, *on: str) -> Iterator[Note]:
     """Judge a quantity that should not be negative: `size` below zero, by `std`."""
-    if size >= 0:
-        return
     if size < -SURE * std:
-        cure = (
-            "see the suspects and the signs, units and columns of the channels beside "
-            f"{' and '.join(on)}"
-        )
+        beside = " and ".join(on)
+        cure = f"see the suspects and the signs, units and columns of the channels beside {beside}"
         yield Note(about, "rejects", f"{text}: no machine has that", cure, on=on)
-    else:
+    elif size < 0:
         near = f"{text}, though within {SURE:g} deviations of what a machine can have"
         yield Note(about, "doubts", near, on=on)
+
+
+def _std(slopes: Floats, covariance: Floats) -> float:
+    return float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
 
 
 def physical(model: Model, estimate: Estimate) -> list[Note]:
@@ -94,12 +94,8 @@ def _one_scale(model: Model, free: Sequence[Value]) -> Iterator[Note]:
     ratios = []
     for value in free:
         powers, nominal = dict(dimension_of(value.unit).powers), model.nominal.get(value.name)
-        inertia_or_stiffness = (
-            powers.get("kg", 0) == 1
-            and powers.get("m", 0) in (0, 2)
-            and powers.get("s", 0) in (0, -2)
-        )
-        if inertia_or_stiffness and nominal and value.value:
+        kg, m, s = (powers.get(unit, 0) for unit in ("kg", "m", "s"))
+        if kg == 1 and m in (0, 2) and s in (0, -2) and nominal and value.value:
             ratios.append(abs(value.value / nominal))
     if len(ratios) < 2 or max(ratios) > ALIKE * min(ratios):
         return
@@ -114,7 +110,6 @@ def _one_scale(model: Model, free: Sequence[Value]) -> Iterator[Note]:
 
 
 def _signs(model: Model, values: Sequence[Value]) -> Iterator[Note]:
-    """Judge parameters that the model declares positive."""
     positive = {p.name for p in model.parameters if p.positive}
     for v in {v.name: v for v in reversed(values)}.values():
         if v.name in positive and np.isfinite(v.value) and not v.fixed:
@@ -144,7 +139,6 @@ def _base(
 
 
 def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Iterator[Note]:
-    """Judge base parameters that are sums of products of positive parameters."""
     positive = np.array([p.positive for p in reduced.parameters], dtype=bool)
     for index, (name, unit) in enumerate(zip(reduced.base.names, reduced.base.units, strict=True)):
         gathered = np.asarray(reduced.base.gather[index])
@@ -198,7 +192,7 @@ def _inertia(
     lowest = vectors[:, 0] / scale
     if values[0] < -ROUNDING:
         slopes = np.einsum("i,bij,j->b", lowest, mass, lowest)
-        std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+        std = _std(slopes, covariance)
         where = reduced.coordinates[int(np.abs(vectors[:, 0]).argmax())]
         yield from _negative(
             "inertia", float(values[0]), std, f"a negative inertia of {where}", where
@@ -207,14 +201,14 @@ def _inertia(
     for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
         if not _by_inertia(reduced, (i, j), gyroscopic):
             continue
+        a, b = reduced.coordinates[i], reduced.coordinates[j]
         sign = np.sign(turning[i, j] - turning[j, i])
         slopes = (
             mass[:, i, i] + mass[:, j, j] - sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
         )
         size, terms = float(slopes @ base), float(np.abs(slopes * base).sum())
         if size < -ROUNDING * terms:
-            std = float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
-            a, b = reduced.coordinates[i], reduced.coordinates[j]
+            std = _std(slopes, covariance)
             polar = abs(turning[i, j] - turning[j, i]) / 2
             text = (
                 f"a polar inertia of {polar:.4g} about {a}, {b}, above the sum of the transverse "
@@ -223,8 +217,18 @@ def _inertia(
             yield from _negative("inertia", size, std, text, a, b)
         if sign * (drawn[i, j] - drawn[j, i]) < 0:
             slopes = sign * (gyroscopic[:, i, j] - gyroscopic[:, j, i]) / 2
-            if np.count_nonzero(slopes) == 1:  # of a sum of inertias the sign may be either
-                yield from _backwards(reduced, (i, j), float(slopes @ base), slopes, covariance)
+            backwards = float(slopes @ base)
+            # Of a sum of inertias the sign may be either.
+            if np.count_nonzero(slopes) == 1 and backwards > SURE * _std(slopes, covariance):
+                text = (
+                    f"a polar inertia of {-backwards:.4g} about {a}, {b}, against the sense of "
+                    "rotation: no machine has that"
+                )
+                cure = (
+                    "the speed is stated backwards, or two axes are exchanged, or one is upside "
+                    "down"
+                )
+                yield Note("inertia", "rejects", text, cure, on=(a, b))
 
 
 def _by_inertia(reduced: Model, pair: tuple[int, int], gyroscopic: Floats) -> bool:
@@ -248,21 +252,6 @@ def _drawn_coupling(reduced: Model, gyroscopic: Floats) -> Floats:
         return np.zeros(gyroscopic.shape[1:])
     base = reduced.base_values([nominal[name] for name in reduced.parameter_names])
     return np.asarray(np.tensordot(np.append(base, 1.0), gyroscopic, 1))
-
-
-def _backwards(
-    reduced: Model, pair: tuple[int, int], polar: float, slopes: Floats, covariance: Floats
-) -> Iterator[Note]:
-    """Judge a gyroscopic coupling against the sense that the model gives it: turned backwards."""
-    std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
-    if polar > SURE * std:
-        a, b = (reduced.coordinates[i] for i in pair)
-        text = (
-            f"a polar inertia of {-polar:.4g} about {a}, {b}, against the sense of rotation: no "
-            "machine has that"
-        )
-        cure = "the speed is stated backwards, or two axes are exchanged, or one is upside down"
-        yield Note("inertia", "rejects", text, cure, on=(a, b))
 
 
 def prediction(estimate: Estimate, noise: Mapping[str, float]) -> Iterator[Note]:

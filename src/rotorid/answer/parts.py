@@ -340,7 +340,6 @@ class Answer(ByContent):
 
 
 def _not_finite(answer: Answer) -> str:
-    """Name what is not finite of an answer; what is derived may be undetermined."""
     estimated = len(answer.parameters) + len(answer.nuisance)
     for k, value in enumerate((*answer.parameters, *answer.nuisance, *answer.derived)):
         known = [value.std, value.std_inflated] if math.isfinite(value.value) else []

@@ -136,7 +136,6 @@ def _own_values(
 def _at_estimate(
     model: Model, estimate: Estimate, records: Sequence[Observation], first: int
 ) -> Point:
-    """Evaluate the likelihood of records at an estimate, its nuisances included."""
     values = {v.name: v.value for v in (*estimate.parameters, *estimate.nuisance)}
     for record in records:
         if not record.lines.phase_known:

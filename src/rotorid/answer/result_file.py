@@ -140,7 +140,6 @@ class _Head(BaseModel, defer_build=True):
 
 
 def _refusal(fault: Any, cure: str) -> InputError:
-    """Turn the first fault that pydantic found into one line."""
     place = ".".join(str(part)[:60] for part in fault["loc"])
     if fault["type"] == "json_invalid":
         return ReadError(f"no JSON ({fault['ctx']['error']})", "a result file", cure)

@@ -33,7 +33,6 @@ def page(estimate: Answer, *, intervals: bool = False) -> Page:
 
 
 def _doubt(estimate: Answer) -> str:
-    """Say in the first line, which may be all that is read, that an answer is doubtful."""
     misfit = estimate.misfit
     if estimate.status == "ok" and any(note.about == EFFORT for note in estimate.notes):
         return ", but doubtful (little effort)"
@@ -112,7 +111,6 @@ def on_fit(estimate: Answer) -> list[str]:
 
 
 def _together(estimate: Answer) -> list[str]:
-    """Name the pairs that are known together far better than one by one."""
     names = [value.name for value in estimate.free]
     if len(names) < 2 or len(names) != len(estimate.covariance):
         return []
@@ -184,7 +182,6 @@ def _alternative_tables(estimate: Answer) -> list[Table]:
 
 
 def _mode_tables(estimate: Answer) -> list[Table]:
-    """Return measured natural frequencies and damping ratios beside those of the estimate."""
     rows = []
     for m in estimate.modes:
         turning = f" at {m.speed_rad_s / (2 * math.pi):g} rev/s" if m.speed_rad_s else ""

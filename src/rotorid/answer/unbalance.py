@@ -69,7 +69,6 @@ def _forces(model: Model, base: Floats) -> tuple[Complexes, dict[int, str]]:
 
 
 def _balance_of(model: Model, base: Floats) -> ForceBalance:
-    """Return the equation of each coordinate, M being that of some base parameters."""
     coefficients, known = model.coefficients
     inertia = np.zeros((len(model.texts), len(model.coordinates)))
     for signal, factor in enumerate(model.motion_factors):
@@ -144,7 +143,6 @@ def _planes(amounts: Complexes) -> list[tuple[int, ...]]:
 def _plane(
     model: Model, rows: tuple[int, ...], amount: complex, answer: Complexes, estimate: Estimate
 ) -> Unbalance:
-    """Return one plane; its deviations by the delta method."""
     names = [model.coordinates[row] for row in rows]
     unit = "kg m^2" if model.units[names[0]] == "rad" else "kg m"
     along = np.exp(-1j * np.angle(amount)) * answer  # real: amount; imaginary: angle

@@ -287,7 +287,6 @@ def verdict_of(records: Sequence[Sequence[ChannelError]]) -> Validated:
 
 
 def _hidden(every: Sequence[tuple[int, ChannelError]], several: bool) -> str:
-    """Say what hides an error of the prediction."""
     known = [pair for pair in every if pair[1].relative_error is not None]
     if not known:
         return "every channel of the record is zero"
@@ -296,7 +295,6 @@ def _hidden(every: Sequence[tuple[int, ChannelError]], several: bool) -> str:
 
 
 def _told(number: int, channel: ChannelError, several: bool) -> str:
-    """Say how far a channel is off, and what explains how much of it."""
     where = f" of record {number + 1}" if several else ""
     told = f"{channel.name}{where} is off by {100 * (channel.relative_error or 0.0):.3g} %"
     if channel.noise is None:

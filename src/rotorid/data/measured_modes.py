@@ -54,12 +54,6 @@ class Mode:
         for name, unit in (("frequency", "Hz"), ("std", "Hz"), ("speed", "rad/s")):
             number = quantity(getattr(self, name), unit, place=name)
             object.__setattr__(self, name, float(number))
-        if self.damping is not None:
-            value, std = self.damping
-            object.__setattr__(self, "damping", (float(value), float(std)))
-        self._check()
-
-    def _check(self) -> None:
         for name in ("frequency", "std"):
             _positive(getattr(self, name), "Hz", name)
         if not np.isfinite(self.in_si[2]):
@@ -67,7 +61,8 @@ class Mode:
                 f"{self.speed}", "a finite speed", "give 0 at standstill", place="speed"
             )
         if self.damping is not None:
-            value, std = self.damping
+            value, std = map(float, self.damping)
+            object.__setattr__(self, "damping", (value, std))
             if not -1 < value < 1:
                 raise InputError(
                     f"a damping ratio of {value:g}",
@@ -99,7 +94,6 @@ def number(mode: Mode) -> int:
 
 
 def _positive(value: float, unit: str, place: str) -> None:
-    """Refuse what is no number above 0."""
     if not 0 < value < np.inf:
         raise InputError(
             f"{value:g} {unit}".rstrip(),
@@ -138,7 +132,6 @@ def configurations(modes: Sequence[Mode]) -> list[list[Mode]]:
 
 
 def _counted(group: Sequence[Mode]) -> list[Mode]:
-    """Return the modes of one configuration in ascending order, numbered."""
     found: list[Mode] = []
     for mode in sorted(group, key=lambda m: m.in_si[0]):
         last = number(found[-1]) if found else 0

@@ -119,7 +119,6 @@ class _Problem(Posed):
         return Block(design, target, variance)
 
     def _variance(self, regression: SampledRegression, base: Floats) -> Floats:
-        """Return the variance of each row's residual."""
         free = ~self.model.input_matrix.any(axis=1)
         told = np.maximum(regression.told.sum(axis=0), 1)
         variance = (regression.residual(base) ** 2).sum(axis=0) / told
@@ -218,7 +217,6 @@ def _spread_of_change(first: Scatter, second: Scatter) -> Floats:
 
 
 def _doubted(names: Sequence[str], scatter: Scatter) -> Iterator[Note]:
-    """Say of which parameters no deviation can be stated, and where blocks are too short."""
     alone = tuple(name for name, alone in zip(names, scatter.alone, strict=True) if alone)
     if alone:
         text = (

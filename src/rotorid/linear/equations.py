@@ -423,7 +423,6 @@ class Stretch:
         return self.regression.record
 
     def _coordinates(self, order: int, *, outer: bool) -> Floats:
-        """Return a derivative of the coordinates, filtered, shape (sample, coordinate)."""
         record, (columns, follow) = self._record, self.regression.sensed
         filter_ = record.outer if outer else record.inner
         channels = tuple(record.channels[c] for c in columns)

@@ -292,7 +292,6 @@ def _carry(
 
 
 def _variance(problem: Problem, regression: Regression, stage: Stage, values: Floats) -> Floats:
-    """Return the variance over periods of a stage's right side, shape (sample, row)."""
     rows = list(stage.rows)
     forced = (regression.model.input_matrix != 0).any(axis=1)[rows]
     variance = force_variance(regression)[:, rows]

@@ -297,7 +297,6 @@ class Problem(Posed):
     def _fitted(
         self, solution: Solution, base: Floats, scatters: Sequence[LineCovariance]
     ) -> list[Fitted]:
-        """Return the equations of every record at an answer."""
         return [
             Fitted(
                 r.residual(base),

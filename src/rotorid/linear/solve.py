@@ -237,19 +237,9 @@ def scatter_of_blocks(
 ) -> Scatter:
     """Return the covariance of an answer by leaving out each block in turn (the jackknife).
 
-    ``values - values without b = (1 - G_b X_b)^-1 G_b e_b``, exactly; neighbours that depend on one
-    another are merged.
-
-    Parameters
-    ----------
-    matrix : array, shape (equation, free)
-        X, whitened.
-    residual : array, shape (equation,)
-        e = right side - X values, whitened.
-    gains : array, shape (free, equation)
-        G: values = G @ right side.
-    numbers : int array, shape (equation,)
-        The block of each equation.
+    ``values - values without b = (1 - G_b X_b)^-1 G_b e_b``, exactly, with the whitened design X,
+    its residual e and gains G, (free, equation); `numbers` are the blocks of the equations.
+    Neighbours that depend on one another are merged.
     """
     while True:
         count = int(numbers.max()) + 1

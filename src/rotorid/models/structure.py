@@ -180,7 +180,6 @@ def _is_whole(ratio: float) -> bool:
 
 
 def _equations(model: Model, rows: Sequence[int]) -> list[_Equation]:
-    """Gather the equation of each coordinate."""
     units = [model.units[name] for name in model.coordinates]
     left, right = model.equations.left, model.equations.right
     kinds = dict(zip(rows, units, strict=True))
@@ -338,7 +337,6 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
 
 
 def _is_energy(matrix: Floats) -> bool:
-    """Tell whether a matrix is symmetric, positive semidefinite, and not zero."""
     size = np.abs(matrix).max(initial=0.0)
     if size == 0 or np.abs(matrix - matrix.T).max() > 1e-9 * size:
         return False
