@@ -197,6 +197,13 @@ def _inertia(
         yield from _negative(
             "inertia", float(values[0]), std, f"a negative inertia of {where}", where
         )
+    yield from _polar(reduced, mass, gyroscopic, base, covariance)
+
+
+def _polar(
+    reduced: Model, mass: Floats, gyroscopic: Floats, base: Floats, covariance: Floats
+) -> Iterator[Note]:
+    """Judge G by M, and by the sense that the model's author gave it."""
     turning, drawn = np.tensordot(base, gyroscopic, 1), _drawn_coupling(reduced, gyroscopic)
     for i, j in zip(*np.nonzero(np.triu(np.abs(turning - turning.T) > 0)), strict=True):
         if not _by_inertia(reduced, (i, j), gyroscopic):
@@ -212,7 +219,7 @@ def _inertia(
             polar = abs(turning[i, j] - turning[j, i]) / 2
             text = (
                 f"a polar inertia of {polar:.4g} about {a}, {b}, above the sum of the transverse "
-                f"ones, {whole[i, i] + whole[j, j]:.4g}"
+                f"ones, {base @ (mass[:, i, i] + mass[:, j, j]):.4g}"
             )
             yield from _negative("inertia", size, std, text, a, b)
         if sign * (drawn[i, j] - drawn[j, i]) < 0:
