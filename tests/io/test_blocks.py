@@ -12,8 +12,7 @@ from rotorid.core.errors import InputError
 from rotorid.io import Source, open_table
 from rotorid.io import record as blocks
 from rotorid.io.record import open_blocks
-from rotorid.signals.average import average_blocks
-from rotorid.signals.periods import PeriodSums
+from rotorid.signals.average import PeriodSums, average_blocks
 
 SIZE, PERIODS, RATE = 50, 67, 1000.0
 RNG = np.random.default_rng(8)

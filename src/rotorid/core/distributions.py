@@ -1,4 +1,4 @@
-"""Tails of gamma, F and t distributions, and what noise makes of a cost.
+"""Medians, tails of gamma, F and t distributions, and what noise makes of a cost.
 
 scipy loads its parts where they are first used: a record that calls for none of these waits for
 none.
@@ -13,6 +13,18 @@ import scipy
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
+
+
+def median(values: Floats, axis: int = -1) -> Floats:
+    """Return the median over an axis: to sort many short rows is faster than to part them.
+
+    numpy's own loads arrays with masks, which take longer than what is done here at a start.
+    """
+    ordered = np.sort(np.moveaxis(values, axis, -1), axis=-1)
+    middle = ordered.shape[-1] // 2
+    if ordered.shape[-1] % 2:
+        return np.asarray(ordered[..., middle])
+    return np.asarray((ordered[..., middle - 1] + ordered[..., middle]) / 2)
 
 
 def gamma_tail(value: float, shape: float) -> float:

@@ -50,8 +50,8 @@ from rotorid.io import READERS, Source, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.priors import Constraint
 from rotorid.signals.angle import keyphasor_angle, pulse_edges
+from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, inspect_record
-from rotorid.signals.periods import KEYS
 
 
 @frozen

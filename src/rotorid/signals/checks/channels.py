@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
+from rotorid.core.distributions import median
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
@@ -29,7 +30,6 @@ from rotorid.signals.checks.registry import (
     record_check,
     whole_check,
 )
-from rotorid.signals.periods import median
 
 INPUT_UNITS = frozenset({"N", "N m", "A", "T", "V"})
 """Units of what drives a machine: such a channel may be quiet for good reason; a sensor may not."""

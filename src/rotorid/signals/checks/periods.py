@@ -11,14 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.core.distributions import f_limit
+from rotorid.core.distributions import f_limit, median
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import NO_SCATTER, SeenPeriods, period_check, record_check
-from rotorid.signals.periods import median, quartiles
 
 LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
@@ -118,7 +117,9 @@ def _last_unsettled(d: Floats, terms: int) -> int:
     that begins below three times the scatter biases no mean by more than its deviation.
     """
     half = len(d) // 2
-    low, middle, high = quartiles(d[half:])
+    settled = np.sort(d[half:])
+    places = np.array([0.25, 0.5, 0.75]) * (len(settled) - 1)
+    low, middle, high = np.interp(places, np.arange(len(settled)), settled)
     if d[0] <= _LARGE**2 * middle:
         return 0
     late = d > middle + 5 * max((high - low) / 1.35, 1 / np.sqrt(terms))

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 import scipy
 
+from rotorid.core.distributions import median
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers
@@ -22,7 +23,6 @@ from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import is_input
 from rotorid.signals.checks.registry import period_check, record_check
-from rotorid.signals.periods import median
 from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new

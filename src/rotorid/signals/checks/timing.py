@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rotorid.core.distributions import median
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.record import PeriodicRecord
 from rotorid.signals.checks.registry import NO_SCATTER, period_check
-from rotorid.signals.periods import median
 
 STEP = 8.0
 """Deviations by which the shift must change at one period to be called a step: with 1000 places to
