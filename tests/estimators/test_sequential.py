@@ -10,14 +10,16 @@ from rotorid import Batch, Sequential
 from rotorid.data.observation import bind_all
 from rotorid.data.record import Channel, Record
 from rotorid.linear.estimators import _solve_stages, plan_stages
-from rotorid.linear.family import pose
+from rotorid.linear.family import Problem
 from rotorid.models import parse_model
 from rotorid.models.priors import Constraint
 from rotorid.signals.average import average
 
 
 def stages_of(problem, constraints=(), **fixed):
-    posed = pose(bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints)
+    posed = Problem.of(
+        bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
+    )
     names = posed.names
     return [(list(s.rows), [names[u] for u in s.unknowns]) for s in plan_stages(posed)]
 
@@ -181,7 +183,7 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
     def solve(one):
         if kind == "batch":
             return Batch(fixed=problem.known).solve(problem.model, [one])
-        posed = pose(bind_all(problem.model, [one]), problem.known, ())
+        posed = Problem.of(bind_all(problem.model, [one]), problem.known, ())
         return posed, _solve_stages(posed, plan_stages(posed))
 
     posed, before = solve(record)

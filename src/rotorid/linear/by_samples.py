@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,6 @@ from rotorid.linear.solve import (
     scatter_of_blocks,
     solve,
 )
-from rotorid.models.priors import Constraint
 
 LOWER = 0.7
 """Share of the cut-off at which the answer is found again: half the noise of an acceleration is
@@ -85,14 +84,35 @@ class _Fit:
 
 
 @frozen
-class _Problem(Posed):
+class SampledProblem(Posed):
     """Regressions on the samples of all records, in the unknowns that exact constraints leave.
 
     Without a weight every row counts alike; with it a row counts by the variance of what least
     squares leaves of it, and a row without input by `weight` times the largest of these.
     """
 
+    kind = SampledRegression
     weight: float | None = None
+
+    def summarize(self, method: str) -> Estimate:
+        """Return the estimate, its deviations by blocks, and what speaks against it."""
+        fit = self.fit()
+        scatter, ways = fit.scatter, [*self.moved(fit), *self.late(fit)]
+        estimate = self.estimate(
+            method,
+            fit.values,
+            scatter.covariance,
+            fit.solution,
+            list(_doubted(self.names, scatter)),
+            unknown=scatter.alone,
+        )
+        return estimate.with_notes(
+            *_said(self.regressions, scatter),
+            *gate.physical(self.full, estimate),
+            *ways,
+            *gate.prediction(estimate, {}),
+            *gate.agreement(self.names, *scatter.halves()),
+        )
 
     def fit(self, *, late: bool = False) -> _Fit:
         """Solve, and leave out blocks; `late`: with one unknown more, how early all forces come."""
@@ -174,36 +194,6 @@ class _Problem(Posed):
 
     def _named(self, free: int) -> tuple[str, str]:
         return self.names[free], self.model.base.units[self.elimination.kept[free]]
-
-
-def estimate_by_samples(
-    method: str,
-    records: Sequence[Observation],
-    fixed: Mapping[str, float | str],
-    constraints: Sequence[Constraint],
-    weight: float | None = None,
-) -> Estimate:
-    """Return the estimate from filtered records; `weight`: of rows without input."""
-    posed = _Problem.of(SampledRegression, records, fixed, constraints)
-    problem = replace(posed, weight=weight)
-    fit = problem.fit()
-    ways = [*problem.moved(fit), *problem.late(fit)]
-    scatter = fit.scatter
-    estimate = problem.estimate(
-        method,
-        fit.values,
-        scatter.covariance,
-        fit.solution,
-        list(_doubted(problem.names, scatter)),
-        unknown=scatter.alone,
-    )
-    return estimate.with_notes(
-        *_said(problem.regressions, scatter),
-        *gate.physical(problem.full, estimate),
-        *ways,
-        *gate.prediction(estimate, {}),
-        *gate.agreement(problem.names, *scatter.halves()),
-    )
 
 
 def _spread_of_change(first: Scatter, second: Scatter) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -13,9 +13,9 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.observation import Data, Observation, bind_all
-from rotorid.linear.by_samples import estimate_by_samples, filtered_records, refuse_filtered
+from rotorid.linear.by_samples import SampledProblem, filtered_records, refuse_filtered
 from rotorid.linear.equations import Regression, driven_rows
-from rotorid.linear.family import Problem, force_variance, pose
+from rotorid.linear.family import Problem, force_variance
 from rotorid.linear.solve import Block, Solution, pooled, solve
 from rotorid.models import Model
 from rotorid.models.priors import Constraint
@@ -42,10 +42,10 @@ class LinearEstimator:
         """
         bound = bind_all(model, records)
         if self._filtered(bound):
-            return estimate_by_samples(
-                self.method, bound, self.fixed, self.constraints, self._weight
-            )
-        return pose(bound, self.fixed, self.constraints).summarize(self.method, self._solved)
+            sampled = SampledProblem.of(bound, self.fixed, self.constraints)
+            return replace(sampled, weight=self._weight).summarize(self.method)
+        problem = Problem.of(bound, self.fixed, self.constraints)
+        return problem.summarize(self.method, self._solved)
 
     @property
     def _weight(self) -> float | None:
@@ -144,7 +144,7 @@ class Batch(LinearEstimator):
         InputError
             As `estimate`.
         """
-        problem = pose(bind_all(model, records), self.fixed, self.constraints)
+        problem = Problem.of(bind_all(model, records), self.fixed, self.constraints)
         return problem, self._solved(problem)
 
     def _variance(self, regression: Regression) -> Floats:

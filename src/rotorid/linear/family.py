@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -48,6 +48,7 @@ LEAST_PERIODS = 4
 class Posed:
     """A model in the unknowns that fixed values and exact constraints leave."""
 
+    kind: ClassVar[type[Equations]]
     full: Model  # as given
     fixed: Mapping[str, float]  # substituted values
     model: Model  # after substitution
@@ -57,7 +58,6 @@ class Posed:
     @classmethod
     def of(
         cls,
-        kind: type[Equations],
         records: Sequence[Observation],
         given: Mapping[str, float | str],
         constraints: Sequence[Constraint],
@@ -88,7 +88,7 @@ class Posed:
         elimination = eliminate(reduced, constraints_in_si(constraints, model), fixed)
         if not elimination.kept:
             raise InputError("every parameter constrained", "something to estimate", "free one")
-        regressions = tuple(kind(record.rebound(reduced)) for record in records)
+        regressions = tuple(cls.kind(record.rebound(reduced)) for record in records)
         return cls(model, dict(fixed), reduced, elimination, regressions)
 
     @property
@@ -213,6 +213,8 @@ class Posed:
 class Problem(Posed):
     """Regressions on the lines of all records, in the unknowns that exact constraints leave."""
 
+    kind = Regression
+
     def halves(self) -> tuple[Problem, Problem]:
         """Return the problems of the first and of the last half of the periods of each record.
 
@@ -320,15 +322,6 @@ class Problem(Posed):
             size += weight @ np.abs(regression.inputs.mean(axis=0)) ** 2
         share = np.sqrt(noise.clip(0) / np.where(size > 0, size, 1.0))
         return dict(zip(self.model.inputs, share.tolist(), strict=True))
-
-
-def pose(
-    records: Sequence[Observation],
-    given: Mapping[str, float | str],
-    constraints: Sequence[Constraint],
-) -> Problem:
-    """Write the regressions of records, with what is fixed and constrained taken out."""
-    return Problem.of(Regression, records, given, constraints)
 
 
 def force_variance(regression: Regression) -> Floats:
