@@ -9,11 +9,12 @@ A check is a function in a module of this package, entered beside it, and named 
 from __future__ import annotations
 
 import pkgutil
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,7 +28,6 @@ NO_SCATTER = 1e-9
 leave 1e-13, no converter reaches 1e-8."""
 
 F = TypeVar("F", bound=Callable[..., Iterable[Note]])
-Of = Literal["record", "periods", "whole"]
 Arguments = Callable[[Any], tuple[Any, ...] | None]
 
 
@@ -35,59 +35,58 @@ Arguments = Callable[[Any], tuple[Any, ...] | None]
 class Check:
     """A check of a record, or of its periods."""
 
-    name: str
     in_order: str  # what is said where it finds nothing, if anything
     arguments: Arguments  # of what is seen; None where there is nothing to look at
     function: Callable[..., Iterable[Note]]
 
 
-_ENTERED: dict[Of, list[Check]] = {"record": [], "periods": [], "whole": []}
+_ENTERED: defaultdict[type, dict[str, Check]] = defaultdict(dict)
 
 
 def record_check(name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
     """Enter a check of the samples of a record."""
-    return _entering("record", name, in_order, arguments)
+    return _entering(SeenRecord, name, in_order, arguments)
 
 
 def period_check(
     name: str, in_order: str, arguments: Arguments = lambda seen: (seen.periods,)
 ) -> Callable[[F], F]:
     """Enter a check of the periods of a record."""
-    return _entering("periods", name, in_order, arguments)
+    return _entering(SeenPeriods, name, in_order, arguments)
 
 
 def whole_check(name: str, arguments: Arguments) -> Callable[[F], F]:
     """Enter a check of a record that is used as a whole, without periods."""
-    return _entering("whole", name, "", arguments)
+    return _entering(SeenWhole, name, "", arguments)
 
 
-def _entering(of: Of, name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
+def _entering(of: type, name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
     def entered(function: F) -> F:
-        _ENTERED[of].append(Check(name, in_order, arguments, function))
+        _ENTERED[of][name] = Check(in_order, arguments, function)
         return function
 
     return entered
 
 
 @cache
-def _checks(of: Of) -> dict[str, Check]:
+def _checks() -> dict[type, dict[str, Check]]:
+    """Return what every module of this package has entered."""
     package = __name__.rpartition(".")[0]
     for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
         import_module(module.name)
-    return {each.name: each for each in _ENTERED[of]}
+    return _ENTERED
 
 
 @dataclass(kw_only=True)
 class _Seen:
     """What is looked at, and what was found."""
 
-    of: Of
     _found: dict[str, list[Note] | None] = field(default_factory=dict)
 
     def notes(self, name: str) -> list[Note] | None:
         """Return what a check found, empty where all is in order; None where it does not apply."""
         if name not in self._found:
-            one = _checks(self.of)[name]
+            one = _checks()[type(self)][name]
             arguments = one.arguments(self)
             self._found[name] = None if arguments is None else list(one.function(*arguments))
         return self._found[name]
@@ -98,7 +97,7 @@ class _Seen:
     def told(self) -> tuple[Note, ...]:
         """Return what all checks found, and for those that found nothing that they passed."""
         notes: list[Note] = []
-        for name, one in _checks(self.of).items():
+        for name, one in _checks()[type(self)].items():
             found = self.notes(name)
             passed = found == [] and one.in_order
             notes += [Note(name, "passes", one.in_order)] if passed else found or ()
@@ -109,7 +108,6 @@ class _Seen:
 class SeenRecord(_Seen):
     """A record as checks see it."""
 
-    of: Of = "record"
     record: Record
     periods: PeriodicRecord | None
     excerpt: Record | None
@@ -146,7 +144,6 @@ class SeenRecord(_Seen):
 class SeenPeriods(_Seen):
     """The periods of a record as checks see them."""
 
-    of: Of = "periods"
     periods: PeriodicRecord
 
     @cached_property
@@ -164,7 +161,6 @@ class SeenPeriods(_Seen):
 class SeenWhole(_Seen):
     """A record that is used as a whole, as checks see it."""
 
-    of: Of = "whole"
     record: Record  # every channel, over the time that is used
     used: Record  # what is fitted of it; of references only what stops: no line of them is used
     references: tuple[str, ...]
