@@ -18,7 +18,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
-from rotorid.likelihood.cost import Entries, Likelihood, Sensing
+from rotorid.likelihood.cost import Entries, Likelihood, Sensing, Slopes
 from rotorid.likelihood.effects import (
     Adds,
     Calibration,
@@ -220,11 +220,8 @@ def monomial_table(
     loads |= {load.factors for load in every_load(layout)}
     loads |= {_sorted(layout, m) for m in np.unique(stiffness.monomial).tolist()}
     distinct = sorted(loads | {tuple(sorted(term.factors)) for term in terms})
-    exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
-    for row, factors in enumerate(distinct):
-        for unknown in factors:
-            exponents[row, unknown] += 1
-    return Monomials.from_exponents(exponents), {f: i for i, f in enumerate(distinct)}
+    table = Monomials.of(distinct, len(layout.unknowns))
+    return table, {factors: i for i, factors in enumerate(distinct)}
 
 
 def _sorted(layout: Layout, monomial: int) -> Factors:
@@ -368,6 +365,7 @@ def assemble(
         noise = noise_factor(ordered, data, len(observation.inputs), equations)
     return Likelihood(
         scaled,
+        Slopes.of(scaled, monomials, rows, reads.shape[1] + width),
         monomials,
         loads,
         loading,

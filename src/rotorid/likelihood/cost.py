@@ -29,7 +29,7 @@ matrix that follows from it is the Fisher information at the corrected lines.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -147,74 +147,62 @@ class Sensing:
     reads: Floats  # (sensor, coordinate): C, with ``v = reads @ q``
 
 
+@frozen
 class Likelihood:
-    """The whitened residual of one record as a function of the unknowns.
+    """The whitened residual of one record as a function of the unknowns."""
 
-    Parameters
-    ----------
-    entries : Entries
-    monomials : Monomials
-        Of all unknowns.
-    load : complex array, shape (order, line, row, load)
-        Columns of g for each order of the rotor angle, see `Calibration.phase_orders`.
-    loading : int array, shape (load,)
-        The monomials by which these are multiplied.
-    rows : int
-        Number of equations.
-    sensing : Sensing
-    calibration : Calibration
-    data : complex array, shape (line, channel)
-        Mean lines, inputs first, then sensors.
-    noise : Noise
-        Covariance C of the mean lines, factored as F F^H.
-    scales : Sizes
-        What rows and coordinates were divided by.
-    multiplicity : array, shape (line,)
-        c: 2, or 1 for the real lines.
-    indirect : int
-        How many of the last rows are sensors, each with its channel behind those of the inputs.
-    transient : Transient, optional
-        What the loose ends of the window add.
-    order : sequence of int, shape (channel,)
-        Where the channels stand in the record.
-    """
+    entries: Entries
+    slopes: Slopes  # of the entries
+    monomials: Monomials  # of all unknowns
+    load: Complexes  # (order, line, row, load): g for each order of the rotor angle
+    loading: Integers  # (load,): the monomials by which these are multiplied
+    rows: int  # number of equations
+    sensing: Sensing
+    calibration: Calibration
+    data: Complexes  # (line, channel): mean lines, inputs first, then sensors
+    noise: Noise  # covariance C of the mean lines, factored as F F^H
+    scales: Sizes  # what rows and coordinates were divided by
+    multiplicity: Floats  # (line,): c: 2, or 1 for the real lines
+    # how many of the last rows are sensors, each with its channel behind those of the inputs
+    indirect: int
+    transient: Transient | None  # what the loose ends of the window add
+    order: list[int]  # where the channels stand in the record
 
-    def __init__(
-        self,
-        entries: Entries,
-        monomials: Monomials,
-        load: Complexes,
-        loading: Integers,
-        rows: int,
-        sensing: Sensing,
-        calibration: Calibration,
-        data: Complexes,
-        noise: Noise,
-        scales: Sizes,
-        multiplicity: Floats,
-        indirect: int = 0,
-        transient: Transient | None = None,
-        order: Sequence[int] = (),
-    ) -> None:
-        self.entries, self.monomials = entries, monomials
-        self.load, self.loading = load, loading
-        self.sensing, self.calibration = sensing, calibration
-        self.data, self.noise, self.multiplicity = data, noise, multiplicity
-        self.factor, self.scales = noise.factor, scales
-        self.rows, self.indirect, self.transient = rows, indirect, transient
-        self.order = list(order)
-        self.coordinates = sensing.right.shape[0]
-        self.inputs = data.shape[1] - sensing.right.shape[1]
-        self.all_rows = rows + len(sensing.redundancy)
-        self.equations = self.all_rows - sensing.hidden.shape[1]
-        self._slopes = Slopes.of(entries, monomials, rows, self.coordinates + self.inputs)
-        real = np.where(multiplicity == 1.0, 0.0, np.sqrt(multiplicity))
-        self._parts = np.stack([np.sqrt(multiplicity), real], axis=1)
+    @property
+    def factor(self) -> Complexes:
+        """F, shape (line, channel, factor)."""
+        return self.noise.factor
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates, hidden ones included."""
+        return len(self.sensing.right)
+
+    @property
+    def inputs(self) -> int:
+        """Number of channels that are no direct sensors."""
+        return int(self.data.shape[1] - self.sensing.right.shape[1])
+
+    @property
+    def all_rows(self) -> int:
+        """Number of equations and of contradictions among sensors."""
+        return self.rows + len(self.sensing.redundancy)
+
+    @property
+    def equations(self) -> int:
+        """Number of rows that no hidden motion explains."""
+        return int(self.all_rows - self.sensing.hidden.shape[1])
+
+    @cached_property
+    def parts(self) -> Floats:
+        """Weights of the real and the imaginary part of each line, shape (line, 2)."""
+        root = np.sqrt(self.multiplicity)
+        return np.stack([root, np.where(self.multiplicity == 1.0, 0.0, root)], axis=1)
 
     @property
     def lines(self) -> int:
         """Number of lines."""
-        return int(self.data.shape[0])
+        return len(self.data)
 
     def coefficients(self, unknowns: Floats) -> Floats:
         """Return the terms of the equations that multiply the motion, shape (term,)."""
@@ -433,7 +421,7 @@ class Evaluation:
 
     def stacked(self, whitened: Complexes) -> Floats:
         """Return real over imaginary parts, (line, equation, column) -> (real equation, column)."""
-        parts = self.problem._parts
+        parts = self.problem.parts
         stacked = np.concatenate(
             [whitened.real * parts[:, :1, None], whitened.imag * parts[:, 1:, None]], axis=1
         )
@@ -484,7 +472,7 @@ class Evaluation:
         sources = np.concatenate([motion, forces], axis=1)
         slopes = p.monomials.jacobian(self.unknowns)
         columns = np.zeros((p.lines, p.monomials.unknowns, p.all_rows), dtype=np.complex128)
-        p._slopes.into(columns, sources, p.entries.weights, slopes)
+        p.slopes.into(columns, sources, p.entries.weights, slopes)
         jacobian = columns.transpose(0, 2, 1)
         loading = np.flatnonzero(slopes[p.loading].any(axis=0))
         jacobian[:, : p.rows, loading] += self.load @ slopes[np.ix_(p.loading, loading)]

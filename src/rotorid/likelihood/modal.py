@@ -173,13 +173,13 @@ class ModalRows:
     def __len__(self) -> int:
         return len(self.texts)
 
-    def only(self, text: str) -> ModalRows:
-        """Return the rows of one mode."""
-        kept = (
-            replace(each, modes=tuple(m for m in each.modes if str(m) == text))
+    def of_mode(self, name: str, *, others: bool = False) -> ModalRows:
+        """Return the rows of one mode, or those of all others."""
+        chosen = (
+            replace(each, modes=tuple(m for m in each.modes if (str(m) == name) != others))
             for each in self.configurations
         )
-        return ModalRows(tuple(each for each in kept if each.modes))
+        return ModalRows(tuple(each for each in chosen if each.modes))
 
     def first_hertz(self, unknowns: Floats) -> float:
         """Return what these unknowns make of the first mode; NaN where they do not have it."""
@@ -187,14 +187,6 @@ class ModalRows:
         found = first.eigenvalues(unknowns).imag / (2 * np.pi)
         at = number(first.modes[0]) - 1
         return float(found[at]) if at < len(found) else float("nan")
-
-    def without(self, text: str) -> ModalRows:
-        """Return the rows but those of one mode."""
-        kept = (
-            replace(each, modes=tuple(m for m in each.modes if str(m) != text))
-            for each in self.configurations
-        )
-        return ModalRows(tuple(each for each in kept if each.modes))
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         """Return (value - measured) / std, shape (row,)."""
@@ -287,10 +279,6 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
     """Return the pencil of a machine as the layout has it, at a speed in rad/s."""
     places, products, weights = _entries(layout, speed)
     distinct = sorted(set(products))
-    exponents = np.zeros((len(distinct), len(layout.unknowns)), dtype=np.int64)
-    for row, factors in enumerate(distinct):
-        for unknown in factors:
-            exponents[row, unknown] += 1
     table = np.array(places, dtype=np.int64).reshape(-1, 3)
     return Pencil(
         table[:, 0],
@@ -298,7 +286,7 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
         table[:, 2],
         np.array([distinct.index(factors) for factors in products], dtype=np.int64),
         np.array(weights),
-        Monomials.from_exponents(exponents),
+        Monomials.of(distinct, len(layout.unknowns)),
         {},
         linear_form(layout.model).coordinates,
     )

@@ -26,7 +26,6 @@ deviation that much wider (profile likelihood).
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -200,9 +199,7 @@ def noise_free(point: Point) -> Point:
     """Return the problem at a point where the sensors read just what the forces make of it."""
     silent = []
     for at in point.records:
-        clean = copy.copy(at.problem)
-        clean.data = response(at)
-        silent.append(at.with_data(clean))
+        silent.append(at.with_data(replace(at.problem, data=response(at))))
     quiet = replace(point.problem, likelihoods=tuple(at.problem for at in silent))
     return Point(quiet, point.unknowns, silent, point.known)
 
@@ -306,21 +303,18 @@ def _by_noise(point: Point) -> list[Floats]:
     found = []
     for at in point.records:
         likelihood, count = at.problem, at.forces
-        driven = copy.copy(likelihood)
-        driven.load = np.zeros_like(likelihood.load)
         # What laws with other constants add comes of the samples, not of this noise.
-        driven.calibration = replace(likelihood.calibration, reread=())
+        calibration = replace(likelihood.calibration, reread=())
+        driven = replace(likelihood, load=np.zeros_like(likelihood.load), calibration=calibration)
         quiet, idle = driven.evaluate(still, like=at), _idle_share(at, count)
         every = []
         for column in range(count):
-            driven = copy.copy(driven)
-            driven.data = np.zeros_like(likelihood.data)
-            driven.data[:, :count] = idle * likelihood.factor[:, :count, column]
-            every.append(quiet.with_data(driven))
+            noise = np.zeros_like(likelihood.data)
+            noise[:, :count] = idle * likelihood.factor[:, :count, column]
+            every.append(quiet.with_data(replace(driven, data=noise)))
         parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
         for part, pushed, data in zip(parts, every, responses(every), strict=True):
-            driven = copy.copy(pushed.problem)
-            driven.data = data
+            driven = replace(pushed.problem, data=data)
             part[:] = quiet.with_data(driven).jacobian()[:, free]
         parts[:, :, np.isin(free, affine)] = 0.0
         found.append(parts)
@@ -582,8 +576,7 @@ def _turned(problem: Problem, column: int) -> Problem:
     """Return the problem with one input of the other sign."""
     turned = []
     for likelihood in problem.likelihoods:
-        other = copy.copy(likelihood)
-        other.data = likelihood.data.copy()
-        other.data[:, column] *= -1
-        turned.append(other)
+        data = likelihood.data.copy()
+        data[:, column] *= -1
+        turned.append(replace(likelihood, data=data))
     return replace(problem, likelihoods=tuple(turned))

@@ -15,7 +15,7 @@ from rotorid.likelihood.effects import Replaces, of_kind
 from rotorid.likelihood.layout import Layout, base_factors, physical_factors
 from rotorid.likelihood.modal import modal_rows
 from rotorid.likelihood.problem import Known, retract
-from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.relations import Polynomial, Relations, alone
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 from rotorid.models.priors import Constraint, constraint_polynomial, eliminate
@@ -243,8 +243,7 @@ def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relatio
 
 
 def _single(index: int, count: int, value: float) -> Polynomial:
-    alone = tuple(int(i == index) for i in range(count))
-    return {alone: 1.0, (0,) * count: -value}
+    return {alone(index, count): 1.0, (0,) * count: -value}
 
 
 def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], float]:
@@ -287,7 +286,7 @@ def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
         polynomial = dict(_single(i, count, float(elimination.origin[i])))
         for j, coefficient in zip(kept, elimination.basis[i], strict=True):
             if coefficient:
-                polynomial[tuple(int(k == j) for k in range(count))] = -float(coefficient)
+                polynomial[alone(j, count)] = -float(coefficient)
         rows.append((polynomial, 1.0, layout.unknowns[i].name))
     return Relations.build(rows, count)
 
@@ -356,7 +355,8 @@ def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) ->
     unknowns = layout.unknowns
     told = np.array([u.start if u.std is None or u.fixed else u.prior for u in unknowns])
     anywhere = np.where(told != 0, told, 1.0)  # where no derivative is zero by chance
-    fixed, stated = (np.array([f(u) for u in unknowns]) for f in (_is_fixed, _is_stated))
+    fixed = np.array([u.fixed for u in unknowns])
+    stated = np.array([u.std is not None for u in unknowns])  # with a deviation or without
     for relations, most in ((known, CONTRADICTED), (bounds, 0.0)):
         held_by = relations.jacobian(anywhere) != 0
         values = relations.values(told)
@@ -373,15 +373,6 @@ def _refuse_contradicted(layout: Layout, known: Relations, bounds: Relations) ->
                     "change one of the two, or drop it",
                     place=f"parameters.{unknowns[at[0]].name}" if at.size else "constraints",
                 )
-
-
-def _is_fixed(unknown: Scalar) -> bool:
-    return unknown.fixed
-
-
-def _is_stated(unknown: Scalar) -> bool:
-    """Tell whether a value of an unknown is given, with a deviation or without."""
-    return unknown.std is not None
 
 
 def generic(layout: Layout, exact: Relations) -> Floats:

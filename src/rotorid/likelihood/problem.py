@@ -47,17 +47,13 @@ class Known:
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         """Return the residuals, of deviation one, shape (row,)."""
-        found = self.relations.values(unknowns)
-        if not len(self.modes):
-            return found
-        return np.concatenate([found, self.modes.values(unknowns, relaxation)])
+        modes = self.modes.values(unknowns, relaxation)
+        return np.concatenate([self.relations.values(unknowns), modes])
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         """Return their derivative, shape (row, unknown)."""
-        found = self.relations.jacobian(unknowns)
-        if not len(self.modes):
-            return found
-        return np.concatenate([found, self.modes.jacobian(unknowns, relaxation)])
+        modes = self.modes.jacobian(unknowns, relaxation)
+        return np.concatenate([self.relations.jacobian(unknowns), modes])
 
     def linear_in(self) -> list[int]:
         """Return the unknowns on which no relation depends but linearly, each by itself."""
@@ -69,15 +65,11 @@ class Known:
 
     def without(self, text: str) -> Known:
         """Return the rows but those of one text."""
-        kept = np.array(
-            [i for i, t in enumerate(self.relations.texts) if t != text], dtype=np.int64
-        )
-        return Known(self.relations.subset(kept), self.modes.without(text))
+        kept = np.flatnonzero([t != text for t in self.relations.texts])
+        return Known(self.relations.subset(kept), self.modes.of_mode(text, others=True))
 
     def within(self, layout: Layout, relations: Relations, generic: Floats) -> Known:
         """Return the rows over the unknowns of a wider layout."""
-        if not len(self.modes):
-            return Known(relations)
         return Known(relations, modal_rows(layout, self.modes.modes, generic))
 
 
@@ -332,12 +324,6 @@ class Tangent:
         return float(np.sqrt((self.triangle**2).sum(axis=0).max(initial=0.0)))
 
 
-def relation_jacobian(exact: Relations, point: Point) -> Floats:
-    """Return dh by the free unknowns, each row of length about one in relative changes."""
-    free = point.problem.layout.free
-    return exact.jacobian(point.unknowns)[:, free]
-
-
 def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> Tangent:
     """Linearize the problem at a point, in the null space of the exact relations."""
     jacobian, free = point.jacobian, point.problem.layout.free
@@ -350,7 +336,7 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
     scaled = jacobian * scale
     basis = None
     if len(exact):
-        basis = tangent_basis(relation_jacobian(exact, point) * scale)
+        basis = tangent_basis(exact.jacobian(point.unknowns)[:, free] * scale)
         scaled = scaled @ basis
     width = scaled.shape[1]
     rows = np.zeros((max(len(scaled), width + 1), width + 1))  # perhaps fewer than unknowns
@@ -360,7 +346,7 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     normals, distances = np.zeros((0, width)), np.zeros(0)
     if bounds is not None and len(bounds):
-        normals = relation_jacobian(bounds, point) * scale
+        normals = bounds.jacobian(point.unknowns)[:, free] * scale
         normals = normals if basis is None else normals @ basis
         length = np.sqrt((normals**2).sum(axis=1))
         moved = length > 0

@@ -35,13 +35,15 @@ class Monomials:
     def from_exponents(cls, exponents: ArrayLike) -> Monomials:
         """Build from the exponents of each product, int array, shape (monomial, unknown)."""
         table = np.asarray(exponents, dtype=np.int64)
-        count, unknowns = table.shape
-        longest = int(table.sum(axis=1).max(initial=1))
-        factors = np.full((count, longest), unknowns, dtype=np.int64)
-        for row, powers in enumerate(table):
-            flat = np.repeat(np.arange(unknowns), powers)
-            factors[row, : len(flat)] = flat
-        return cls(factors, unknowns)
+        unknowns = np.arange(table.shape[1])
+        return cls.of([np.repeat(unknowns, powers).tolist() for powers in table], len(unknowns))
+
+    @classmethod
+    def of(cls, products: Sequence[Sequence[int]], unknowns: int) -> Monomials:
+        """Build from the unknowns of each product, repeated for powers."""
+        longest = max((len(product) for product in products), default=1)
+        padded = [[*product, *[unknowns] * (longest - len(product))] for product in products]
+        return cls(np.array(padded, dtype=np.int64).reshape(len(padded), longest), unknowns)
 
     @cached_property
     def _columns(self) -> Integers:
@@ -78,6 +80,11 @@ class Monomials:
 
 Polynomial = Mapping[tuple[int, ...], float]
 """``{exponents of the unknowns: coefficient}``."""
+
+
+def alone(unknown: int, count: int) -> tuple[int, ...]:
+    """Return the exponents of an unknown by itself."""
+    return tuple(int(i == unknown) for i in range(count))
 
 
 @frozen

@@ -20,17 +20,12 @@ SINGULAR = 1e10
 sharpest resonance of a machine with damping gives 1e4 or so, rounding leaves 1e16."""
 
 
-def respond(likelihood: Likelihood, unknowns: Floats) -> Complexes:
+def response(at: Evaluation) -> Complexes:
     """Return the lines that the channels would hold without noise, shape (line, channel).
 
     The measured inputs are kept; the sensors read what the equations of motion make of them,
     through the calibration that the unknowns say.
     """
-    return response(likelihood.evaluate(unknowns))
-
-
-def response(at: Evaluation) -> Complexes:
-    """Return the same as `respond`, from the machine at a point."""
     return responses([at])[0]
 
 
@@ -104,7 +99,7 @@ def simulated(
     lines = observation.lines
     mean = np.empty_like(lines.mean)
     likelihood = assemble(layout, observation, number)
-    mean[:, likelihood.order] = respond(likelihood, unknowns)
+    mean[:, likelihood.order] = response(likelihood.evaluate(unknowns))
     return assemble(layout, observation.with_lines(replace(lines, mean=mean)), number)
 
 

@@ -157,7 +157,7 @@ def _modes(case: Case) -> Iterator[Rival]:
     """Yield that each measured mode is wrong by itself."""
     rows = case.prepared.known.modes
     for text in dict.fromkeys(rows.texts):
-        yield _mode(text, rows.only(text))
+        yield _mode(text, rows.of_mode(text))
 
 
 def _mode(text: str, rows: ModalRows) -> Rival:

@@ -29,7 +29,7 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
-from rotorid.likelihood.relations import Relations
+from rotorid.likelihood.relations import Relations, alone
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """The homotopy: sigma of each stage, in units of the mean force."""
@@ -440,12 +440,11 @@ def anchored(problem: Problem, start: Floats) -> Problem:
     for index in layout.free:
         unknown = layout.unknowns[index]
         if unknown.anchored and start[index]:
-            alone = tuple(int(i == index) for i in range(count))
-            polynomial = {alone: 1.0, (0,) * count: -float(start[index])}
+            polynomial = {alone(index, count): 1.0, (0,) * count: -float(start[index])}
             rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))
     if scale_is_open(problem, start):
         moved = [i for i in layout.free if start[i]]
-        common = {tuple(int(i == m) for i in range(count)): 1 / float(start[m]) for m in moved}
+        common = {alone(m, count): 1 / float(start[m]) for m in moved}
         rows.append((common | {(0,) * count: -float(len(moved))}, HELD_SCALE, "scale"))
     if not rows:
         return problem

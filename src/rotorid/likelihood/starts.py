@@ -36,7 +36,7 @@ from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.problem import Point, Problem, outside
-from rotorid.likelihood.relations import Polynomial, Relations
+from rotorid.likelihood.relations import Polynomial, Relations, alone
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
 from rotorid.models.rotor.model import RotorModel
@@ -335,9 +335,9 @@ def _within(problem: Problem, start: Floats) -> Problem:
         unknown = layout.unknowns[i]
         if start[i] == 0 or i in linear or unknown.nuisance:
             continue
-        alone = tuple(int(k == i) for k in range(count))
-        rows.append(({alone: 1 / start[i], nothing: -1 / WITHIN}, 1.0, unknown.name))
-        rows.append(({alone: -1 / start[i], nothing: WITHIN}, 1.0, unknown.name))
+        itself = alone(i, count)
+        rows.append(({itself: 1 / start[i], nothing: -1 / WITHIN}, 1.0, unknown.name))
+        rows.append(({itself: -1 / start[i], nothing: WITHIN}, 1.0, unknown.name))
     bounds = problem.bounds.joined(Relations.build(rows, count))
     sketch = None if problem.sketch is None else replace(problem.sketch, bounds=bounds)
     return replace(problem, bounds=bounds, sketch=sketch)
