@@ -129,7 +129,6 @@ def _constant(
 
 
 def _further_terms(layout: Layout, observation: Observation) -> list[Term]:
-    """Return the entries that unknowns add."""
     speed = observation.lines.speed
     found: list[Term] = []
     powers: dict[int, tuple[float, Complexes | None]] = {}
@@ -182,7 +181,6 @@ def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
 
 
 def _parameters(layout: Layout, term: SensorTerm) -> Factors:
-    """Return the unknowns that a term of a combination of coordinates holds."""
     return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
@@ -482,5 +480,4 @@ def _scales(
 
 
 def _turn(layout: Layout) -> int | None:
-    """Return the unknown that adds to the rotor angle of the record, if there is one."""
     return next((int(at[0]) for _, at in layout.acting(Turns)), None)

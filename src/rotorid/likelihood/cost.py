@@ -231,19 +231,9 @@ class Likelihood:
 class Evaluation:
     """Residual and Jacobian of one record at one point; real parts over imaginary ones.
 
-    Attributes
-    ----------
-    stiffness, inputs, plain, columns : complex array, shape (line, row, ...)
-        P, B, the columns of the true channels, [B, P R], and L.
-    null_h : complex array or None
-        N^H; None where no coordinate is hidden.
-    whitener : complex array, shape (line, equation, equation)
-        U, upper triangular.
-    whitened : complex array, shape (line, equation)
-        eps.
-    line_costs : array, shape (line,)
-    cost : float
-        J.
+    By line are `stiffness`, `inputs`, `plain` and `columns`: P, B, the columns of the true channels
+    [B, P R], and L; `null_h`: N^H, None where no coordinate is hidden; `whitener`: U; `whitened`:
+    eps; `line_costs`. `cost` is J.
     """
 
     def __init__(
@@ -331,7 +321,6 @@ class Evaluation:
         self.null_h = None if self._projection is None else self._projection.null_h
 
     def _is_as_stiff(self, other: Evaluation) -> bool:
-        """Tell whether a rotor has this stiffness on each line, and the same is hidden of it."""
         mine, its = self.problem.sensing.hidden, other.problem.sensing.hidden
         return np.array_equal(mine, its) and np.array_equal(self.stiffness, other.stiffness)
 

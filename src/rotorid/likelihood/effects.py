@@ -243,7 +243,6 @@ class BoundPassage:
 
 
 def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[BoundLaw]:
-    """Yield the laws of a record's inputs of which constants are unknown."""
     if observation.lines.samples is None:
         return
     for number, channel in enumerate(observation.inputs):
@@ -266,10 +265,6 @@ def _passages(
             moved = passed.slope * displacement(lines, lines.samples, shares)
             found = lines.samples.lines(moved[:, None])[:, 0]
             yield BoundPassage(number, scales, unknowns, lines.omega, found)
-
-
-def _none() -> Integers:
-    return np.zeros(0, dtype=np.int64)
 
 
 @frozen
@@ -386,7 +381,7 @@ class Calibration:
     def affine(self) -> Integers:
         """Unknowns on which the equation error depends linearly, whitening not at all."""
         if self.readings is None:
-            return _none()
+            return np.zeros(0, dtype=np.int64)
         return np.unique([self.readings.cos, self.readings.sin])
 
     def at(self, unknowns: Floats) -> CalibrationState:
@@ -510,7 +505,6 @@ def _rotation(lines: Lines, order: int, weight: Floats) -> Complexes:
 def _additions(
     observation: Observation, names: Sequence[str], adds: Placed[Adds]
 ) -> Iterator[Addition]:
-    """Yield what else adds to readings, of the channels that the record has."""
     for effect, at in adds:
         if effect.lines is None or effect.channel not in names:
             continue

@@ -161,15 +161,10 @@ def answers(model: Model, steps: Iterator[Step], *, quick: bool) -> Iterator[Pro
     yield Progress(DONE, answer=lambda: estimate)
 
 
-def _model_of(model: Model, fit: Fit) -> Model:
-    """Return the model of a fit, which may be a rotor with fewer shapes."""
-    return fit.records[0].model if fit.records else model
-
-
 def _answer(model: Model, step: Step, causes: Sequence[Note] = ()) -> Estimate:
     """Return the answer at a step, with all doubts about it that are cheap."""
     fit = step.best
-    own = _model_of(model, fit)
+    own = fit.records[0].model if fit.records else model  # perhaps a rotor with fewer shapes
     return doubted(own, summarize(own, fit, causes), fit)
 
 
@@ -423,7 +418,6 @@ def _stands(found: Fit) -> bool:
 
 
 def _check_each(model: Model, each: Sequence[str]) -> None:
-    """Refuse names of parameters that the model does not have."""
     for name in each:
         if name not in model.parameter_names:
             raise InputError(

@@ -345,7 +345,6 @@ def _in_other_places(
 
 
 def _near(problem: Problem, rough: Rough) -> list[Minimum]:
-    """Return the minimum near that of a simpler problem, where there is one."""
     try:
         found = settle(problem, rough.unknowns)
         found = replace(found, trail=rough.trail)
@@ -355,7 +354,6 @@ def _near(problem: Problem, rough: Rough) -> list[Minimum]:
 
 
 def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
-    """Return the likelihoods of all records with what is known."""
 
     def posed(chosen: Sequence[Observation]) -> Problem:
         likelihoods = tuple(

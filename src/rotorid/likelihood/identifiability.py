@@ -131,7 +131,6 @@ def _independent(columns: Floats) -> bool:
 
 
 def _exponents(relative: Floats) -> list[Fraction] | None:
-    """Return relative changes as simple powers of one factor, or None where they are not."""
     size = np.abs(relative)
     if size.min() == 0:  # what does not move is no power of the others' factor
         return None
@@ -378,7 +377,6 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
 
 
 def _sensors(trial: Trial) -> list[tuple[str, int]]:
-    """Try a sensor of each coordinate that the first record does not read by itself."""
     if not trial.records:
         return []
     record, model = trial.records[0], trial.layout.model

@@ -124,13 +124,7 @@ class Configuration:
         return np.array([at.modes.values[group].mean() for group in at.groups])
 
     def measured(self, unknowns: Floats, slopes: bool) -> tuple[Complexes, Complexes]:
-        """Return lambda of each measured mode, and its derivative by every unknown if asked for.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            Where the machine has fewer natural frequencies than were measured.
-        """
+        """Return lambda of each measured mode, and its derivative by every unknown if asked for."""
         at = self.solved(unknowns)
         if number(self.modes[-1]) > len(at.groups):
             raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
@@ -144,7 +138,6 @@ class Configuration:
         return np.array(values), np.array(jacobian)
 
     def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
-        """Return the derivative of the mean of a group, shape (unknown,)."""
         together = next(each for each in at.modes.distinct if group[0] in each)
         cluster = together if len(together) > len(group) else group
         left, right = at.modes.left[cluster], at.modes.right[cluster]
@@ -216,7 +209,6 @@ class ModalRows:
 
 
 def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
-    """Return the deviations of frequency and damping ratio, with what the relaxation grants."""
     hertz, std, _ = mode.in_si
     granted = GRANTED * relaxation
     ratio = 1.0 if mode.damping is None else mode.damping[1]
@@ -224,13 +216,7 @@ def _spreads(mode: Mode, relaxation: float) -> tuple[float, float]:
 
 
 def modal_rows(layout: Layout, modes: Sequence[Mode], generic: Floats) -> ModalRows:
-    """Build the rows of measured modes; `generic` are unknowns about the start without symmetry.
-
-    Raises
-    ------
-    InputError
-        For modes that the model does not have, or parameters that it does not have.
-    """
+    """Build the rows of measured modes; `generic` are unknowns about the start without symmetry."""
     return ModalRows(
         tuple(_configuration(layout, group, generic) for group in configurations(modes))
     )
@@ -325,7 +311,6 @@ def _entries(
 
 
 def _held(layout: Layout, mode: Mode) -> dict[int, float]:
-    """Return the unknowns that were otherwise in the test, by their index."""
     for name in mode.parameters:
         if layout.base:
             raise InputError(

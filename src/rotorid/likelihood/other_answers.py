@@ -213,7 +213,6 @@ def predicted_deviations(problem: Problem, unknowns: Floats) -> Floats:
 
 
 def _deviations_of(root: Floats) -> Floats:
-    """Return the deviations of a root of the covariance, infinite where it is beyond numbers."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = np.sqrt((root**2).sum(axis=1))
     return np.where(np.isfinite(found), found, np.inf)
@@ -395,7 +394,6 @@ def other_answers(
 
 
 def _bottom(valley: Valley) -> list[Solution]:
-    """Return the minimum near the lowest point of a valley."""
     lowest = valley.lowest
     try:
         return [settle(lowest.problem, lowest.unknowns)] if valley.falls else []
@@ -452,7 +450,6 @@ class _Minimum:
 
     @cached_property
     def valley(self) -> Valley:
-        """How far the answer may be off, where the record informs it loosely."""
         if not self.loose.any():
             return Valley(np.ones(len(self.stated)), self.solution.point)
         return explore(self.solution.point, self.inference, self.told)
@@ -573,7 +570,6 @@ def _cure(problem: Problem, start: Floats, doubt: Doubt) -> str:
 
 
 def _turned(problem: Problem, column: int) -> Problem:
-    """Return the problem with one input of the other sign."""
     turned = []
     for likelihood in problem.likelihoods:
         data = likelihood.data.copy()

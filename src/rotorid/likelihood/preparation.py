@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -91,7 +91,12 @@ def prepare(
         for effect in of_kind(Replaces, unknown.effects())
     }
     if base:
-        _refuse_own(own)
+        if own:
+            raise InputError(
+                f"{next(iter(own))}, a parameter that differs between records",
+                "the same parameters in every record, where base parameters are asked for",
+                "estimate the physical parameters, or each record by itself",
+            )
         held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
         model = model.substitute(held)
         names = zip(model.base.names, model.base.units, strict=True)
@@ -117,16 +122,6 @@ def prepare(
     _refuse_contradicted(layout, known, bounds)
     modes = modal_rows(layout, knowledge.modes, generic(layout, exact))
     return Prepared(layout, exact, Known(known, modes), bounds, limits, held)
-
-
-def _refuse_own(own: Collection[str]) -> None:
-    """Refuse parameters of single records among base parameters."""
-    if own:
-        raise InputError(
-            f"{next(iter(own))}, a parameter that differs between records",
-            "the same parameters in every record, where base parameters are asked for",
-            "estimate the physical parameters, or each record by itself",
-        )
 
 
 def _without_idle(layout: Layout) -> tuple[Scalar, ...]:
@@ -247,7 +242,6 @@ def _single(index: int, count: int, value: float) -> Polynomial:
 
 
 def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], float]:
-    """Return ``expression - value`` over all unknowns."""
     rest = (0,) * (len(layout.unknowns) - layout.parameters)
     found = constraint_polynomial(layout.model, constraint)
     polynomial = {(*powers, *rest): c for powers, c in found.items()}
@@ -314,7 +308,6 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> tuple[Relations, tuple[Limi
 def _refuse_empty(
     expression: str, lower: float | None, upper: float | None, layout: Layout
 ) -> None:
-    """Refuse bounds with nothing between them."""
     positive = any(u.name == expression and u.positive for u in layout.unknowns)
     least = max(-np.inf if lower is None else lower, 0.0 if positive else -np.inf)
     if upper is not None and least >= upper:

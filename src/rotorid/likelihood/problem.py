@@ -234,7 +234,6 @@ class Tangent:
 
     @cached_property
     def _spectrum(self) -> tuple[Floats, Floats, Floats]:
-        """Singular values, right singular vectors as rows, residual along the left ones."""
         left, values, right = np.linalg.svd(self.triangle)
         kept = values > RANK * values.max(initial=0.0)
         return values[kept], right[kept], left.T[kept] @ self.projected

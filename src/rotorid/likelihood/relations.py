@@ -47,7 +47,6 @@ class Monomials:
 
     @cached_property
     def _columns(self) -> Integers:
-        """Factors as rows of columns, shape (factor, monomial)."""
         return np.ascontiguousarray(self.factors.T)
 
     @cached_property

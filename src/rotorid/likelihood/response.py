@@ -50,7 +50,6 @@ def predicted_readings(at: Evaluation) -> Complexes:
 
 
 def _pushed(at: Evaluation) -> Complexes:
-    """Return what acts on the equations of motion, (line, equation)."""
     equations, forces = at.equations, at.forces
     true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
     true -= at.state.readings[:, :forces]
@@ -60,7 +59,6 @@ def _pushed(at: Evaluation) -> Complexes:
 
 
 def _readings(at: Evaluation, motion: Complexes) -> Complexes:
-    """Return what sensors read of a motion, (line, sensor)."""
     p, equations, forces = at.problem, at.equations, at.forces
     indirect = -(at.stiffness[:, equations : p.rows] @ motion[:, :, None])[:, :, 0]
     own = np.arange(p.rows - equations)  # the equation of a reading is scaled, as all are

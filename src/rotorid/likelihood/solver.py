@@ -65,14 +65,11 @@ class Solution:
 
 
 class _Walk:
-    """The current point, and whether bounds hold it."""
-
     def __init__(self, problem: Problem, unknowns: Floats, bounded: bool) -> None:
         self.problem, self.unknowns, self.bounded = problem, unknowns, bounded
         self.iterations, self.effort = 0, EFFORT
 
     def descend(self, relaxation: float, tolerance: float, limit: int) -> tuple[Point, bool]:
-        """Minimize at one relaxation."""
         point, radius = self.problem.best_at(self.unknowns, relaxation), np.inf
         floor = 1e-14 if relaxation > 0 else 1.0
         for _ in range(limit):
@@ -166,12 +163,8 @@ def solve(
     With `brief`, a way that is hopeless after a few steps is left there.
 
     The start itself is a candidate: where it costs less than what the homotopy led to, the
-    minimum nearest to it is looked for too, and the lower one taken.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where no point on the way has a finite cost, or no point near keeps the bounds.
+    minimum nearest to it is looked for too, and the lower one taken. A `LinAlgError` says that no
+    point on the way has a finite cost, or that no point near keeps the bounds.
     """
     with np.errstate(all="ignore"):  # what overflows on the way is refused there
         candidates = _within(problem, start, stages, bounded, brief=brief)
@@ -186,13 +179,7 @@ def solve(
 
 
 def settle(problem: Problem, near: Floats) -> Solution:
-    """Return the minimum near a point, on all lines from the first step: few would lead away.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where no point on the way has a finite cost, or no point near keeps the bounds.
-    """
+    """Return the minimum near a point, on all lines from the first step: few would lead away."""
     with np.errstate(all="ignore"):
         best = _lowest(_within(problem, near, STAGES[-1:], False, near=True))
     if best is None:
@@ -289,7 +276,6 @@ def _idle(
 
 
 def _hopeless_cost(point: Point, problem: Problem) -> float:
-    """Return the cost of a point of a sketch from which on all lines, or shapes, say no better."""
     floor = 0.0 if problem.lowest is None else problem.lowest.cost
     return HOPELESS * (len(point.residual) + floor)
 
@@ -312,7 +298,6 @@ def joins(problem: Problem, start: Floats, known: Sequence[Floats], bounded: boo
 
 
 def _walk(problem: Problem, start: Floats, bounded: bool) -> _Walk | None:
-    """Return a walk that sets out from a start, back on the relations; None if it cannot."""
     free = problem.layout.free
     scale = np.maximum(np.abs(start[free]), 1e-12 * np.abs(start[free]).max(initial=0.0))
     scale = np.where(scale > 0, scale, 1.0)

@@ -239,8 +239,6 @@ def further_starts(problem: Problem, start: Floats, count: int = STARTS) -> Iter
 
 @frozen
 class _Way:
-    """A way to look for the minimum: the number of its start, its stages, bounds kept or not."""
-
     number: int
     start: Floats
     stages: Sequence[float] = STAGES
@@ -249,7 +247,6 @@ class _Way:
 
 
 def _ways(problem: Problem, start: Floats) -> Iterator[_Way]:
-    """Yield the ways to look for the minimum, in the order in which they are tried."""
     yield _Way(0, start)
     if len(problem.bounds):
         yield _Way(0, start, bounded=True)
@@ -376,7 +373,6 @@ def explained(solution: Solution, inference: Inference) -> bool:
 
 
 def _agreed(costs: list[tuple[int, float]], best: tuple[Solution, Inference]) -> bool:
-    """Tell whether two different starts led to the lowest cost."""
     most = _as_low(best[0].point.cost, best[1].expectation.mean)
     return len({number for number, cost in costs if cost <= most}) > 1
 

@@ -75,7 +75,6 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
 
 
 def _values(fit: Fit, inflation: float) -> list[Value]:
-    """Return every unknown with its deviations; NaN where the records do not determine it."""
     std = _deviations(fit)
     return [
         Value(
@@ -93,7 +92,6 @@ def _values(fit: Fit, inflation: float) -> list[Value]:
 
 
 def _held(model: Model, fit: Fit) -> list[Value]:
-    """Return the parameters that were replaced by numbers."""
     units = {parameter.name: parameter.unit for parameter in model.parameters}
     held = fit.prepared.substituted.items()
     return [Value(name, units[name], value, 0.0, 0.0, True) for name, value in held]
@@ -173,13 +171,11 @@ def _line_misfits(fit: Fit) -> list[LineMisfit]:
 
 
 def _mode_fits(fit: Fit) -> tuple[ModeFit, ...]:
-    """Return the measured modes beside those of the estimate."""
     free, covariance = fit.prepared.layout.free, fit.inference.covariance
     return mode_fits(fit.problem.known.modes, fit.solution.point.unknowns, free, covariance)
 
 
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
-    """Return base parameters from physical ones, or the other way round."""
     layout, inference = fit.prepared.layout, fit.inference
     if layout.base:
         inner = layout.free < layout.parameters

@@ -181,13 +181,11 @@ class Mirrors:
         return found
 
     def _agreement(self, values: Floats) -> Callable[[Turn], int]:
-        """Return a count of the signs that are those of the start once some are turned."""
         start = self.layout.start
         agree = np.sign(start) * np.sign(values)
         return lambda turn: -2 * int(agree[list(turn.unknowns)].sum())
 
     def _every_turn(self) -> Iterator[Turn]:
-        """Yield all combinations of turns."""
         most = len(self.turns) if len(self.turns) <= MOST else 1
         for count in range(1, most + 1):
             for chosen in combinations(self.turns, count):
@@ -217,7 +215,6 @@ class Mirrors:
 
 
 def _broken(exact: Relations, unknowns: Floats) -> bool:
-    """Tell whether an exact relation does not hold."""
     return bool((np.abs(exact.values(unknowns)) > SAME * exact.sizes(unknowns)).any())
 
 
@@ -415,7 +412,6 @@ def _exchanges(
 
 
 def _told(layout: Layout, turn: Turn) -> Note:
-    """Say that no record tells some signs."""
     names = tuple(layout.unknowns[i].name for i in turn.unknowns)
     model = layout.model
     sensors = [q for q in model.measurable if q in turn.coordinates]

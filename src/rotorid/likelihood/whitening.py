@@ -58,7 +58,6 @@ def noise_factor(covariance: LineCovariance, data: Complexes, inputs: int, equat
 
 
 def _floor(data: Complexes, inputs: int) -> Floats:
-    """Least deviation of each channel; a channel without signal gets that of its kind."""
     size = np.sqrt((np.abs(data) ** 2).mean(axis=0))
     for part in (slice(0, inputs), slice(inputs, None)):
         kind = size[part]
