@@ -6,6 +6,7 @@ was recorded.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import field
@@ -164,9 +165,9 @@ class WithChannels(Arrays):
 class Drawn(WithChannels):
     """A record that shows itself in a picture."""
 
+    @abstractmethod
     def _drawn(self) -> tuple[Any, str]:
         """Return the panels and their title."""
-        raise NotImplementedError
 
     def plot(self) -> Figure:
         """Draw every channel: samples over time, or lines used and noise of periods.
