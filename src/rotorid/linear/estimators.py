@@ -11,7 +11,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.values import Booleans, Complexes, Floats, Integers
+from rotorid.core.values import Booleans, Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.by_samples import SampledProblem, filtered_records, refuse_filtered
 from rotorid.linear.equations import Regression, driven_rows
@@ -250,20 +250,29 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
     for planned in stages:
         # Rows whose unknowns the stage before left open wait for the rows of this one.
         rows = [*waiting, *planned.rows]
-        own = [int(u) for u in np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))]
-        stage = Stage(tuple(rows), tuple(own))
-        known = np.asarray(np.isfinite(values).nonzero()[0], dtype=np.int64)
+        own = np.flatnonzero(holds[rows].any(axis=0) & ~np.isfinite(values))
+        known = np.flatnonzero(np.isfinite(values))
+        designs = [design[:, rows] for design, _ in equations]
         blocks = [
             Block(
-                design[:, rows][:, :, own],
-                target[:, rows] - design[:, rows][:, :, known] @ values[known],
-                _variance(problem, regression, stage, values),
+                design[:, :, own],
+                target[:, rows] - design[:, :, known] @ values[known],
+                _variance(problem, regression, rows, values),
                 regression.record,
             )
-            for regression, (design, target) in zip(problem.regressions, equations, strict=True)
+            for regression, design, (_, target) in zip(
+                problem.regressions, designs, equations, strict=True
+            )
         ]
         solution = solve(blocks)
-        _carry(gains, solution.gains, equations, stage, known)
+        # d theta_i = P_i (e_i - D_ij d theta_j), d theta_j as found before.
+        response = sum(
+            np.einsum("fkr,krj->fj", gain, design[:, :, known]).real
+            for gain, design in zip(solution.gains, designs, strict=True)
+        )
+        for total, gain in zip(gains, solution.gains, strict=True):
+            total[own] = -np.einsum("fj,jkr->fkr", response, total[known])
+            total[np.ix_(own, np.arange(total.shape[1]), np.array(rows))] += gain
         values[own] = solution.values
         condition = max(condition, solution.condition_number)
         directions = np.zeros((len(names), solution.undetermined.shape[1]))
@@ -272,27 +281,8 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
     return Solution(values, tuple(gains), condition, directions)
 
 
-def _carry(
-    gains: list[Complexes],
-    own: Sequence[Complexes],
-    equations: Sequence[tuple[Complexes, Complexes]],
-    stage: Stage,
-    known: Integers,
-) -> None:
-    """Add a stage's gains: d theta_i = P_i (e_i - D_ij d theta_j), d theta_j as found before."""
-    rows, unknowns = list(stage.rows), list(stage.unknowns)
-    response = sum(
-        np.einsum("fkr,krj->fj", gain, design[:, rows][:, :, known]).real
-        for gain, (design, _) in zip(own, equations, strict=True)
-    )
-    for total, gain in zip(gains, own, strict=True):
-        total[unknowns] = -np.einsum("fj,jkr->fkr", response, total[known])
-        for position, row in enumerate(rows):
-            total[unknowns, :, row] += gain[:, :, position]
-
-
-def _variance(problem: Problem, regression: Regression, stage: Stage, values: Floats) -> Floats:
-    rows = list(stage.rows)
+def _variance(problem: Problem, regression: Regression, rows: list[int], values: Floats) -> Floats:
+    """Return the variance over periods of a stage's right side, shape (sample, row)."""
     forced = (regression.model.input_matrix != 0).any(axis=1)[rows]
     variance = force_variance(regression)[:, rows]
     if forced.all():

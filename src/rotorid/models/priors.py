@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import scipy
@@ -93,31 +94,29 @@ class Constraint:
 
 def constraints_in_si(constraints: Sequence[Constraint], model: Model) -> tuple[Constraint, ...]:
     """Return constraints in SI: numbers as they are, texts with the unit of the expression."""
-    return tuple(_constraint_in_si(constraint, model) for constraint in constraints)
-
-
-def _constraint_in_si(constraint: Constraint, model: Model) -> Constraint:
-    if not isinstance(constraint.value, str) and not isinstance(constraint.std, str):
-        return constraint
-    place = f"constraint {constraint.expression[:60]!r}"
-    unit = unit_of_expression(constraint.expression, model, place)
-    value, std = (quantity(n, unit, place=place) for n in (constraint.value, constraint.std))
-    return Constraint(constraint.expression, value, std)
+    return tuple(
+        Constraint(c.expression, *_numbers(c.expression, (c.value, c.std), model, "constraint"))
+        for c in constraints
+    )
 
 
 def bounds_in_si(bounds: Bounds, model: Model) -> dict[str, tuple[float | None, float | None]]:
     """Return bounds in SI: numbers as they are, texts with the unit of the expression."""
+    found = {}
+    for expression, ends in bounds.items():
+        low, high = _numbers(expression, ends, model, "bounds of")
+        found[expression] = (low, high)
+    return found
 
-    def end(expression: str, limit: float | str | None) -> float | None:
-        if not isinstance(limit, str):
-            return limit
-        place = f"bounds of {expression[:60]!r}"
-        return quantity(limit, unit_of_expression(expression, model, place), place=place)
 
-    return {
-        expression: (end(expression, low), end(expression, high))
-        for expression, (low, high) in bounds.items()
-    }
+def _numbers(expression: str, given: Iterable[Any], model: Model, what: str) -> list[Any]:
+    place = f"{what} {expression[:60]!r}"
+    return [
+        quantity(one, unit_of_expression(expression, model, place), place=place)
+        if isinstance(one, str)
+        else one
+        for one in given
+    ]
 
 
 def unit_of_expression(expression: str, model: Model, place: str) -> str:
