@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from rotorid.core.values import Complexes, Floats, Integers
@@ -46,11 +45,19 @@ def rank_of_columns(matrix: Complexes, tolerance: float) -> int:
 
 
 def coupled(matrix: NDArray[Any]) -> list[Integers]:
-    """Return the groups of rows and columns that a matrix couples, those of the lowest first."""
-    links = matrix != 0
-    touched = np.flatnonzero((links | links.T).any(axis=0))
-    labels = scipy.sparse.csgraph.connected_components(links, directed=False)[1][touched]
-    return [touched[labels == label] for label in dict.fromkeys(labels.tolist())]
+    """Return the groups of rows and columns that a matrix couples, those of the lowest first.
+
+    scipy's graphs find them too, and take a third of the time of a command to load.
+    """
+    links = (matrix != 0) | (matrix != 0).T
+    left, groups = links.any(axis=0), list[Integers]()
+    while left.any():
+        group = np.arange(len(links)) == left.argmax()
+        while (links[group].any(axis=0) & ~group).any():
+            group |= links[group].any(axis=0)
+        groups.append(np.flatnonzero(group))
+        left &= ~group
+    return groups
 
 
 def leave_out(share: Floats, score: Floats, least: float) -> tuple[Floats, Floats]:
