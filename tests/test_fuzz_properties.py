@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 import rotorid as rid
 from rotorid.cli import run
 from rotorid.core.errors import InputError
-from rotorid.io.opening import READERS
+from rotorid.io.table import READERS
 from rotorid.models import parse_model
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rotorid.core.errors import ReadError
-from rotorid.io import hdf5_nodes
+from rotorid.io import hdf5
 from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
 
@@ -54,8 +54,8 @@ def test_a_file_is_looked_at_once(
     first: int, most: int, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To open a file takes longer than to find a name in it: nothing else may ask for one."""
-    assert hdf5_nodes.FIRST == 50
-    monkeypatch.setattr(hdf5_nodes, "FIRST", first)
+    assert hdf5.FIRST == 50
+    monkeypatch.setattr(hdf5, "FIRST", first)
     table = open_hdf5(path)
     asked: list[Any] = []
 
@@ -63,7 +63,7 @@ def test_a_file_is_looked_at_once(
         asked.append(arguments)
         return in_child(*arguments)
 
-    monkeypatch.setattr(hdf5_nodes, "in_child", counted)
+    monkeypatch.setattr(hdf5, "in_child", counted)
     for _ in range(3):
         assert [table.find(n) for n in ("force/x", "packed")] == ["force/x", "packed"]
     assert len(asked) == most
@@ -206,7 +206,7 @@ def ended(*_: object) -> None:
 @pytest.mark.parametrize(
     ("what", "work"),
     [
-        ("rotorid.io.hdf5_nodes._walk", open_hdf5),
+        ("rotorid.io.hdf5._walk", open_hdf5),
         ("rotorid.io.hdf5.check_stored", lambda path: open_hdf5(path).read(["packed"])),
         ("rotorid.io.hdf5._numbers", lambda path: open_hdf5(path).scalar("gain")),
         ("rotorid.io.hdf5._rows", lambda path: list(open_hdf5(path).blocks(["packed"], 2))),

@@ -15,7 +15,7 @@ import pytest
 
 from rotorid.core.errors import ReadError
 from rotorid.core.limits import CHUNK_BYTES, DEPTH, NODES
-from rotorid.io import hdf5_storage
+from rotorid.io import hdf5
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.mat import open_mat
 
@@ -168,8 +168,8 @@ def test_parts_of_themselves_and_without_end(path: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize("more", [0, 1])
 def test_many_parts(more: int, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second a file for an hour is looked at in seconds; more is refused."""
-    assert hdf5_storage.PARTS == 5000
-    monkeypatch.setattr(hdf5_storage, "PARTS", 500)
+    assert hdf5.PARTS == 5000
+    monkeypatch.setattr(hdf5, "PARTS", 500)
     layout = h5py.VirtualLayout(shape=(500 + more, 2), dtype="f8")
     with h5py.File(path, "w") as data:
         data["raw"] = np.arange(1000.0 + 2 * more).reshape(-1, 2)

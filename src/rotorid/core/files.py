@@ -139,20 +139,9 @@ class Kind:
 
 
 def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -> None:
-    """Refuse a path that cannot be written, or holds what is not the program's.
+    """Refuse, before any work, a path that cannot be written or holds what is not the program's.
 
-    Parameters
-    ----------
-    path : Path
-    kind : Kind, optional
-        What is to be written there; a file of another kind is not replaced.
-    force : bool
-        Replace it all the same.
-
-    Raises
-    ------
-    InputError
-        Before the work that leads to the file.
+    A file of another kind than what is to be written there is replaced by `force` alone.
     """
     try:
         mode = _mode(path)
@@ -224,33 +213,16 @@ def check_apart(targets: Sequence[Path], inputs: Iterable[Path]) -> None:
 
 
 def write_whole(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be written, with its name; what was there before is there still.
-    """
+    """Write a file whole or not at all: what was there before is there still."""
     write_files({Path(path): lambda: content})
 
 
 def write_files(contents: Mapping[Path, Content], found: Mapping[Path, Seen] | None = None) -> None:
     """Make all contents, write them beside their targets, and move them there.
 
-    What is no regular file, such as a device or a pipe, is written to as it is.
-
-    Parameters
-    ----------
-    contents : mapping of Path to callable
-    found : mapping of Path to what `seen` returned, optional
-        What must still be there; other files are replaced as they are.
-
-    Raises
-    ------
-    OSError
-        Where one cannot be written, with its name; no file is changed then.
-    InputError
-        Where another program wrote one meanwhile.
+    What is no regular file, such as a device or a pipe, is written to as it is. What `seen` said of
+    files in `found` must still be true: another program wrote them otherwise. Where one cannot be
+    written, none is changed.
     """
     made = {path: content() for path, content in contents.items()}
     parts: dict[str, Path] = {}

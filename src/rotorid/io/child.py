@@ -35,13 +35,7 @@ _ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, the parts of an err
 
 
 def in_child(work: Callable[..., Any], file: str, *arguments: Any) -> Any:
-    """Return what ``work(*arguments)`` returns, run in a child; its `InputError` is raised here.
-
-    Raises
-    ------
-    ReadError
-        Where the child ends without an answer, or does not end.
-    """
+    """Return what ``work(*arguments)`` returns, run in a child; its `InputError` is raised here."""
     return next(from_child(_once, file, work, arguments))
 
 
@@ -52,10 +46,7 @@ def _once(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Iterator[Any]
 def from_child(work: Callable[..., Iterator[Any]], file: str, *arguments: Any) -> Iterator[Any]:
     """Yield what ``work(*arguments)`` yields in a child, which goes on reading a little ahead.
 
-    Raises
-    ------
-    ReadError
-        Where the child ends before its work does.
+    A child that ends before its work does, or does not end, is a damaged file.
     """
     if not FORKS:
         yield from work(*arguments)

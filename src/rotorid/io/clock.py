@@ -46,13 +46,7 @@ class Clock:
 
 
 def read_clock(time: Floats) -> Clock:
-    """Judge sample times in s.
-
-    Raises
-    ------
-    ReadError
-        Where samples are missing, or times stand still or run backward.
-    """
+    """Judge sample times in s; refuse those that stand still, run backward or miss samples."""
     if len(time) < 2 or not np.all(np.isfinite(time)):
         raise ReadError(
             "sample times that are not finite" if len(time) > 1 else "a single sample",
@@ -142,25 +136,10 @@ def onto_grid(
 ) -> tuple[Floats, float, float]:
     """Interpolate samples to equal steps.
 
-    By polynomials through the `_TAPS` samples around each instant. The error is that of a wave of
-    the frequency `highest`, sampled at these times, and so holds for every line below it.
-
-    Parameters
-    ----------
-    time : array, shape (sample,)
-        In s, increasing.
-    samples : array, shape (sample, channel)
-    rate : float
-        Of the grid, in Hz; it starts at the first sample.
-    highest : float or None
-        In Hz; None: the highest frequency that bears it.
-
-    Returns
-    -------
-    samples : array, shape (sample, channel)
-    error : float
-        Root mean square, relative to the wave.
-    highest : float
+    By polynomials through the `_TAPS` samples around each instant. Returned beside the samples is
+    the error of a wave of the frequency `highest`, sampled at these times, root mean square and
+    relative, which so holds for every line below it; and that frequency, where None was given the
+    highest that bears it.
     """
     count = int(np.floor((time[-1] - time[0]) * rate * (1 + 1e-12) + 1e-6)) + 1
     offset = time - time[0]

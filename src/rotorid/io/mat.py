@@ -34,12 +34,11 @@ def open_mat(path: Path) -> Table:
 
     The fields of structures are named by ``structure/field``.
     """
-    start = head(path)
-    kind = content(start)
+    kind = content(head(path))
     if kind in ("a MAT v7.3 file", "HDF5 data"):
         return open_hdf5(path)
     if kind not in ("a MAT v5 file", "binary data"):  # version 4 has no signature
-        raise not_what_it_says(path, start, "a MAT file")
+        raise not_what_it_says(path, kind, "a MAT file")
     arrays, others = in_child(_contents, str(path), path)
     shapes = {name: np.shape(column.values) for name, column in arrays.items()}
     return LoadedArrays(str(path), shapes, arrays, others=others)

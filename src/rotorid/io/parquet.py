@@ -16,11 +16,9 @@ from rotorid.core.values import Floats
 from rotorid.io.table import (
     Column,
     NamedArrays,
+    check_content,
     check_size,
-    content,
-    head,
-    missing_package,
-    not_what_it_says,
+    package,
     reading,
 )
 
@@ -47,17 +45,10 @@ class ParquetTable(NamedArrays):
             for batch in data.iter_batches(batch_size=max(rows, 1024), columns=list(names)):
                 yield {n: Column(_numbers(batch.column(n)), units[n]) for n in names}
 
-    def scalar(self, name: str) -> float:
-        """Return the value of a file of one row."""
-        path = self.find_scalar(name)
-        return float(self.read([path])[path].values[0])
-
 
 def open_parquet(path: Path) -> ParquetTable:
     """Open a Parquet file."""
-    start = head(path)
-    if content(start) != "Parquet data":
-        raise not_what_it_says(path, start, "Parquet data")
+    check_content(path, "Parquet data")
     with reading(str(path), "Parquet data"), _opened(str(path)) as data:
         import pyarrow.types as kinds
 
@@ -87,11 +78,7 @@ def open_parquet(path: Path) -> ParquetTable:
 
 
 def _opened(file: str) -> Any:
-    try:
-        import pyarrow.parquet
-    except ImportError:
-        raise missing_package("pyarrow", file) from None
-    return pyarrow.parquet.ParquetFile(file, memory_map=False)
+    return package("pyarrow.parquet", file).ParquetFile(file, memory_map=False)
 
 
 def _numbers(column: Any) -> Floats:

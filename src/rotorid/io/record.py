@@ -19,8 +19,7 @@ from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
-from rotorid.io.opening import open_tables
-from rotorid.io.table import Column, Table
+from rotorid.io.table import Column, Table, open_tables
 
 _TIME, _MASK = "time", "mask"
 
@@ -224,12 +223,12 @@ def _find(table: Table, source: Source, name: str) -> str:
 
 
 def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
-    found = find_columns(table, sources)
+    found = _find_columns(table, sources)
     columns = table.read(list(dict.fromkeys(found.values())))
     return {name: columns[key] for name, key in found.items()}
 
 
-def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
+def _find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
     """Return the file's own name of the column of each channel."""
     found = {name: _find(table, source, name) for name, source in sources.items()}
     taken: dict[str, str] = {}
@@ -242,29 +241,6 @@ def find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
                 place=_place(name, "column"),
             )
     return found
-
-
-def channel_factors(
-    sources: Mapping[str, Source],
-    columns: Mapping[str, Column],
-    table: Table,
-    *,
-    overrule: bool = False,
-) -> tuple[tuple[Channel, ...], list[float]]:
-    """Return the channels, and the number that turns each one's column into SI."""
-    channels, factors = [], []
-    for name, source in sources.items():
-        ruling = replace(source, overrule=source.overrule or overrule)
-        factor, unit = _factor(columns[name], ruling, table, name)
-        channels.append(source.channel(name, unit))
-        factors.append(factor)
-    return tuple(channels), factors
-
-
-def stamps_of(table: Table, timing: Source) -> Floats:
-    """Return the sample times of a table in s."""
-    key = _find(table, timing, _TIME)
-    return _stamps(table.read([key])[key], timing, table)
 
 
 def largest_of(values: Floats) -> float:
@@ -299,13 +275,8 @@ def check_stated(declared: str, stated: str, place: str) -> None:
 def check_magnitude(largest: float, factor: float, place: str) -> None:
     """Refuse samples whose squares leave what doubles hold: no machine has such, units do.
 
-    Parameters
-    ----------
-    largest : float
-        The largest size in the column; infinity and no number at all are told elsewhere.
-    factor : float
-        What turns the column into SI.
-    place : str
+    `largest` is of the column, which `factor` turns into SI; infinity and no number at all are
+    told elsewhere.
     """
     size = abs(largest * factor)
     if largest and math.isfinite(largest) and not 1 / MAGNITUDE <= size <= MAGNITUDE:
@@ -460,38 +431,36 @@ def open_blocks(
     """Open a record to be read in blocks; None where it is small or cannot be read so.
 
     Parameters are those of `rotorid.read_record`, in SI.
-
-    Raises
-    ------
-    InputError
-        For files, columns, units and times that cannot be used.
     """
     table = open_tables(paths, header_row=header_row)
     if not isinstance(table, BlockedTable):
         return None
     try:
-        found = find_columns(table, columns)
+        found = _find_columns(table, columns)
         keys = list(dict.fromkeys(found.values()))
         if table.bytes_of(keys) < WORTH:
             return None
         first = next(table.blocks(keys, 1), None)
         if first is None:
             return None
-        stamps = None if time is None else stamps_of(table, time)
+        stamps = None if time is None else _stamps(_read(table, {_TIME: time})[_TIME], time, table)
         limits = (0.0, until)
         clock = weigh_clock(sample_rate, stamps, first.values(), overrule, fundamental, limits)
         if clock.stamps is not None:
             return None
-        units = {name: first[key] for name, key in found.items()}
-        channels, factors = channel_factors(columns, units, table, overrule=overrule)
+        sources = _sources(columns, table, time, overrule)
+        factors, channels = dict[str, float](), list[Channel]()
+        for name, source in sources.items():
+            factors[name], unit = _factor(first[found[name]], source, table, name)
+            channels.append(source.channel(name, unit))
     except InputError as error:
         raise error.at(file=table.file) from None
     order = [found[name] for name in columns]
 
     def read() -> Iterator[Floats]:
-        return _blocks(table, order, dict(zip(columns, factors, strict=True)), clock)
+        return _blocks(table, order, factors, clock)
 
-    return RecordBlocks(channels, clock.rate, speed, phase or 0.0, table.file, read)
+    return RecordBlocks(tuple(channels), clock.rate, speed, phase or 0.0, table.file, read)
 
 
 def _blocks(

@@ -1,14 +1,17 @@
-"""What the readers have in common: named columns with units, and how a column is found by name."""
+"""Files of columns: how each is opened, and how a column is found in it by name."""
 
 from __future__ import annotations
 
 import difflib
 import logging
+import os
 import re
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -109,10 +112,16 @@ def content(start: bytes) -> str:
     return "binary data" if b"\0" in start else "text"
 
 
-def not_what_it_says(path: Path, start: bytes, expected: str) -> ReadError:
+def check_content(path: Path, expected: str) -> None:
+    """Refuse a file whose content does not fit its ending."""
+    if (found := content(head(path))) != expected:
+        raise not_what_it_says(path, found, expected)
+
+
+def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
     """Return the error for a file whose content does not fit its ending."""
     return ReadError(
-        content(start),
+        found,
         f"{expected}, as the ending {path.suffix} says",
         "give the file the ending of its format, or write it again",
         file=str(path),
@@ -148,14 +157,17 @@ def silent() -> Iterator[None]:
         logging.disable(before)
 
 
-def missing_package(package: str, file: str) -> ReadError:
-    """Return the error for a format whose package is not installed."""
-    return ReadError(
-        f"no package {package}, which reads {Path(file).suffix} files",
-        "it to be installed",
-        "pip install 'rotorid[files]'",
-        file=file,
-    )
+def package(module: str, file: str) -> Any:
+    """Return the package that reads a format, imported when a file asks for it."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise ReadError(
+            f"no package {module.partition('.')[0]}, which reads {Path(file).suffix} files",
+            "it to be installed",
+            "pip install 'rotorid[files]'",
+            file=file,
+        ) from None
 
 
 def check_size(values: int, file: str, itemsize: int = 8) -> None:
@@ -211,7 +223,7 @@ class Place:
 
 
 @frozen
-class NamedArrays:
+class NamedArrays(ABC):
     """A file of arrays found by path, or by the end of it where that is unique."""
 
     file: str  # the path of the file, for messages
@@ -273,6 +285,15 @@ class NamedArrays:
     def check_held(self, names: Sequence[str]) -> None:
         """Refuse to read columns that are together more than the file can hold."""
         check_held(self.bytes_of(names), Path(self.file).stat().st_size, self.file)
+
+    @abstractmethod
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+
+    def scalar(self, name: str) -> float:
+        """Return the value of an array of one number."""
+        path = self.find_scalar(name)
+        return float(self.read([path])[path].values[0])
 
     def find_scalar(self, name: str) -> str:
         """Return the path of an array of one number."""
@@ -355,3 +376,129 @@ def as_column(values: Any, place: Place) -> Floats:
 def is_numeric(dtype: Any) -> bool:
     """Tell whether samples of this type are real numbers."""
     return np.dtype(dtype).kind in "biuf"
+
+
+def _reader(module: str, name: str) -> Callable[..., Table]:
+    """Return a reader that is imported, with the package of its format, when it is used."""
+
+    def open_file(path: Path, **options: int | None) -> Table:
+        reader: Callable[..., Table] = getattr(import_module(f"rotorid.io.{module}"), name)
+        return reader(path, **options)
+
+    return open_file
+
+
+_TEXT = _reader("text", "open_delimited")
+READERS: Mapping[str, Callable[..., Table]] = {
+    **dict.fromkeys((".csv", ".txt", ".dat", ".lvm", ".asc", ".tsv"), _TEXT),
+    **dict.fromkeys((".h5", ".hdf5"), _reader("hdf5", "open_hdf5")),
+    ".mat": _reader("mat", "open_mat"),
+    ".parquet": _reader("parquet", "open_parquet"),
+    ".tdms": _reader("tdms", "open_tdms"),
+    **dict.fromkeys((".uff", ".unv"), _reader("universal", "open_universal")),
+    **dict.fromkeys((".mf4", ".mdf"), _reader("mdf", "open_mdf")),
+}
+
+
+@frozen
+class JoinedTables:
+    """Several files of one clock: their columns beside one another.
+
+    A column is named by its name where that is unique, else by ``file.csv:name``.
+    """
+
+    tables: Mapping[str, Table]
+
+    @property
+    def file(self) -> str:
+        """The paths, for messages."""
+        return ", ".join(table.file for table in self.tables.values())
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, with their file where they are not unique."""
+        every = {file: table.names for file, table in self.tables.items()}
+        counts = Counter(name for names in every.values() for name in names)
+        return [
+            name if counts[name] == 1 else f"{file}:{name}"
+            for file, names in every.items()
+            for name in names
+        ]
+
+    def find(self, name: str) -> str:
+        """Return the column's name with its file."""
+        for file, table in self.tables.items():
+            if name.startswith(f"{file}:"):
+                return f"{file}:{table.find(name.removeprefix(f'{file}:'))}"
+        found = {}
+        for file, table in self.tables.items():
+            try:
+                found[file] = table.find(name)
+            except InputError:
+                continue
+        if len(found) > 1:
+            raise ReadError(
+                f"column {name!r} in {' and '.join(found)}",
+                "a name that is unique in the files",
+                f"write the file before it, such as {next(iter(found))}:{name}",
+                file=self.file,
+            )
+        for file, column in found.items():
+            return f"{file}:{column}"
+        raise no_column(name, self.names, self.file)
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        """Return columns by the names that `find` returned."""
+        wanted = list(names)
+        columns: dict[str, Column] = {}
+        for file, table in self.tables.items():
+            mine = [n.removeprefix(f"{file}:") for n in wanted if n.startswith(f"{file}:")]
+            columns |= {f"{file}:{name}": c for name, c in table.read(mine).items()} if mine else {}
+        return columns
+
+    def scalar(self, name: str) -> float:
+        """Return a scalar variable of the first file that has it."""
+        for table in self.tables.values():
+            try:
+                return table.scalar(name)
+            except InputError as error:
+                last = error
+        raise last
+
+
+def open_table(path: str | Path, *, header_row: int | None = None) -> Table:
+    """Open a file of columns with the reader of its ending."""
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        found = content(head(path)) + (f", ending {path.suffix}" if path.suffix else ", no ending")
+        raise ReadError(
+            found,
+            f"a file that ends in {', '.join(READERS)}",
+            "export the record to one of these",
+            file=str(path),
+        )
+    if reader is _TEXT:
+        return reader(path, header_row=header_row)
+    if header_row is not None:
+        raise ReadError(
+            "header_row of a file that is no text", "a text table", "remove it", file=str(path)
+        )
+    return reader(path)
+
+
+def open_tables(path: str | Path | Sequence[str | Path], *, header_row: int | None = None) -> Table:
+    """Open a file, or several as one."""
+    if isinstance(path, str | Path):
+        return open_table(path, header_row=header_row)
+    paths = [Path(one) for one in path]
+    if not paths:
+        raise ReadError("no files", "one or more", "name them", place="files")
+    if len(paths) == 1:
+        return open_table(paths[0], header_row=header_row)
+    short = [p.name for p in paths]
+    keys = short if len(set(short)) == len(short) else [str(p) for p in paths]
+    if len({os.path.realpath(p) for p in paths}) < len(paths):
+        raise ReadError("a file twice", "each file once", "remove one", place="files")
+    opened = [open_table(p, header_row=header_row) for p in paths]
+    return JoinedTables(dict(zip(keys, opened, strict=True)))

@@ -19,12 +19,10 @@ from rotorid.io.table import (
     Column,
     NamedArrays,
     Rate,
+    check_content,
     check_size,
-    content,
-    head,
     is_numeric,
-    missing_package,
-    not_what_it_says,
+    package,
     reading,
     silent,
 )
@@ -58,11 +56,6 @@ class TdmsTable(NamedArrays):
                     for name, c in channels.items()
                 }
 
-    def scalar(self, name: str) -> float:
-        """Return a channel of one number."""
-        with _opened(self.file) as data:
-            return float(self._channel(data, self.find_scalar(name))[0])
-
     def _channel(self, data: Any, name: str) -> Any:
         group, channel = self.channels[self.place(name).path]
         return data[group][channel]
@@ -70,9 +63,7 @@ class TdmsTable(NamedArrays):
 
 def open_tdms(path: Path) -> TdmsTable:
     """Open a TDMS file."""
-    start = head(path)
-    if content(start) != "TDMS data":
-        raise not_what_it_says(path, start, "TDMS data")
+    check_content(path, "TDMS data")
     _check_segments(path)
     channels, shapes = {}, {}
     with _opened(str(path)) as data:
@@ -112,15 +103,12 @@ def _check_segments(path: Path) -> None:
 
 @contextmanager
 def _opened(file: str) -> Iterator[Any]:
-    try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise missing_package("nptdms", file) from None
+    nptdms = package("nptdms", file)
     with (
         silent(),
         reading(file, "TDMS data"),
         Path(file).open("rb") as stream,
-        TdmsFile.open(stream) as data,
+        nptdms.TdmsFile.open(stream) as data,
     ):
         yield data
 

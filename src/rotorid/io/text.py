@@ -56,16 +56,10 @@ _SECONDS = {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "µs": "
 
 
 def stated_rate(lines: Sequence[str], delimiter: str, mark: str) -> Rate | None:
-    """Return the sample rate that lines state, if they do so beyond doubt.
+    """Return the sample rate that the lines before the numbers state, if beyond doubt.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Those before the numbers.
-    delimiter : str
-        Of the table: lines above it are often written with it too.
-    mark : str
-        Its decimal mark; empty where all its numbers are whole.
+    They are often written with the table's delimiter, too, and with its decimal mark, which is
+    empty where all its numbers are whole.
     """
     for line in lines:
         for pattern, unit in ((_RATE, "Hz"), (_STEP, "s")):
@@ -176,11 +170,7 @@ class Dialect:
 def find_dialect(lines: Sequence[str], header_row: int | None = None) -> Dialect | None:
     """Find how a table is written from its first lines; None where there are no rows of values.
 
-    Parameters
-    ----------
-    lines : sequence of str
-    header_row : int, optional
-        The line of the names, from 1; 0 where there are none.
+    The names stand in line `header_row`, from 1; 0 where there are none.
     """
     told = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in COMMENTS]
     if header_row:
@@ -239,10 +229,7 @@ def is_value(field: str) -> bool:
 def _decimal_mark(fields: Sequence[str], delimiter: str) -> str:
     """Return the decimal mark of a table; empty where all its numbers are whole.
 
-    Raises
-    ------
-    ReadError
-        Where numbers have commas and others points: one of the two stands between thousands.
+    Numbers with commas beside others with points are refused: one stands between thousands.
     """
     if delimiter == ",":
         return "."
@@ -357,10 +344,7 @@ def _names(
 def _whole_names(names: list[str], fields: int, delimiter: str, line: int) -> list[str]:
     """Put names together that hold the delimiter in brackets, as ``Time (s)`` may.
 
-    Raises
-    ------
-    ReadError
-        Where there are more names than columns even so: nothing tells whose they are.
+    More names than columns even so are refused: nothing tells whose they are.
     """
     whole: list[str] = []
     for name in names:
@@ -442,11 +426,6 @@ class DelimitedTable:
         """Names of the columns, without their units."""
         return self.dialect.names
 
-    @property
-    def units(self) -> tuple[str | None, ...]:
-        """Units of the columns, where the file states them."""
-        return self.dialect.units
-
     def find(self, name: str) -> str:
         """Return the name of a column, once it is sure to be there once."""
         count = self._counts.get(name, 0)
@@ -479,7 +458,7 @@ class DelimitedTable:
             if self.dialect.clocks[place]:
                 columns[name] = Column(self._clock(place), "s", None)
             else:
-                columns[name] = Column(read[place], self.units[place], self.dialect.rate)
+                columns[name] = Column(read[place], self.dialect.units[place], self.dialect.rate)
         return columns
 
     def scalar(self, name: str) -> float:
@@ -490,6 +469,16 @@ class DelimitedTable:
             "write the number",
             file=self.file,
         )
+
+    def _opened(self) -> IO[str]:
+        return Path(self.file).open(encoding=self.encoding, errors="replace")
+
+    def _rows(self) -> Iterator[tuple[int, str]]:
+        """Yield the rows of values, each with the number of its line."""
+        with self._opened() as stream:
+            for number, line in enumerate(self._bounded(stream), start=1):
+                if number > self.dialect.header_lines and not _says_nothing(line):
+                    yield number, line
 
     def _lines(self, stream: IO[str]) -> Iterator[str]:
         """Return the lines of values; those of a decimal comma with a point."""
@@ -524,10 +513,7 @@ class DelimitedTable:
         if fast is not None:
             return fast
         delimiter = None if self.dialect.delimiter == " " else self.dialect.delimiter
-        with (
-            Path(self.file).open(encoding=self.encoding, errors="replace") as stream,
-            warnings.catch_warnings(),
-        ):
+        with self._opened() as stream, warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # numpy warns of a table without rows
             try:
                 table = np.loadtxt(
@@ -587,21 +573,18 @@ class DelimitedTable:
     def _clock(self, position: int) -> Floats:
         """Return a column of times of day in s from its first."""
         texts = []
-        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            for number, line in enumerate(self._bounded(stream), start=1):
-                if number <= self.dialect.header_lines or _says_nothing(line):
-                    continue
-                fields = split(line, self.dialect.delimiter)
-                if len(fields) <= position or not CLOCK.fullmatch(fields[position][:DIGITS]):
-                    found = fields[position] if len(fields) > position else "too few columns"
-                    raise ReadError(
-                        repr(found[:40]),
-                        "a time such as 12:30:01.250",
-                        "correct or remove the row",
-                        file=self.file,
-                        place=f"line {number}, column {self.names[position]}",
-                    )
-                texts.append(fields[position])
+        for number, line in self._rows():
+            fields = split(line, self.dialect.delimiter)
+            if len(fields) <= position or not CLOCK.fullmatch(fields[position][:DIGITS]):
+                found = fields[position] if len(fields) > position else "too few columns"
+                raise ReadError(
+                    repr(found[:40]),
+                    "a time such as 12:30:01.250",
+                    "correct or remove the row",
+                    file=self.file,
+                    place=f"line {number}, column {self.names[position]}",
+                )
+            texts.append(fields[position])
         try:
             return seconds_of_day(texts)
         except (ValueError, OverflowError) as error:
@@ -618,7 +601,9 @@ class DelimitedTable:
         place = _NUMPY_PLACE.search(problem)
         row = _NUMPY_ROW.search(problem)
         few = "could not convert" not in problem  # then numpy counts rows from 1, else from 0
-        line = self._line(int(row.group(1)) - few) if row else 0
+        # numpy skips blank lines and comments
+        before = int(row.group(1)) - few if row else 0
+        line = next((n for n, _ in islice(self._rows(), before, None)), 0) if row else 0
         if place is None or few:
             return ReadError(
                 "too few columns" if row else problem[:160],
@@ -640,20 +625,10 @@ class DelimitedTable:
 
     def _field(self, line: int, column: int) -> str:
         """Return a field as it stands in the file."""
-        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
+        with self._opened() as stream:
             row = next(islice(self._bounded(stream), max(line - 1, 0), None), "")
         fields = split(row.partition("#")[0], self.dialect.delimiter)
         return fields[column] if column < len(fields) else ""
-
-    def _line(self, row: int) -> int:
-        """Return the line of numpy's data row: it skips blank lines and comments."""
-        with Path(self.file).open(encoding=self.encoding, errors="replace") as stream:
-            for number, line in enumerate(self._bounded(stream), start=1):
-                if number > self.dialect.header_lines and not _says_nothing(line):
-                    row -= 1
-                if row < 0:
-                    return number
-        return 0
 
 
 def _numbers_of(column: Any) -> Floats:
@@ -692,17 +667,13 @@ def seconds_of_day(texts: list[str]) -> Floats:
 def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTable:
     """Open a text table: find its delimiter, its names and its units.
 
-    Parameters
-    ----------
-    path : Path
-    header_row : int, optional
-        The line of the names, from 1; 0 where there are none. Without it, the line of text above
-        the first row of values.
+    The names stand in line `header_row`, from 1; 0 where there are none. Without it, in the line
+    of text above the first row of values.
     """
     start = head(path)
     encoding = _encoding(start)
     if encoding != "utf-16" and content(start) != "text":
-        raise not_what_it_says(path, start, "a text table")
+        raise not_what_it_says(path, content(start), "a text table")
     with path.open(encoding=encoding, errors="replace") as stream:
         lines = _first_lines(stream, _HEAD_LINES + (header_row or 0))
     if header_row and (

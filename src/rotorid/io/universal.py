@@ -18,10 +18,11 @@ from rotorid.io.table import (
     Column,
     LoadedArrays,
     Rate,
+    content,
     head,
     loaded,
-    missing_package,
     not_what_it_says,
+    package,
     reading,
 )
 
@@ -57,11 +58,8 @@ def read_sets(path: Path) -> tuple[list[Any], list[int]]:
     """Return the functions of a universal file, and the types of all its data sets."""
     start = head(path)
     if not start.lstrip(b"\r\n").startswith(b"    -1"):
-        raise not_what_it_says(path, start, "a universal file")
-    try:
-        import pyuff
-    except ImportError:
-        raise missing_package("pyuff", str(path)) from None
+        raise not_what_it_says(path, content(start), "a universal file")
+    pyuff = package("pyuff", str(path))
     _check_sets(path)
     with reading(str(path), "universal file data"), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))
@@ -133,13 +131,7 @@ class StoredResponse:
 
 
 def read_responses(path: Path) -> dict[str, StoredResponse]:
-    """Return the frequency responses of a universal file by name.
-
-    Raises
-    ------
-    ReadError
-        For a file that cannot be read, or that holds none.
-    """
+    """Return the frequency responses of a universal file by name."""
     sets, types = read_sets(path)
     with reading(str(path), "universal file data"):
         found = _responses(sets, path)
