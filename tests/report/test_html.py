@@ -12,11 +12,12 @@ from severities import causes
 
 from rotorid import LeastSquares
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.evidence import Evidence, Prior
 from rotorid.answer.identify import identify
 from rotorid.answer.parts import (
+    Evidence,
     LineMisfit,
     Misfit,
+    Prior,
     Provenance,
     SourceFile,
     Suspect,

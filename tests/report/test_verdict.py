@@ -7,8 +7,17 @@ import pytest
 from severities import causes
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.evidence import ChannelEvidence, Evidence, RecordEvidence
-from rotorid.answer.parts import DOUBTFUL, EXPLAINS, Misfit, Prediction, Suspect, Value
+from rotorid.answer.parts import (
+    DOUBTFUL,
+    EXPLAINS,
+    ChannelEvidence,
+    Evidence,
+    Misfit,
+    Prediction,
+    RecordEvidence,
+    Suspect,
+    Value,
+)
 from rotorid.core.notes import Note
 from rotorid.report import drawn as estimates
 from rotorid.report import drawn as machines

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.answer.evidence import Evidence, Prior
+from rotorid.answer.parts import Evidence, Prior
 from rotorid.answer.validation import STEPS, at_best_phase, channel_errors
 from rotorid.report.estimate import estimate_report
 from rotorid.results import evidence as gathering

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorid.answer.evidence import RecordEvidence
+from rotorid.answer.parts import RecordEvidence
 from rotorid.core.tables import Page, Table, table
 from rotorid.demo import DemoResult, findings
 from rotorid.demo.machine import MASS, STATED, MachineResult

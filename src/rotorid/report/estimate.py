@@ -9,8 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.evidence import ChannelEvidence, Prior, RecordEvidence
-from rotorid.answer.parts import DOUBTFUL, EXPLAINS, Value
+from rotorid.answer.parts import DOUBTFUL, EXPLAINS, ChannelEvidence, Prior, RecordEvidence, Value
 from rotorid.answer.tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.evidence import RecordEvidence
+from rotorid.answer.parts import RecordEvidence
 from rotorid.answer.validation import ChannelError, verdict_of
 from rotorid.core.tables import Page, by_hand, table
 from rotorid.data.line_inspection import LineInspection

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.evidence import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
 from rotorid.answer.identify import Estimator
+from rotorid.answer.parts import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
 from rotorid.answer.predict import missing_values, predict_lines
 from rotorid.answer.validation import noise_of_difference
 from rotorid.core.errors import InputError
