@@ -23,10 +23,8 @@ from rotorid.answer.identify import identify
 from rotorid.data.observation import bind
 from rotorid.data.record import PeriodicRecord
 from rotorid.demo.run import demo_plan
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.fit import fit
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import STAGES
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models import Model, load_model, parse_model
@@ -77,13 +75,7 @@ def median_time(work: Callable[[int], object], repeats: int) -> float:
 def by_scipy(model: Model, record: PeriodicRecord, knowledge: Knowledge) -> tuple[float, int]:
     """Return cost and evaluations of scipy on the same residual, stage after stage."""
     prepared = prepare(model, knowledge, (), False, {})
-    problem = Problem(
-        prepared.layout,
-        (assemble(prepared.layout, bind(model, record)),),
-        prepared.exact,
-        prepared.known,
-        prepared.bounds,
-    )
+    problem = prepared.problem([bind(model, record)])
     layout = prepared.layout
     x, free = layout.start.copy(), layout.free
     # Unbalance starts from zero: its scale is that of what the model declares.

@@ -30,7 +30,6 @@ from rotor_bank import (
 )
 
 from rotorid.data.observation import bind_all
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.other_answers import questioned
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
@@ -44,8 +43,7 @@ def problem_of(case: Case, start: dict[str, float]) -> Problem:
     records = bind_all(case.model, case.records)
     nuisances = asked_unknowns(records, Nuisances())
     prepared = prepare(case.model, Knowledge(fixed=case.fixed, start=told), nuisances, False, {})
-    likelihoods = tuple(assemble(prepared.layout, r, k) for k, r in enumerate(records))
-    return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    return prepared.problem(records)
 
 
 def count(name: str, make: Callable[[int], Case], seeds: int) -> None:

@@ -11,9 +11,8 @@ from rotorid.answer.parts import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.values import Floats
 from rotorid.data.observation import Data, Observation, bind_all
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Point, Problem
+from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Own, Scalar, every_unknown
 from rotorid.linear.by_samples import filtered_records
@@ -161,11 +160,7 @@ def _at_estimate(
     known = {v.name for v in of_all} | {u.name for n in nuisances for u in n.scalars}
     start = {name: value for name, value in values.items() if name in known and name not in held}
     prepared = prepare(model, Knowledge(fixed=held, start=start), [*own, *nuisances], base, {})
-    likelihoods = tuple(
-        assemble(prepared.layout, record, number) for number, record in enumerate(records)
-    )
-    problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
-    return problem.at(prepared.layout.start)
+    return prepared.problem(records).at(prepared.layout.start)
 
 
 def base_of(model: Model, estimate: Estimate) -> tuple[Model, Floats]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import zip_longest
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.layout import physical_factors
@@ -66,14 +64,9 @@ class Case:
     @cached_property
     def problem(self) -> Problem:
         """The likelihoods of the records with what is known."""
-        before, prepared = self.found or self.like, self.prepared
+        before = self.found or self.like
         alike = () if before is None else before.problem.likelihoods
-        likelihoods = tuple(
-            assemble(prepared.layout, record, number, like)
-            for number, (record, like) in enumerate(zip_longest(self.records, alike))
-        )
-        known = (prepared.exact, prepared.known, prepared.bounds)
-        return Problem(prepared.layout, likelihoods, *known)
+        return self.prepared.problem(self.records, alike)
 
     @cached_property
     def point(self) -> Point:

@@ -16,7 +16,6 @@ from rotorid.core.notes import Note
 from rotorid.core.values import Floats
 from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
 from rotorid.likelihood.inference import Inference, Shared, infer, shared_noise
@@ -354,16 +353,8 @@ def _near(problem: Problem, rough: Rough) -> list[Minimum]:
 
 
 def _problem(prepared: Prepared, records: Sequence[Observation]) -> Problem:
-
-    def posed(chosen: Sequence[Observation]) -> Problem:
-        likelihoods = tuple(
-            assemble(prepared.layout, record, number) for number, record in enumerate(chosen)
-        )
-        known = (prepared.exact, prepared.known, prepared.bounds)
-        return Problem(prepared.layout, likelihoods, *known)
-
-    fewer = thinned(records)
-    return posed(records) if fewer is None else replace(posed(records), sketch=posed(fewer))
+    problem, fewer = prepared.problem(records), thinned(records)
+    return problem if fewer is None else replace(problem, sketch=prepared.problem(fewer))
 
 
 def _solve(

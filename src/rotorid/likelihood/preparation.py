@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -11,10 +12,13 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.measured_modes import Mode
+from rotorid.data.observation import Observation
+from rotorid.likelihood.assembly import assemble
+from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.effects import Replaces, of_kind
 from rotorid.likelihood.layout import Layout, base_factors, physical_factors
 from rotorid.likelihood.modal import modal_rows
-from rotorid.likelihood.problem import Known, retract
+from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Polynomial, Relations, alone
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
@@ -72,6 +76,14 @@ class Prepared:
     bounds: Relations
     limits: tuple[Limit, ...]  # what each of the bounds was stated as
     substituted: Mapping[str, float] = field(default_factory=dict)
+
+    def problem(self, records: Sequence[Observation], alike: Sequence[Likelihood] = ()) -> Problem:
+        """Return the likelihoods of records with what is known; `alike`: of the same records."""
+        likelihoods = tuple(
+            assemble(self.layout, record, number, like)
+            for number, (record, like) in enumerate(zip_longest(records, alike))
+        )
+        return Problem(self.layout, likelihoods, self.exact, self.known, self.bounds)
 
 
 def prepare(

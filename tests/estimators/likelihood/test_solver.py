@@ -10,7 +10,6 @@ from rotor_bank import SETTINGS, Case, rotor_case
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import solver as solver_module
 from rotorid.likelihood import starts as search_module
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.fit import Fit, fit
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
@@ -33,8 +32,7 @@ def problem_of(case: Case) -> Problem:
     known = Knowledge(fixed=case.fixed, start=start)
     records = bind_all(case.model, case.records)
     prepared = prepare(case.model, known, asked_unknowns(records, Nuisances()), False, {})
-    likelihoods = tuple(assemble(prepared.layout, r, k) for k, r in enumerate(records))
-    return Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
+    return prepared.problem(records)
 
 
 def from_truth(case: Case) -> Solution:

@@ -12,17 +12,14 @@ from rotorid.data.observation import bind_all
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import other_answers as valley
 from rotorid.likelihood import solver
-from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge, prepare
-from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.starts import searched
 
 
 def problem_of(case):
     ready = prepare(case.model, Knowledge(case.fixed, start=case.start), (), False, {})
-    likelihood = assemble(ready.layout, bind_all(case.model, case.records)[0], 0)
-    return Problem(ready.layout, (likelihood,), ready.exact, ready.known, ready.bounds)
+    return ready.problem(bind_all(case.model, case.records)[:1])
 
 
 def explored(name, seed):
