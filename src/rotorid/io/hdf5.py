@@ -157,11 +157,6 @@ def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[
     return nodes, held
 
 
-def _told(node: Node, place: Place, file: str) -> Told:
-    """Return what a file says of a column."""
-    return Told(packing_of(node.dataset, file), *_stated(node, place))
-
-
 def _sources(places: Sequence[Place]) -> dict[Place, Place]:
     """Return what is read for each place: an array of which several columns are asked for whole."""
     count = Counter(place.path for place in dict.fromkeys(places))
@@ -198,11 +193,12 @@ def _picked(rows: Any, place: Place) -> Any:
     return rows if place.index is None else rows.take(place.index, axis=place.axis)
 
 
-def _stated(node: Node, place: Place) -> tuple[str | None, Rate | None]:
-    """Return the unit and the sample rate in the attributes of a dataset or its groups."""
+def _told(node: Node, place: Place, file: str) -> Told:
+    """Return what the attributes of a dataset say of a column, or those of its groups of a rate."""
+    packing = packing_of(node.dataset, file)
     found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
     rates = (rate for attributes in found if (rate := _rate(attributes)))
-    return _unit(found[0], place.index), next(rates, None)
+    return Told(packing, _unit(found[0], place.index), next(rates, None))
 
 
 def _unit(attributes: Any, index: int | None) -> str | None:

@@ -15,12 +15,12 @@ from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.table import (
     Column,
-    LoadedArrays,
     Table,
     check_size,
     content,
     head,
     is_numeric,
+    loaded,
     not_what_it_says,
     reading,
 )
@@ -39,9 +39,7 @@ def open_mat(path: Path) -> Table:
         return open_hdf5(path)
     if kind not in ("a MAT v5 file", "binary data"):  # version 4 has no signature
         raise not_what_it_says(path, kind, "a MAT file")
-    arrays, others = in_child(_contents, str(path), path)
-    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
-    return LoadedArrays(str(path), shapes, arrays, others=others)
+    return loaded(str(path), *in_child(_contents, str(path), path))
 
 
 def _contents(path: Path) -> Contents:

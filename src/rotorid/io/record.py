@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError, printable
+from rotorid.core.errors import InputError, ReadError, naming, printable
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import MAGNITUDE
 from rotorid.core.units import check_unit, si_factor, to_si
@@ -134,7 +134,7 @@ def read_record(
     array([1., 2.])
     """
     table = open_tables(path, header_row=header_row)
-    try:
+    with naming(table.file):
         sources, read, stamps = _columns(table, columns, time, mask, overrule)
         kept = read.pop(_MASK, None)
         given = None if sample_rate is None else _quantity(sample_rate, "Hz", "sample_rate")
@@ -150,8 +150,6 @@ def read_record(
                 clock, samples, valid, _optional(highest, "Hz", "highest")
             )
             clock = replace(clock, warnings=(*clock.warnings, *told))
-    except InputError as error:
-        raise error.at(file=table.file) from None
     turned = angle + omega * (clock.start + np.arange(len(samples), dtype=float) / clock.rate)
     return Record(
         channels=channels,
@@ -389,11 +387,9 @@ class BlockedTable(Protocol):
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
         """Yield successive rows of columns, by the names that `find` returned."""
-        ...
 
     def bytes_of(self, names: Sequence[str]) -> int:
         """Return the size of columns in memory."""
-        ...
 
 
 @frozen
@@ -435,7 +431,7 @@ def open_blocks(
     table = open_tables(paths, header_row=header_row)
     if not isinstance(table, BlockedTable):
         return None
-    try:
+    with naming(table.file):
         found = _find_columns(table, columns)
         keys = list(dict.fromkeys(found.values()))
         if table.bytes_of(keys) < WORTH:
@@ -453,8 +449,6 @@ def open_blocks(
         for name, source in sources.items():
             factors[name], unit = _factor(first[found[name]], source, table, name)
             channels.append(source.channel(name, unit))
-    except InputError as error:
-        raise error.at(file=table.file) from None
     order = [found[name] for name in columns]
 
     def read() -> Iterator[Floats]:
@@ -487,19 +481,14 @@ def _blocks(
             values = block[key].values[:count]
             largest[name] = max(largest[name], largest_of(values))
             if largest[name] * abs(factor) > 1:  # small ones may grow yet
-                _check_magnitude(largest[name], factor, name, table)
+                with naming(table.file):
+                    check_magnitude(largest[name], factor, _place(name, "unit"))
             np.multiply(values, factor, out=samples[:, place])
         yield samples
         done += samples.nbytes
         watch(say, done // 10**6, whole // 10**6)
         if left is not None and (left := left - count) <= 0:
             break
-    for name, factor in factors.items():
-        _check_magnitude(largest[name], factor, name, table)
-
-
-def _check_magnitude(largest: float, factor: float, name: str, table: Table) -> None:
-    try:
-        check_magnitude(largest, factor, f"channels.{name}.unit")
-    except InputError as error:
-        raise error.at(file=table.file) from None
+    with naming(table.file):
+        for name, factor in factors.items():
+            check_magnitude(largest[name], factor, _place(name, "unit"))

@@ -73,24 +73,19 @@ class Table(Protocol):
     @property
     def file(self) -> str:
         """The path, for messages."""
-        ...
 
     @property
     def names(self) -> Sequence[str]:
         """Names of the one-dimensional columns, in the file's order."""
-        ...
 
     def find(self, name: str) -> str:
         """Return the file's own name of a column."""
-        ...
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
-        ...
 
     def scalar(self, name: str) -> float:
         """Return a scalar variable."""
-        ...
 
 
 def head(path: Path, size: int = 65536) -> bytes:
@@ -325,9 +320,12 @@ class LoadedArrays(NamedArrays):
         return float(np.ravel(self.arrays[self.find_scalar(name)].values)[0])
 
 
-def loaded(file: str, arrays: Mapping[str, Column]) -> LoadedArrays:
-    """Return a table of arrays that are in memory."""
-    return LoadedArrays(file, {name: np.shape(a.values) for name, a in arrays.items()}, arrays)
+def loaded(
+    file: str, arrays: Mapping[str, Column], others: Mapping[str, str] | None = None
+) -> LoadedArrays:
+    """Return a table of arrays that are in memory, and of what else is in the file."""
+    shapes = {name: np.shape(column.values) for name, column in arrays.items()}
+    return LoadedArrays(file, shapes, arrays, others=others or {})
 
 
 def _path(name: str, paths: Mapping[str, Any], file: str) -> str | None:

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import (
     COLUMNS,
@@ -686,10 +686,8 @@ def open_delimited(path: Path, *, header_row: int | None = None) -> DelimitedTab
             file=str(path),
             place="header_row",
         )
-    try:
+    with naming(str(path)):
         dialect = find_dialect(lines, header_row)
-    except InputError as error:
-        raise error.at(file=str(path)) from None
     if dialect is None:
         texts = [line for line in lines if not _says_nothing(line)]
         raise ReadError(
