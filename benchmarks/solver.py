@@ -67,7 +67,7 @@ def count(name: str, make: Callable[[int], Case], seeds: int) -> None:
         begin = time.process_time()
         solution, inference, doubt = questioned(problem, problem.layout.start, solution, inference)
         asked.append(time.process_time() - begin)
-        if doubt or inference.null.shape[1]:
+        if doubt or inference.linear.null.shape[1]:
             doubtful += 1
             continue
         free = problem.layout.free

@@ -446,7 +446,7 @@ def growing(asked: Asked) -> Iterator[Note]:
 
 
 def _determined(fit: Fit) -> bool:
-    return fit.solution.converged and not fit.inference.null.shape[1]
+    return fit.solution.converged and not fit.inference.linear.null.shape[1]
 
 
 CLOSED = 0.1

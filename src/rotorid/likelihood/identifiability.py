@@ -63,7 +63,7 @@ class Combination:
 
 def open_combinations(layout: Layout, point: Point, inference: Inference) -> list[Combination]:
     """Return the directions that the records leave open, few members each."""
-    null = inference.null
+    null = inference.linear.null
     if not null.shape[1]:
         return []
     free = layout.free
@@ -74,7 +74,7 @@ def open_combinations(layout: Layout, point: Point, inference: Inference) -> lis
     found = []
     for row, pivot in zip(reduced, pivots, strict=True):
         members = np.flatnonzero(np.abs(row) > MEMBER * np.abs(row).max())
-        change = row[members] * inference.scale[members]
+        change = row[members] * inference.linear.scale[members]
         exponents = None
         if not additive[members].any() and (values[members] != 0).all():
             exponents = _exponents(change / values[members])
@@ -211,7 +211,8 @@ class Trial:
 
     def left_open(self, record: Observation, number: int) -> int:
         """Return how many directions would stay open with one more record like this."""
-        null, scale, free = self.inference.null, self.inference.scale, self.layout.free
+        linear, free = self.inference.linear, self.layout.free
+        null, scale = linear.null, linear.scale
         nothing = int(null.shape[1])
         try:  # an answer astray says nothing of other records
             with np.errstate(all="ignore"):
@@ -304,8 +305,8 @@ def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
     if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
         return []
-    null = trial.inference.null[masses]
-    along = null.T @ trial.inference.scale[masses]
+    null = trial.inference.linear.null[masses]
+    along = null.T @ trial.inference.linear.scale[masses]
     if np.abs(null).max() < MEMBER or not np.abs(along).max() > 0:
         return []
     names = " + ".join(unknowns[free[k]].name for k in masses)

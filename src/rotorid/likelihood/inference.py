@@ -32,7 +32,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorid.core.distributions import Expectation, gamma_tail, line_moments, t_limit
 from rotorid.core.frozen import frozen
@@ -40,7 +39,7 @@ from rotorid.core.linalg import leave_out
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation
-from rotorid.likelihood.linear import OPEN
+from rotorid.likelihood.linear import Linear
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 
@@ -81,10 +80,8 @@ class Inference:
     """Covariance of the free unknowns and expectation of the cost."""
 
     covariance: Floats  # (free, free): along the directions that the record determines
-    null: Floats  # (free, direction): orthonormal in scaled unknowns: what it does not determine
-    scale: Floats  # (free,): the scale of the unknowns there
+    linear: Linear  # the problem there, with what it does not determine
     expectation: Expectation
-    condition_number: float  # of the scaled Jacobian, over the determined directions
     # sequence of array, shape (line,): expected cost of each line of each record
     line_means: tuple[Floats, ...]
     # variance of the cost of each record, and the real equations that parameters leave to it
@@ -95,11 +92,6 @@ class Inference:
     def std(self) -> Floats:
         """Standard deviations of the free unknowns, shape (free,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
-
-    @property
-    def undetermined(self) -> NDArray[np.bool_]:
-        """Which free unknowns the records do not determine, shape (free,)."""
-        return np.asarray((np.abs(self.null) > OPEN).any(axis=1))
 
 
 def _of_ends(point: Point) -> Floats:
@@ -179,14 +171,12 @@ def infer(point: Point, exact: Relations) -> Inference:
         covariance = root @ root.T  # exact relations stay exact
     return Inference(
         covariance,
-        linear.null,
-        linear.scale,
+        linear,
         Expectation(
             max(float(sum(mean.sum() for mean in noise.means) + rest.sum()), 0.0),
             sum(noise.variances) + max(2 * float(rest.sum()), 0.0),
             dof,
         ),
-        linear.condition_number,
         tuple(noise.means),
         tuple(noise.variances),
         tuple(noise.left),
@@ -222,7 +212,7 @@ def shared_noise(
     and of what is known beforehand, stays what it is.
     """
     apart = [r.lines.covariance.kind in APART and len(r.sensors) > 1 for r in records]
-    if not any(apart) or inference.null.shape[1]:
+    if not any(apart) or inference.linear.null.shape[1]:
         return None
     every = zip(records, point.records, apart, strict=True)
     if not any(each and _sensors_alike(record, at) for record, at, each in every):

@@ -373,7 +373,7 @@ def other_answers(
     """
     point, images = solution.point, mirrors.images(solution)
     std = inference.std
-    told = ~inference.undetermined & (std > 0)
+    told = ~inference.linear.undetermined & (std > 0)
 
     def apart(one: Point, other: Point) -> bool:
         away = np.abs(one.unknowns - other.unknowns)[point.problem.layout.free]
@@ -430,7 +430,7 @@ class _Minimum:
 
     @cached_property
     def told(self) -> Booleans:
-        return ~self.inference.undetermined & (self.stated > 0)
+        return ~self.inference.linear.undetermined & (self.stated > 0)
 
     @cached_property
     def value(self) -> Floats:

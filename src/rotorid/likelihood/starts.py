@@ -345,10 +345,10 @@ def _opened(problem: Problem, start: Floats, inference: Inference) -> bool:
 
     Where a mass and its spring have vanished together any of their size will do.
     """
-    if not inference.null.shape[1]:
+    if not inference.linear.null.shape[1]:
         return False
     there = infer(problem.best_at(start), problem.exact)
-    return bool(inference.null.shape[1] > there.null.shape[1])
+    return bool(inference.linear.null.shape[1] > there.linear.null.shape[1])
 
 
 def vanished(problem: Problem, start: Floats, solution: Solution) -> bool:

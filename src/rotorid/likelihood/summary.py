@@ -67,7 +67,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         lines_hz=_lines(records),
         periods=min((r.lines.periods for r in records), default=0),
         notes=notes,
-        condition_number=inference.condition_number,
+        condition_number=inference.linear.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
         modes=_mode_fits(fit),
         alternatives=tuple(_alternatives(fit)),
@@ -144,7 +144,7 @@ def _deviations(fit: Fit) -> Floats:
     layout, inference = fit.prepared.layout, fit.inference
     std = np.zeros(len(layout.unknowns))
     spread = inference.std
-    spread[inference.undetermined] = np.nan
+    spread[inference.linear.undetermined] = np.nan
     std[layout.free] = spread
     return std
 
@@ -179,7 +179,7 @@ def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:
     layout, inference = fit.prepared.layout, fit.inference
     if layout.base:
         inner = layout.free < layout.parameters
-        if inference.undetermined[inner].any():
+        if inference.linear.undetermined[inner].any():
             return ()
         held = layout.held
         values = fit.solution.point.unknowns[held]
@@ -200,11 +200,11 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
     found = base_from_physical(model, values, covariance[np.ix_(held, held)], names)
     every = np.zeros((len(found), len(layout.unknowns)))
     every[:, held] = model.base_jacobian(values)
-    slopes = every[:, free] * inference.scale
+    slopes = every[:, free] * inference.linear.scale
     largest = np.abs(slopes).max(axis=1, initial=0.0, keepdims=True)
     slopes = slopes / np.where(largest > 0, largest, 1.0)  # squares of what is far off overflow
     length = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
-    along = slopes / np.where(length > 0, length, 1.0) @ inference.null
+    along = slopes / np.where(length > 0, length, 1.0) @ inference.linear.null
     unknown = np.asarray((np.abs(along) > 1e-6).any(axis=1))
     return tuple(
         Value(v.name, v.unit, np.nan, np.nan) if lost else v
@@ -230,7 +230,7 @@ def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
             "max"
         )
         yield Note("search", "unfinished", text, cure)
-    if not fit.records and not inference.expectation.dof and not inference.null.shape[1]:
+    if not fit.records and not inference.expectation.dof and not inference.linear.null.shape[1]:
         text = (
             "as many unknowns as were measured in [[modes]]: nothing is left over that could "
             "contradict the model"

@@ -171,7 +171,7 @@ class Mirrors:
         free, x = self.layout.free, solution.point.unknowns
         std = np.zeros(len(x))
         std[free] = inference.std
-        std[free[inference.undetermined]] = np.inf
+        std[free[inference.linear.undetermined]] = np.inf
         found = []
         for turn in self.turns:
             where = list(turn.unknowns)

@@ -67,7 +67,7 @@ def test_how_many_lines_are_few(
         by_line=lambda rows: [rows.reshape(100, 2, 3)],
     )
     solution = SimpleNamespace(point=point, converged=True)
-    inference = SimpleNamespace(null=np.zeros((3, 0)))
+    inference = SimpleNamespace(linear=SimpleNamespace(null=np.zeros((3, 0))))
     fit = SimpleNamespace(solution=solution, inference=inference, records=[record])
     notes = told_by_few(few_lines.Asked(None, None, fit))
     assert [note.on for note in notes] == [("c",)] * told

@@ -10,10 +10,12 @@ from result_cases import close_case, minimum_from_the_truth
 def test_deviations_are_widened_by_how_few_lines_tell_them(periods, widest):
     solution, inference = minimum_from_the_truth(close_case(3, periods=periods))
     point, lines, equations, n = solution.point, 15, 4, periods - 1
-    left = np.linalg.svd(point.jacobian * inference.scale, full_matrices=False)[0]
+    left = np.linalg.svd(point.jacobian * inference.linear.scale, full_matrices=False)[0]
     t = equations - (left**2).reshape(lines, -1).sum(axis=1) / 2
-    weighted = np.repeat((n - t) / n, 2 * equations)[:, None] * point.jacobian * inference.scale
-    influence = inference.scale[:, None] * np.linalg.pinv(weighted)
+    weighted = (
+        np.repeat((n - t) / n, 2 * equations)[:, None] * point.jacobian * inference.linear.scale
+    )
+    influence = inference.linear.scale[:, None] * np.linalg.pinv(weighted)
     power = (influence**2).reshape(len(influence), lines, -1).sum(axis=2)
     share = power / power.sum(axis=1, keepdims=True)
     freedom = 1 / (share**2 / (2 * (n - t + 1))).sum(axis=1)

@@ -31,7 +31,7 @@ def minimum_of(
     inference = SimpleNamespace(
         covariance=np.array([[stated**2]]),
         std=np.array([stated]),
-        undetermined=np.zeros(1, bool),
+        linear=SimpleNamespace(undetermined=np.zeros(1, bool)),
         expectation=SimpleNamespace(p_value=lambda cost: chance),
     )
     problem, begin = problem_of("m"), np.array([start])
@@ -144,7 +144,9 @@ def test_an_end_that_fits_as_well_and_lies_apart_is_another_answer(above, distan
     problem = problem_of("m", "k")
     solution = solution_at([1.0, 1.0], 100.0, problem)
     other = solution_at([1.0, 1.0 + 0.1 * distance], 100.0 + above, problem)
-    inference = SimpleNamespace(std=np.array([1.0, 0.1]), undetermined=np.zeros(2, bool))
+    inference = SimpleNamespace(
+        std=np.array([1.0, 0.1]), linear=SimpleNamespace(undetermined=np.zeros(2, bool))
+    )
     mirrors = SimpleNamespace(images=lambda solution: [], layout=problem.layout)
     found = information.other_answers(mirrors, solution, inference, [other])
     assert len(found.alternatives) == answers

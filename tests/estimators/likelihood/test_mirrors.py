@@ -440,10 +440,10 @@ def test_a_sign_within_its_deviation_is_not_told(overhung):
     for deviations, told in ((4.9, 0), (5.1, 1)):  # between kc and -kc
         inference = SimpleNamespace(
             std=np.full(count, 3e4 / deviations),
-            undetermined=np.zeros(count, dtype=bool),
+            linear=SimpleNamespace(undetermined=np.zeros(count, dtype=bool)),
         )
         assert len(found.notes(solution, inference)) == told
-    inference.undetermined[:] = True
+    inference.linear.undetermined[:] = True
     assert found.notes(solution, inference) == []
 
 

@@ -26,7 +26,7 @@ def explored(name, seed):
     """Return names, the minimum and its valley."""
     problem = problem_of(rotor_case(SETTINGS[name], seed))
     solution, inference = searched(problem, problem.layout.start)
-    found = valley.explore(solution.point, inference, ~inference.undetermined)
+    found = valley.explore(solution.point, inference, ~inference.linear.undetermined)
     names = [problem.layout.unknowns[i].name for i in problem.layout.free]
     return dict(zip(names, found.wider, strict=True)), solution, found
 
@@ -50,8 +50,10 @@ def test_a_lower_floor_is_found_and_followed():
     case = rotor_case(SETTINGS["4 sensors, noise x 10"], 4)
     problem = problem_of(case)
     solution, inference = searched(problem, problem.layout.start)
-    size, along = np.linalg.eigh(inference.covariance / np.outer(inference.scale, inference.scale))
-    change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.scale
+    size, along = np.linalg.eigh(
+        inference.covariance / np.outer(inference.linear.scale, inference.linear.scale)
+    )
+    change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.linear.scale
     off = solver.beside(solution.point, change)
     assert off.cost > solution.point.cost + 0.5
     there = valley.explore(off, infer(off, problem.exact), np.ones(len(change), dtype=bool))
