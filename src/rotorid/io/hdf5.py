@@ -318,7 +318,6 @@ class Contents(Mapping[str, tuple[int, ...]]):
         return found.shapes[path]
 
     def __iter__(self) -> Iterator[str]:
-        """Go through the paths of all arrays."""
         if not self._found.whole:
             every: Found = in_child(_look, self._file, self._file, NODES)
             every.shapes |= self._found.shapes  # those found behind links
@@ -327,7 +326,6 @@ class Contents(Mapping[str, tuple[int, ...]]):
         return iter(self._found.shapes)
 
     def __len__(self) -> int:
-        """Return how many arrays there are."""
         return sum(1 for _ in self)
 
 
@@ -418,7 +416,6 @@ def _walk(data: h5py.File, file: str, most: int, found: Found) -> Iterator[tuple
 
 
 def _check_bounds(count: int, path: str, file: str, most: int) -> None:
-    """Refuse to look through more than one has patience for."""
     if count > most or path.count("/") > DEPTH:
         many = f"more than {most} groups and data sets"
         raise ReadError(

@@ -27,6 +27,7 @@ from rotorid.io.table import (
 
 TWICE = "two variables of that name"
 Contents = tuple[dict[str, Column], dict[str, str]]
+"""The arrays of a file by their paths, and what else is in it."""
 
 
 def open_mat(path: Path) -> Table:
@@ -43,7 +44,6 @@ def open_mat(path: Path) -> Table:
 
 
 def _contents(path: Path) -> Contents:
-    """Return the arrays of a file by their paths, and what else is in it."""
     from scipy.io import loadmat, whosmat
 
     file = str(path)

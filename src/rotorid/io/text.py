@@ -496,7 +496,6 @@ class DelimitedTable:
         return iter(stream) if self._size <= SMALL_TEXT else self._checked(stream)
 
     def _checked(self, stream: IO[str]) -> Iterator[str]:
-        """Return the lines of a large text."""
         for line in iter(partial(stream.readline, LINE_CHARACTERS), ""):
             if len(line) >= LINE_CHARACTERS:
                 raise ReadError(
@@ -534,11 +533,8 @@ class DelimitedTable:
 
     def _fast_numbers(self, positions: list[int]) -> list[Floats] | None:
         """Read with pyarrow; None where it is not installed, or does not take the file."""
-        if (
-            self._size <= _FAST
-            or self.dialect.delimiter == " "
-            or not self.encoding.startswith("utf-8")
-        ):
+        readable = self.dialect.delimiter != " " and self.encoding.startswith("utf-8")
+        if self._size <= _FAST or not readable:
             return None
         try:
             import pyarrow as pa
@@ -624,7 +620,6 @@ class DelimitedTable:
         )
 
     def _field(self, line: int, column: int) -> str:
-        """Return a field as it stands in the file."""
         with self._opened() as stream:
             row = next(islice(self._bounded(stream), max(line - 1, 0), None), "")
         fields = split(row.partition("#")[0], self.dialect.delimiter)
