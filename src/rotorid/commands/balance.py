@@ -11,7 +11,7 @@ from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import BALANCE, Answer
 from rotorid.commands.provenance import done
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.toml import table_within
 from rotorid.core.watch import watch
@@ -39,7 +39,7 @@ def run(
     estimate = load_estimate(result)
     speeds = list(speed) or speeds_of(estimate)
     kit = [part.strip() for part in masses.split(",")] if masses else []
-    try:
+    with naming(str(result)):
         watch("computing")
         found = balance(
             estimate,
@@ -52,8 +52,6 @@ def run(
             record=record,
         )
         centred = centring(estimate, speeds[0], record=record)
-    except InputError as error:
-        raise error.at(file=str(result)) from None
 
     def html() -> str:
         from rotorid.report.machines import balance_report  # pictures take their time to load

@@ -12,7 +12,7 @@ from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import RESULT, Answer
 from rotorid.commands.provenance import environment, source_of
-from rotorid.core.errors import InputError
+from rotorid.core.errors import naming
 from rotorid.core.files import check_apart
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
@@ -40,10 +40,8 @@ def run(
     check_apart(targets, plan.files)
     estimator, records = plan.estimator(method, effort), plan.records(method)
     watch("identifying")
-    try:
+    with naming(str(experiment)):
         estimate = identify(plan.model, records, _BestSoFar(estimator))
-    except InputError as error:
-        raise error.at(file=str(experiment)) from None
     if targets or answer.json is not None:  # what is written says more than a screen
         watch("predicting")
         estimate = _with_evidence(estimate, plan, records, estimator)

@@ -9,7 +9,7 @@ from typing import Any
 from rotorid.commands import OK
 from rotorid.commands.console import SENSITIVITY, Answer
 from rotorid.commands.provenance import done
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.data.record import PeriodicRecord, Record
@@ -34,12 +34,10 @@ def run(
     check_apart(targets, plan.files)
     pairs = _pairs(plan, pair)
     records, options = _read(plan, pairs)
-    try:
+    with naming(str(experiment)):
         watch("computing")
         named = {e: reference_name(r) for e, r in pairs.items()}
         found = sensitivity(records, named, **options)
-    except InputError as error:
-        raise error.at(file=str(experiment)) from None
 
     def html() -> str:
         from rotorid.report.machines import sensitivity_report  # pictures take their time to load

@@ -15,7 +15,7 @@ from rotorid.answer.validation import ChannelError, at_best_phase, channel_error
 from rotorid.commands import NO_ANSWER, OK
 from rotorid.commands.console import VALIDATION, Answer
 from rotorid.commands.provenance import done, source_of
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.tables import Page
 from rotorid.core.watch import watch
@@ -38,7 +38,7 @@ def run(
     check_apart(targets, [result, *plan.files])
     _check_model(estimate, plan.model.name, result)
     records = plan.records("ml" if estimate.method == "ml" else "batch")
-    try:
+    with naming(str(result)):
         turned = [at_best_phase(plan.model, estimate, r, k) for k, r in enumerate(records)]
         placed = [record for record, _ in turned]
         found = [
@@ -46,8 +46,6 @@ def run(
             for number, record in enumerate(placed)
         ]
         told = [information_of(plan.model, estimate, record) for record in placed]
-    except InputError as error:
-        raise error.at(file=str(result)) from None
     reached = verdict_of(found)
     lead = f"{reached.verdict}: {reached.sentence}"
     page: Page = [lead, validation_table(found), *information_lines(told)]

@@ -101,12 +101,12 @@ class InputError(ValueError):
 
 
 @contextmanager
-def naming(file: str) -> Iterator[None]:
-    """Put the file into errors of what is done with it, where they name none."""
+def naming(file: str = "", *, place: str = "") -> Iterator[None]:
+    """Put the file, where they name none, and the outer place in it into errors of what is done."""
     try:
         yield
     except InputError as error:
-        raise error.at(file=file) from None
+        raise error.at(file=file, place=place) from None
 
 
 class ReadError(InputError):

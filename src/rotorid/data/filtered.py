@@ -145,10 +145,8 @@ def read_condition(text: str, units: dict[str, str]) -> Condition:
             place="leave_out",
         )
     unit = _PER_SECOND[order].format(unit=units[name] or "1")
-    try:
+    with naming(place="leave_out"):
         limit = to_si(found["limit"], unit)
-    except InputError as error:
-        raise error.at(place="leave_out") from None
     below = found["sign"] == "<"
     return Condition(text.strip(), name, order, found["size"] is not None, below, limit)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import parse_table, read_bytes, read_toml
 from rotorid.core.units import to_si
@@ -189,10 +189,8 @@ class Experiment:
         return found
 
     def _check_contents(self) -> None:
-        try:
+        with naming(self.file):
             check_contents(self.entry.records, self.folder)
-        except InputError as error:
-            raise error.at(file=self.file) from None
 
     def _one(
         self,
@@ -256,12 +254,10 @@ class Experiment:
         InputError
             For a method that cannot honour what the file says.
         """
-        try:
+        with naming(self.file):
             return build_estimator(
                 self.entry, self.method(method), self.fixed, self.constraints, self.model, effort
             )
-        except InputError as error:
-            raise error.at(file=self.file) from None
 
     def identify(self, method: Method | None = None) -> Estimate:
         """Read the records and estimate, as ``rotorid identify`` does.
@@ -282,10 +278,8 @@ class Experiment:
         """
         from rotorid.answer.identify import identify  # to read a file needs none of it
 
-        try:
+        with naming(self.file):
             return identify(self.model, self.records(method), self.estimator(method))
-        except InputError as error:
-            raise error.at(file=self.file) from None
 
 
 @frozen
@@ -350,14 +344,12 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
     entry = read_toml(path, ExperimentFile)
     where = path.parent if folder is None else Path(folder)
     model = _model(entry.model, path)
-    try:
+    with naming(str(path)):
         channels = []
         check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
-            try:
+            with naming(place=f"records.{number}"):
                 check_own(record, entry.channels, model, where)
-            except InputError as error:
-                raise error.at(place=f"records.{number}") from None
             _check_lines(record, model, f"records.{number}.band")
             channels.append(plan_record(record, entry.channels, model, where))
             own_values(record.parameters, model, f"records.{number}.parameters")
@@ -377,8 +369,6 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             fixed=fixed_values(entry.parameters, model),
             constraints=known,
         )
-    except InputError as error:
-        raise error.at(file=str(path)) from None
 
 
 def _check_lines(record: RecordEntry, model: Model, place: str) -> None:

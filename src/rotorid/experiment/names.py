@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.measured_modes import Mode, in_units_of
@@ -112,10 +112,8 @@ def dynamics_of(
                 file=str(folder / entry.table),
             )
         columns = table.read(names)
-        try:
+        with naming(str(folder / entry.table)):
             hertz, measured = _response(list(names), [columns[name] for name in names])
-        except InputError as error:
-            raise error.at(file=str(folder / entry.table)) from None
         return Measured(frequency=hertz, measured=measured, **common)
     if entry.eddy is not None:
         return EddyCurrents(eddy=entry.eddy, **common)
@@ -300,11 +298,9 @@ def modes(entries: Sequence[ModeEntry], model: Model) -> tuple[Mode, ...]:
         told = entry.damping
         damping = None if told is None else (told.value, told.std)
         said = {name: str(value) for name, value in entry.parameters.items()}
-        try:
+        with naming(place=place):
             mode = Mode(entry.frequency, entry.std, damping, entry.speed, said, entry.mode)
             found.append(in_units_of(model, mode))
-        except InputError as error:
-            raise error.at(place=place) from None
     return tuple(found)
 
 

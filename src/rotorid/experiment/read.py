@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord, filtered
@@ -77,11 +77,9 @@ def recording(
                 "give laws to inputs only",
                 place=place,
             )
-        try:
+        with naming(place=place):
             law = _law(entry)
             position = _position(entry, {**(others or {}), **entries}, model)
-        except InputError as error:
-            raise error.at(place=place) from None
         columns = entry.recorded
         labels = (
             [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
@@ -406,10 +404,8 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
     for name, law in plan.laws.items():
         if isinstance(law.law, Linear):
             continue
-        try:
+        with naming(record.source, place=f"channels.{name}.position"):
             position = as_channels(sensors, law.position) if law.position else {}
-        except InputError as error:
-            raise error.at(file=record.source, place=f"channels.{name}.position") from None
         found[name] = ForceReading(law.law, law.sources, position, law.shared)
     return found
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import check_unit, multiply_units, si_factor, to_si
@@ -65,10 +65,8 @@ class Columns:
         return True
 
     def _key(self, column: str, place: str) -> str:
-        try:
+        with naming(place=place):
             return self.table.find(column)
-        except InputError as error:
-            raise error.at(place=place) from None
 
 
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
@@ -99,10 +97,8 @@ def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
     """Return what amplitudes as they stand are multiplied by."""
     scale = 1.0 if entry.scale is None else entry.scale
     if isinstance(scale, str):
-        try:
+        with naming(place=f"{place}.scale"):
             scale = rows.table.scalar(scale)
-        except InputError as error:
-            raise error.at(place=f"{place}.scale") from None
     return float(scale) / 2 if entry.peak_to_peak else float(scale)
 
 
@@ -163,7 +159,7 @@ def read_phasors(
     """
     table = open_tables([folder / name for name in entry.paths], header_row=entry.header_row)
     rows = Columns(table, entry.overrule)
-    try:
+    with naming(table.file):
         channels = check_phasors(entries, model, folder)
         speed = _speeds(rows, entry, entries)
         units = {name: channels[name].unit for name in entries}
@@ -184,8 +180,6 @@ def read_phasors(
             list(channels.values()), speed, phasors, std, source=table.file, checks=checks
         )
         return [lines]
-    except InputError as error:
-        raise error.at(file=table.file) from None
 
 
 def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
@@ -332,15 +326,13 @@ def read_responses(
             "put them into records of their own",
             place=f"channels.{stored[0]}",
         )
-    try:
+    with naming(", ".join(map(str, paths))):
         if stored:
             found = _of_universal(paths, entry, entries, channels, model)
         else:
             table = open_tables(paths, header_row=entry.header_row)
             found = _of_table(table, entry, entries, channels, model)
         return [_lines(group, entry, model, entry.paths[0]) for group in _groups(found, entry)]
-    except InputError as error:
-        raise error.at(file=", ".join(map(str, paths))) from None
 
 
 def _of_table(

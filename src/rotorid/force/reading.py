@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, LawConstant, Record
@@ -295,14 +295,12 @@ class _Reader:
     def force(self, name: str, reading: ForceReading) -> tuple[Channel, Floats]:
         """Return the channel of the force and its samples."""
         source = self.channel(reading.channels[0])
-        try:
+        with naming(self.record.source, place=name):
             if isinstance(reading.law, Flux):
                 fluxes = [self.column(flux) for flux in reading.channels]
                 force = reading.law.force(*fluxes)
             else:
                 force = self._from_current(reading.law, source, reading.position)
-        except InputError as error:
-            raise error.at(file=self.record.source, place=name) from None
         return self._channel(name, force, reading, source), force
 
     def _channel(self, name: str, force: Floats, reading: ForceReading, source: Channel) -> Channel:

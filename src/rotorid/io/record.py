@@ -214,10 +214,8 @@ def _sources(
 
 
 def _find(table: Table, source: Source, name: str) -> str:
-    try:
+    with naming(place=_place(name, "column")):
         return table.find(source.column)
-    except InputError as error:
-        raise error.at(place=_place(name, "column")) from None
 
 
 def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
@@ -301,10 +299,8 @@ def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[fl
     place = _place(name, "unit")
     scale = source.scale
     if isinstance(scale, str):
-        try:
+        with naming(place=_place(name, "scale")):
             scale = table.scalar(scale)
-        except InputError as error:
-            raise error.at(place=_place(name, "scale")) from None
     if scale == 0:
         raise InputError(
             "0",

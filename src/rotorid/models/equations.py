@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import Dimension, dimension_of
 from rotorid.models import cost
@@ -195,10 +195,8 @@ def sensor_terms(
 ) -> tuple[SensorTerm, ...]:
     """Return the terms of a combination such as ``x1'' - L_a*theta_y``."""
     moving = [name + dots for name in coordinates for dots in DERIVATIVES]
-    try:
+    with naming(place=place):
         terms = polynomial(text, [*moving, *parameters])
-    except InputError as error:
-        raise error.at(place=place) from None
     found = []
     for powers, coefficient in terms.items():
         motion, rest = powers[: len(moving)], powers[len(moving) :]

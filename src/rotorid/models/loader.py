@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from rotorid.core.errors import InputError, ModelError, ReadError
+from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, holds_key, parse_toml, read_bytes
 from rotorid.core.units import check_unit
 from rotorid.models.equations import Names
@@ -136,7 +136,7 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
     from rotorid.models.rotor.model import rotor_model
 
     entry = parse_toml(data, RotorFile, file=file)
-    try:
+    with naming(file):
         parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
         check_names({"parameters": entry.parameters})
         units = {p.name: p.unit for p in parameters}
@@ -158,15 +158,13 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
                 "use it or remove it" + ("; G follows E, and holds none of its own" * of_g),
                 place=f"parameters.{key}",
             )
-    except InputError as error:
-        raise error.at(file=file) from None
     return model
 
 
 def _build(data: bytes, name: str, file: str) -> Model:
     entry = parse_toml(data, _ModelFile, file=file)
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
-    try:
+    with naming(file):
         check_names(
             {
                 "coordinates": names.coordinates,
@@ -184,8 +182,6 @@ def _build(data: bytes, name: str, file: str) -> Model:
         model = build_model(*head, entry.equations, names, units, parameters, data.decode())
         _check_use(model)
         _check_angle(model)
-    except InputError as error:
-        raise error.at(file=file) from None
     return model
 
 

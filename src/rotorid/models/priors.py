@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units, quantity, to_si
 from rotorid.core.values import Floats
@@ -121,10 +121,8 @@ def _numbers(expression: str, given: Iterable[Any], model: Model, what: str) -> 
 
 def unit_of_expression(expression: str, model: Model, place: str) -> str:
     """Return the unit of a polynomial in the parameters; refuse sums of unlike units."""
-    try:
+    with naming(place=place):
         terms = constraint_polynomial(model, Constraint(expression, 0.0))
-    except InputError as error:
-        raise error.at(place=place) from None
     units = [parameter.unit for parameter in model.parameters]
     found = {
         multiply_units([(unit, power) for unit, power in zip(units, powers, strict=True)])

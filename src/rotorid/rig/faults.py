@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
 from rotorid.core.values import Floats
@@ -115,10 +115,8 @@ def with_faults(rig: Rig, faults: Sequence[tuple[Fault, float]]) -> Rig:
     faulty = rig if rig.described is not None else replace(rig, described=rig)
     for fault, size in faults:
         if size != fault.none:
-            try:
+            with naming(place=f"--fault {fault.name}"):
                 faulty = fault.apply(faulty, size)
-            except InputError as error:
-                raise error.at(place=f"--fault {fault.name}") from None
     return faulty
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.toml import parse_toml, read_bytes
@@ -72,18 +72,14 @@ class RigPlan:
     def run(self, seed: int | None = None) -> RigRecord:
         """Run the rig for its duration, with its seed or another."""
         found = self.record(seed)
-        try:
+        with naming(self.file or self.name):
             return read(self.rig.described or self.rig, found)
-        except InputError as error:
-            raise error.at(file=self.file or self.name) from None
 
     def record(self, seed: int | None = None) -> Logged:
         """Run the rig as `run` does, but leave the logger's columns as they are."""
         rng = np.random.default_rng(self.seed if seed is None else seed)
-        try:
+        with naming(self.file or self.name):
             return self.rig.record(self.duration, rng)
-        except InputError as error:
-            raise error.at(file=self.file or self.name) from None
 
     def with_faults(self, faults: Sequence[str]) -> RigPlan:
         """Return the plan of a rig with faults, each ``name`` or ``name=size``."""
@@ -149,10 +145,8 @@ def parse_rig(
     """Return what the text of a rig file says."""
     raw = data.encode() if isinstance(data, str) else data
     entry = parse_toml(raw, RigFile, file=file)
-    try:
+    with naming(file):
         rig = _build(entry, load_model(entry.model, folder=folder))
-    except InputError as error:
-        raise error.at(file=file) from None
     model = _model_path(entry, folder)
     return RigPlan(name, entry.title, raw.decode(), file, model, rig, entry.duration, entry.seed)
 
@@ -235,10 +229,8 @@ def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:
         )
         for i, part in enumerate(entry.runout)
     )
-    try:
+    with naming(place=place):
         return PositionSensor(name, reads, si("noise"), si("bias"), si("quantum"), runout)
-    except InputError as error:
-        raise error.at(place=place) from None
 
 
 def _logger(entry: LoggerEntry) -> Logger:
@@ -248,13 +240,11 @@ def _logger(entry: LoggerEntry) -> Logger:
             "both", "one of encoder and keyphasor", "remove one", place="logger.encoder"
         )
     angle: Encoder | Keyphasor | None = None
-    try:
+    with naming(place="logger"):
         if entry.encoder is not None:
             angle = Encoder(**dict(entry.encoder))
         elif entry.keyphasor is not None:
             angle = Keyphasor(**dict(entry.keyphasor))
-    except InputError as error:
-        raise error.at(place="logger") from None
     return Logger(entry.sample_rate, entry.current, angle, oversampling=entry.oversampling)
 
 
@@ -266,7 +256,7 @@ def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
         for name, signal in entry.signals.items()
     }
     highest = max(entry.odd or 0, entry.full or 0)
-    try:
+    with naming(place="excitation"):
         _check_lines(highest, entry.fundamental, file.controller.rate)
         signals = multisine(
             entry.fundamental,
@@ -277,8 +267,6 @@ def _excitation(file: RigFile, entry: ExcitationEntry) -> Multisine:
             unit=unit,
             rng=rng,
         )
-    except InputError as error:
-        raise error.at(place="excitation") from None
     turned = signals.scaled([np.exp(1j * signal.phase) for signal in entry.signals.values()])
     return minimize_crest(turned) if entry.minimize_crest else turned
 
@@ -347,10 +335,8 @@ def build_actuators(entries: Mapping[str, ActuatorEntry], model: Model) -> dict[
     for name in model.inputs:
         own = entries.get(name, ActuatorEntry())
         changed = {key: getattr(own, key) for key in own.model_fields_set}
-        try:
+        with naming(place=f"actuators.{name if own.model_fields_set else ALL}"):
             built[name] = _actuator(shared.model_copy(update=changed))
-        except InputError as error:
-            raise error.at(place=f"actuators.{name if own.model_fields_set else ALL}") from None
     return built
 
 
@@ -403,7 +389,7 @@ def build_controller(
     sensors: Sequence[PositionSensor],
 ) -> tuple[Controller, tuple[str, ...]]:
     """Return the controller of a rig file and the sensors that it reads."""
-    try:
+    with naming(place="controller"):
         feedback = tuple(
             _feedback(name, j, entry, model, values, sensors) for j, name in enumerate(model.inputs)
         )
@@ -420,8 +406,6 @@ def build_controller(
             raise InputError("no D", "matrices D, and A, B, C where it has states", "add them")
         a, b, c, d = (np.array(getattr(entry, key) or [], dtype=float) for key in "ABCD")
         return Controller(a, b, c, d, period), feedback
-    except InputError as error:
-        raise error.at(place="controller") from None
 
 
 def _pid(entry: ControllerEntry, actuator: Actuator, period: float) -> Controller:

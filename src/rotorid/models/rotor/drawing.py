@@ -10,7 +10,7 @@ from math import ceil, prod
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import dimension_of, multiply_units, to_si
 from rotorid.core.values import Floats
@@ -111,10 +111,8 @@ def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -
     """Return a polynomial of names; every term must have the expected unit."""
     names = [*parameters, SPEED]
     units = {**parameters, SPEED: "rad/s"}
-    try:
+    with naming(place=place):
         found = polynomial(text, names)
-    except InputError as error:
-        raise error.at(place=place) from None
     terms = []
     for powers, coefficient in found.items():
         factors = tuple((name, n) for name, n in zip(names, powers, strict=True) if n)
