@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def loops(found: Loops, limits: dict[str, float]) -> list[Panel]:
 def _loop(one: Any, limits: dict[str, float]) -> Panel:
     frequency = np.asarray(one.frequency_hz, dtype=float)
     size, std = np.abs(one.sensitivity), np.asarray(one.std, dtype=float)
-    ends = np.array([frequency.min(), frequency.max()])
+    ends, at = np.array([frequency.min(), frequency.max()]), np.full(2, one.peak_hz)
     curves = [
         Curve(ends, np.full(2, limit), f"end of zone {zone}", colour, "dashed")
         for (zone, limit), colour in zip(limits.items(), (GREEN, PINK, COLOURS[1]), strict=True)
@@ -96,14 +96,12 @@ def _loop(one: Any, limits: dict[str, float]) -> Panel:
     curves += [
         Curve(frequency, high, "95 % of each line", BLUE, "band", base=low),
         Curve(frequency, size, "measured", BLUE, "line"),
-        Curve(
-            np.full(2, one.peak_hz), np.array(one.interval), "the peak, with 95 %", GREY, "thick"
-        ),
-        Curve(np.array([one.peak_hz]), np.array([one.peak]), "", GREY, "dots"),
+        Curve(at, np.array(one.interval), "the peak, with 95 %", GREY, "thick"),
+        Curve(at[:1], np.array([one.peak]), "", GREY, "dots"),
     ]
     title = f"{label(one.axis, 36)}: {one.peak:.3g} at {one.peak_hz:.4g} Hz, {one.verdict}"
     y = Axis("sensitivity |S|", log=True)
-    return Panel(title, Axis("frequency in Hz"), y, tuple(curves), height=2.6)
+    return Panel(title, HERTZ, y, tuple(curves), height=2.6)
 
 
 Shown = Any  # a RecordEvidence, which lies above
@@ -117,6 +115,7 @@ LEAST = 0.01
 WORST = 5.0
 """Differences over their noise from which on a colour is at its end."""
 RPM = 30 / np.pi
+HERTZ = Axis("frequency in Hz")
 
 
 def waves(record: Shown) -> list[Panel]:
@@ -138,18 +137,23 @@ def wave(channel: Any, time: Floats, title: str) -> Panel:
     unit, factor = shown_unit(channel.unit)
     measured = factor * np.asarray(channel.wave_measured)
     predicted = factor * np.asarray(channel.wave_predicted)
-    curves = []
-    noise = NOISE_BAND * factor * channel.wave_noise
-    if np.isfinite(noise) and noise > 0:
-        told = "95 % band about it"
-        curves.append(Curve(time, predicted + noise, told, BLUE, "band", base=predicted - noise))
     look: Look = "dots" if len(time) <= MOST_DOTS else "thick"
-    curves += [
+    curves = (
+        *_noise_band(channel, time, predicted, factor, "95 % band about it", BLUE),
         Curve(time, measured, "measured", GREY, look),
         Curve(time, predicted, "predicted", BLUE, "line"),
-    ]
+    )
     axis = Axis(f"{label(channel.name)} in {unit}")
-    return Panel(_headline(channel), Axis(title), axis, tuple(curves))
+    return Panel(_headline(channel), Axis(title), axis, curves)
+
+
+def _noise_band(
+    channel: Any, time: Floats, about: Floats, factor: float, told: str, colour: str
+) -> tuple[Curve, ...]:
+    noise = NOISE_BAND * factor * channel.wave_noise
+    if not noise > 0 or np.isinf(noise):
+        return ()
+    return (Curve(time, about + noise, told, colour, "band", base=about - noise),)
 
 
 def differences(record: Shown) -> list[Panel]:
@@ -160,14 +164,12 @@ def differences(record: Shown) -> list[Panel]:
 def _difference(channel: Any, time: Floats, title: str) -> Panel:
     unit, factor = shown_unit(channel.unit)
     away = factor * (np.asarray(channel.wave_predicted) - np.asarray(channel.wave_measured))
-    curves = [Curve(time, away, "predicted less measured", RED, "line")]
-    noise = NOISE_BAND * factor * channel.wave_noise
-    if np.isfinite(noise) and noise > 0:
-        level = np.full_like(time, noise)
-        told = "95 % band"
-        curves.insert(0, Curve(time, level, told, GREY, "band", base=-level))
+    curves = (
+        *_noise_band(channel, time, np.zeros_like(time), factor, "95 % band", GREY),
+        Curve(time, away, "predicted less measured", RED, "line"),
+    )
     name = label(channel.name, 36)
-    return Panel(name, Axis(title), Axis(f"difference in {unit}"), tuple(curves))
+    return Panel(name, Axis(title), Axis(f"difference in {unit}"), curves)
 
 
 def _headline(channel: Any) -> str:
@@ -180,7 +182,7 @@ def _headline(channel: Any) -> str:
 
 def lines(record: Shown) -> list[Panel]:
     """Return each channel on its lines: measured, predicted, their difference, and the noise."""
-    x, axis = _abscissa(record)
+    x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     drawn = []
     for channel in record.channels[:MOST_PANELS]:
         unit, factor = shown_unit(channel.unit)
@@ -193,14 +195,10 @@ def lines(record: Shown) -> list[Panel]:
     return drawn
 
 
-def _abscissa(record: Shown) -> tuple[Floats, Axis]:
-    return _over(record.frequency_hz, turning=record.kind == "phasors")
-
-
 def _over(hertz: Sequence[float], *, turning: bool) -> tuple[Floats, Axis]:
     """Return what lines are drawn over, frequencies or the speeds of a rotation of these."""
     x = np.asarray(hertz, dtype=float)
-    return (60 * x, Axis("speed in rpm")) if turning else (x, Axis("frequency in Hz"))
+    return (60 * x, Axis("speed in rpm")) if turning else (x, HERTZ)
 
 
 def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
@@ -211,26 +209,25 @@ def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
     top = factor * max((*channel.measured, *channel.predicted), default=0.0)
     if not top > 0:
         return []
-    few = len(x) <= MOST_DOTS
-    dots: Look = "dots" if few else "line"
+    looks: tuple[Look, Look, Look] = ("line", "thin", "points")
+    if len(x) <= MOST_DOTS:
+        looks = ("dots", "diamonds", "dots")
     curves = []
     if channel.noise:
         told = "noise, up to two deviations"
         noise = shown(channel.noise)
         curves.append(Curve(x, NOISE_BAND * noise, told, RED, "band", base=noise / 10))
-    curves.append(Curve(x, shown(channel.measured), "measured", GREY, dots))
+    curves.append(Curve(x, shown(channel.measured), "measured", GREY, looks[0]))
     if channel.predicted:
-        look: Look = "diamonds" if few else "thin"
-        curves.append(Curve(x, shown(channel.predicted), "predicted", BLUE, look))
-        points: Look = "points" if not few else "dots"
         away = shown(channel.difference)
-        curves.append(Curve(x, away, "predicted less measured", RED, points))
+        curves.append(Curve(x, shown(channel.predicted), "predicted", BLUE, looks[1]))
+        curves.append(Curve(x, away, "predicted less measured", RED, looks[2]))
     return [curve for curve in curves if np.isfinite(curve.y).any()]
 
 
 def residual(record: Shown) -> list[Panel]:
     """Return the difference of every predicted channel on every line, over its noise."""
-    x, axis = _abscissa(record)
+    x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     shown = [c for c in record.channels if c.difference and c.noise][:MOST_PANELS]
     if not shown or len(x) < 2:
         return []
@@ -269,14 +266,8 @@ def misfit(
         look: Look = "dots" if own.sum() <= MOST_DOTS else "points"
         curves.append(Curve(x, ratio[own], told, colour, look))
     ends = (min(float(ratio.min()) / 1.2, 0.5), max(1.2 * float(ratio.max()), 2.0))
-    return Panel(
-        "",
-        axis,
-        Axis("misfit / expected", log=True, ends=ends),
-        tuple(curves),
-        level=1.0,
-        height=2.8,
-    )
+    y = Axis("misfit / expected", log=True, ends=ends)
+    return Panel("", axis, y, tuple(curves), level=1.0, height=2.8)
 
 
 def correlation(names: Sequence[str], matrix: Floats) -> Panel:
@@ -486,7 +477,6 @@ MOST_STEMS = 40
 """Kept lines that are drawn one by one."""
 ROUNDING = 1e-10
 """Of the largest line: below it there is rounding only."""
-HERTZ = Axis("frequency in Hz")
 
 
 def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
@@ -500,11 +490,11 @@ def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
     size = -(-count // MOST_BLOCKS) or 1
     if 1 < whole_blocks <= 12 * size:
         size = -(-size // whole_blocks) * whole_blocks
-    used = record.samples[: count // size * size] if count >= size else record.samples
-    size = size if count >= size else 1
-    time = (np.arange(len(used) // size) + (size - 1) / 2) * size / record.sample_rate
-    if size > 1:
-        time = (np.arange(len(used) // size) + 0.5) * size / record.sample_rate
+    if count < size:
+        size = 1
+    used = record.samples[: count // size * size]
+    middle = 0.5 if size > 1 else 0.0
+    time = (np.arange(len(used) // size) + middle) * size / record.sample_rate
     for c, channel in list(enumerate(record.channels))[:MOST_PANELS]:
         unit, factor = shown_unit(channel.unit)
         low, high, _ = envelope(factor * used[:, c], len(time))
@@ -513,14 +503,8 @@ def samples(record: Record, whole_blocks: int = 1) -> list[Panel]:
             if size > 2
             else Curve(time, high, "samples", BLUE, "thin")
         )
-        drawn.append(
-            Panel(
-                label(channel.name, 36),
-                Axis("time in s"),
-                Axis(f"{label(channel.name)} in {unit}"),
-                (curve,),
-            )
-        )
+        y = Axis(f"{label(channel.name)} in {unit}")
+        drawn.append(Panel(label(channel.name, 36), Axis("time in s"), y, (curve,)))
     return drawn
 
 
@@ -536,9 +520,9 @@ def _spectrum(record: Periods, c: int) -> Panel:
     amplitude[0] /= 2
     kept = factor * record.multiplicity * np.abs(record.mean_spectrum[:, c])
     top = max(float(kept.max(initial=0.0)), float(amplitude.max(initial=0.0)))
-    title, axis = label(channel.name, 36), Axis(f"amplitude in {unit}", log=True)
+    title, axis = label(channel.name, 36), Axis(f"amplitude in {unit}")
     if top == 0:
-        return Panel(f"{title}: zero", HERTZ, Axis(f"amplitude in {unit}"))
+        return Panel(f"{title}: zero", HERTZ, axis)
     highest = 1.5 * max(float(record.frequency.max()), record.fundamental)
     others = np.setdiff1d(np.arange(len(amplitude)), [0, *record.harmonics])
     others = others[others * record.fundamental <= highest]
@@ -551,12 +535,10 @@ def _spectrum(record: Periods, c: int) -> Panel:
     few = len(record.frequency) <= MOST_STEMS
     lines = record.frequency.astype(float)
     curves = []
-    for odd, colour, told in (
-        (1, GREEN, "odd multiples, not used"),
-        (0, PINK, "even multiples, not used"),
-    ):
+    for odd, colour, told in ((1, GREEN, "odd"), (0, PINK, "even")):
         here = others[(others % 2 == odd) & (amplitude[others] > ROUNDING * top)]
-        curves.append(Curve(here * record.fundamental, amplitude[here], told, colour, "points"))
+        marks = (here * record.fundamental, amplitude[here])
+        curves.append(Curve(*marks, f"{told} multiples, not used", colour, "points"))
     if few:
         curves.append(Curve(lines, kept, "", BLUE, "stems", base=np.full_like(kept, floor)))
     curves.append(Curve(lines, kept, "used", BLUE, "dots" if few else "points"))
@@ -654,16 +636,7 @@ def noise_correlation(names: list[str], matrix: Floats) -> Panel:
     return Panel(matrix=shown, height=min(9.0, 1.6 + 0.3 * len(short)))
 
 
-class Drawn(Protocol):
-    """What a picture needs of a rotor: sections, and what stands on it by name, in m."""
-
-    @property
-    def sections(self) -> Sequence[Any]:
-        """Cylinders with `length`, `outer` and `inner`, from left to right."""
-
-    @property
-    def discs(self) -> Mapping[str, Any]:
-        """Discs, with `at`."""
+Rotor = Any  # as it is drawn; its sections are cylinders, from left to right
 
 
 MARKS = (
@@ -677,7 +650,7 @@ MARKS = (
 widest section: names of marks at one place stand above each other."""
 
 
-def drawing(rotor: Drawn) -> Panel:
+def drawing(rotor: Rotor) -> Panel:
     """Return a rotor seen from the side; what stands on it is marked above, bores are left open."""
     widest = 1e3 * max(section.outer for section in rotor.sections) / 2
     curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
@@ -685,7 +658,9 @@ def drawing(rotor: Drawn) -> Panel:
         table = getattr(rotor, key)
         if table:
             at = [getattr(member, "at", member) for member in table.values()]
-            curves.append(_marks(word, colour, at, tuple(table), height * widest))
+            place = 1e3 * np.asarray(at, dtype=float)
+            level = np.full(len(place), height * widest)
+            curves.append(Curve(place, level, word, colour, "named", told=tuple(table)))
     return Panel(
         "The rotor as it is drawn",
         Axis("mm from the left end"),
@@ -695,7 +670,7 @@ def drawing(rotor: Drawn) -> Panel:
     )
 
 
-def _edge(rotor: Drawn, side: float, label: str) -> Curve:
+def _edge(rotor: Rotor, side: float, label: str) -> Curve:
     """Return the metal above or below the axis, as a band from bore to surface."""
     borders = np.cumsum([0.0, *(section.length for section in rotor.sections)])
     x = np.repeat(borders, 2)[1:-1]
@@ -703,10 +678,3 @@ def _edge(rotor: Drawn, side: float, label: str) -> Curve:
     inner = np.repeat([section.inner / 2 for section in rotor.sections], 2)
     upper, lower = (outer, inner) if side > 0 else (-inner, -outer)
     return Curve(1e3 * x, 1e3 * upper, label, SKY, "band", base=1e3 * lower)
-
-
-def _marks(
-    word: str, colour: str, at: Sequence[float], names: tuple[str, ...], height: float
-) -> Curve:
-    place = 1e3 * np.asarray(at, dtype=float)
-    return Curve(place, np.full(len(place), height), word, colour, "named", told=names)

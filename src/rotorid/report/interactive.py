@@ -39,11 +39,14 @@ def spec(panel: Panel) -> dict[str, Any]:
     drawn = [_trace(curve, panel.x.ends) for curve in panel.curves]
     if panel.matrix is not None:
         drawn.append(_heatmap(panel.matrix))
-    shapes = []
-    if panel.level is not None:
-        shapes.append({**_RULER, "xref": "x domain", "x0": 0, "x1": 1, **_both("y", panel.level)})
-    if panel.upright is not None:
-        shapes.append({**_RULER, "yref": "y domain", "y0": 0, "y1": 1, **_both("x", panel.upright)})
+    rulers = (("x", "y", panel.level), ("y", "x", panel.upright))
+    shapes = [
+        _RULER
+        | {f"{along}ref": f"{along} domain", f"{along}0": 0, f"{along}1": 1}
+        | {f"{across}0": at, f"{across}1": at}
+        for along, across, at in rulers
+        if at is not None
+    ]
     x, y = panel.x, panel.y
     if panel.matrix is not None:
         y = replace(y, names=panel.matrix.rows)
@@ -75,29 +78,24 @@ def spec(panel: Panel) -> dict[str, Any]:
 _RULER = {"type": "line", "line": {"color": "#80868b", "width": 1}}
 
 
-def _both(axis: str, value: float) -> dict[str, float]:
-    return {f"{axis}0": value, f"{axis}1": value}
-
-
 def shown(name: str, most: int = 24) -> str:
     """Return a user's name as plotly writes it: its markup is none."""
     return escape(label(name, most), quote=False)
 
 
-def _decades(values: list[Floats], ends: tuple[float, float] | None) -> float:
-    """Return over how many powers of ten numbers reach."""
+def _logarithmic(values: list[Floats], ends: tuple[float, float] | None) -> dict[str, Any]:
+    """Return the ticks of an axis by the powers of ten over which its numbers reach."""
+    made: dict[str, Any] = {"type": "log", "exponentformat": "power", "nticks": 6}
     every = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
     seen = every[np.isfinite(every) & (every > 0)]
-    return float(np.log10(seen.max() / seen.min())) if len(seen) else 0.0
-
-
-def _ones_twos_fives(values: list[Floats], ends: tuple[float, float] | None) -> dict[str, Any]:
-    """Return ticks at 1, 2 and 5, a decade more than the numbers reach at either end."""
-    seen = np.concatenate([*values, np.zeros(0)]) if ends is None else np.array(ends)
-    seen = seen[np.isfinite(seen) & (seen > 0)]
-    low, high = math.floor(np.log10(seen.min())) - 1, math.ceil(np.log10(seen.max())) + 1
-    ticks = [n * 10.0**k for k in range(low, high + 1) for n in (1, 2, 5)]
-    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    reach = float(np.log10(seen.max() / seen.min())) if len(seen) else 0.0
+    if reach > _MANY:
+        made["dtick"] = math.ceil(reach / 6)
+    elif reach > _FEW:  # powers of ten alone would be one or two
+        low, high = math.floor(np.log10(seen.min())) - 1, math.ceil(np.log10(seen.max())) + 1
+        ticks = [n * 10.0**k for k in range(low, high + 1) for n in (1, 2, 5)]
+        made |= {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    return made
 
 
 def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
@@ -109,12 +107,7 @@ def _axis(axis: Axis, values: list[Floats]) -> dict[str, Any]:
         "linecolor": _RULE,
     }
     if axis.log:
-        reach = _decades(values, axis.ends)
-        made |= {"type": "log", "exponentformat": "power", "nticks": 6}
-        if reach > _MANY:
-            made["dtick"] = math.ceil(reach / 6)
-        elif reach > _FEW:  # powers of ten alone would be one or two
-            made |= _ones_twos_fives(values, axis.ends)
+        made |= _logarithmic(values, axis.ends)
     else:
         made |= {"exponentformat": "power", "minexponent": 6}
     if axis.ends is not None:

@@ -133,7 +133,7 @@ def centring_table(found: Sequence[Feedforward], speed: float) -> Table:
     return table(tuple(headings), rows)
 
 
-def _std(value: float | None, factor: float) -> str:
+def _std(value: float | None, factor: float = 1.0) -> str:
     return "-" if value is None else f"{factor * value:.2g}"
 
 
@@ -177,8 +177,8 @@ def modes_page(
         page.append(mode_table(found))
     page += summary(found)
     if diagram is not None:
-        page += [critical_table(diagram)] if diagram.critical else [_none(diagram)]
-        page.append(campbell_table(diagram))
+        none = f"no critical speed up to {diagram.speed[-1] * RPM:.6g} rpm"
+        page += [critical_table(diagram) if diagram.critical else none, campbell_table(diagram)]
     if response is not None:
         page.append(response_table(response, model.units))
     return page
@@ -249,9 +249,9 @@ def mode_table(found: Modes) -> Table:
         (
             f"{number}{'~' if mode.close else ''}",
             f"{mode.frequency_hz:.6g}",
-            _std_text(mode.std_hz),
+            _std(mode.std_hz),
             _ratio(mode.damping_ratio),
-            "-" if abs(mode.damping_ratio) < NOTHING else _std_text(mode.damping_std),
+            "-" if abs(mode.damping_ratio) < NOTHING else _std(mode.damping_std),
             mode.whirl + (", both planes" if mode.count > 1 else ""),
         )
         for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
@@ -295,7 +295,7 @@ def critical_table(found: Campbell) -> Table:
         (
             str(number),
             f"{each.speed_rad_s * RPM:.6g}",
-            _std_text(None if each.std is None else each.std * RPM),
+            _std(each.std, RPM),
             f"{each.speed_rad_s:.6g}",
             each.whirl,
             _ratio(each.damping_ratio),
@@ -304,10 +304,6 @@ def critical_table(found: Campbell) -> Table:
     ]
     headings = ("critical speed", "rpm", "std", "rad/s", "whirl", "damping ratio")
     return table(headings, rows)
-
-
-def _none(found: Campbell) -> str:
-    return f"no critical speed up to {found.speed[-1] * RPM:.6g} rpm"
 
 
 def campbell_table(found: Campbell) -> Table:
@@ -346,24 +342,12 @@ def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
                 f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
             )
         )
-    return table(
-        (
-            f"unbalance response at {found.speed[0] * RPM:.6g} rpm",
-            "amplitude",
-            "std",
-            "unit",
-            "phase in deg",
-        ),
-        rows,
-    )
+    title = f"unbalance response at {found.speed[0] * RPM:.6g} rpm"
+    return table((title, "amplitude", "std", "unit", "phase in deg"), rows)
 
 
 def _ratio(value: float) -> str:
     return "0" if abs(value) < NOTHING else f"{value:.4g}"
-
-
-def _std_text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2g}"
 
 
 def sensitivity_page(found: Sequence[AxisSensitivity]) -> Page:
