@@ -101,3 +101,5 @@ def test_polynomials_by_powers(text):
 
 def test_coefficients_are_exact():
     assert polynomial("0.1*3*a - 0.3*a + b/3", ["a", "b"]) == {(0, 1): Fraction(1, 3)}
+    assert polynomial("2^3^4*a", ["a"]) == {(1,): 2**81}
+    assert polynomial_terms("a/3", ["a"]) == {(1,): Fraction(1, 3)}

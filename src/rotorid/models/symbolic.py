@@ -462,4 +462,4 @@ def polynomial_terms(text: str, names: Sequence[str]) -> dict[Monomial, Fraction
     known = frozenset(names)
     value = sp.expand(parse(text, names=known, linear=known))
     terms = sp.Poly(value, *map(symbol, names)).terms()
-    return {m: Fraction(repr(float(c))) for m, c in terms}
+    return {m: _coefficient(c) for m, c in terms}
