@@ -464,7 +464,7 @@ def _covariance(task: _Task, machine: Machine) -> Floats | None:
     """Return the covariance of the correction that the values ask for, (2 planes, 2 planes)."""
     if machine.covariance is None:
         return None
-    slopes = machine.changes(task.solution).reshape(-1, task.columns.shape[1])
+    slopes = machine.changes(task.solution)
     parts = slopes.view(np.float64)
     return np.asarray(parts.T @ parts)
 

@@ -95,7 +95,7 @@ def centring(
     forces = [name for name in machine.model.inputs if machine.model.units[name] == "N"]
     answer = partial(_answers, speed=turning, forces=forces, known=known)
     here = answer(machine)
-    slopes = machine.changes(answer).reshape(-1, len(forces), 2)
+    slopes = machine.changes(answer)
     return [
         _feedforward(name, here[j], slopes[:, j], machine.covariance is not None)
         for j, name in enumerate(forces)

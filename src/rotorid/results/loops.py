@@ -191,7 +191,7 @@ def loop_sensitivity(
         found, _ = closed(other)
         return np.vstack([found, peak_of(hertz, found.T)[0]])
 
-    changes = machine.changes(lines_and_peaks).reshape(-1, len(hertz) + 1, here.shape[1])
+    changes = machine.changes(lines_and_peaks)
     deviations = np.linalg.norm(changes, axis=0)
     axes = []
     top, where = peak_of(hertz, here.T)

@@ -233,7 +233,9 @@ class Machine:
 
         The sum of the squares over the columns is its variance, as all values are uncertain.
         """
-        columns = () if self.covariance is None else (c for c in self.root.T if c.any())
+        columns = [] if self.covariance is None else [c for c in self.root.T if c.any()]
+        if not columns:
+            return np.zeros((0, *found(self).shape), dtype=np.complex128)
         sides = [(found(self._moved(SIDE * c)), found(self._moved(-SIDE * c))) for c in columns]
         return np.array([(a - b) / (2 * SIDE) for a, b in sides], dtype=np.complex128)
 
