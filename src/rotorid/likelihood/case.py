@@ -22,9 +22,9 @@ from rotorid.likelihood.inference import infer
 from rotorid.likelihood.layout import physical_factors
 from rotorid.likelihood.linear import Linear
 from rotorid.likelihood.preparation import Prepared, generic
-from rotorid.likelihood.problem import Known, Point, Problem, inside, outside, retract, tangent
+from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
 from rotorid.likelihood.relations import Monomials, Relations
-from rotorid.likelihood.solver import STAGES, anchored, evaluated, solve
+from rotorid.likelihood.solver import STAGES, evaluated, few_steps, solve
 from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.likelihood.unknowns import Unknown
@@ -42,8 +42,6 @@ as large as they are."""
 STEPS = 6
 """Steps of a screening at each stage. What is right needs three or four, and the few per cent that
 would be left to gain after six decide nothing."""
-SHORTER = (1.0, 0.3, 0.1)
-"""Shares of a step that are tried while screening."""
 
 Records = Sequence[Observation]
 
@@ -192,7 +190,7 @@ class Case:
         """Return the cost after a few steps from the starts, errors granted to the equations."""
         try:
             with np.errstate(all="ignore"):
-                return min(_approached(anchored(self.problem, x), x) for x in self._starts())
+                return min(_screened(self.problem, x) for x in self._starts())
         except np.linalg.LinAlgError:
             return np.inf
 
@@ -241,49 +239,18 @@ def _widened(relations: Relations, added: int) -> Relations:
     return replace(relations, monomials=Monomials(factors, count))
 
 
-def _approached(problem: Problem, start: Floats) -> float:
+def _screened(problem: Problem, start: Floats) -> float:
     """Return the cost after a few steps at each stage of a screening, at the bounds if beyond.
 
     All forces upside down are a rotor of negative mass: only its bounds tell it from the right one.
     """
-    x, cost = start, np.inf
-    for relaxation in COARSE:
-        point = evaluated(problem, x, relaxation)
-        for _ in range(STEPS):
-            further = None if point is None else _step(problem, point, relaxation)
-            if further is None:
-                break
-            point = further
-        if point is None:
-            return np.inf
-        x, cost = point.unknowns, point.cost
-    return cost if not len(outside(problem.bounds, x)) else _cost_inside(problem, x)
-
-
-def _cost_inside(problem: Problem, unknowns: Floats) -> float:
-    """Return the cost of a screening at the nearest point that keeps the bounds."""
-    size = np.abs(unknowns[problem.layout.free])
-    within = inside(problem, unknowns, np.where(size > 0, size, 1.0))
+    point = few_steps(problem, start, COARSE, STEPS)
+    if point is None or not len(outside(problem.bounds, point.unknowns)):
+        return np.inf if point is None else point.cost
+    size = np.abs(point.unknowns[problem.layout.free])
+    within = inside(problem, point.unknowns, np.where(size > 0, size, 1.0))
     held = None if within is None else evaluated(problem, within, COARSE[-1])
     return np.inf if held is None else held.cost
-
-
-def _step(problem: Problem, point: Point, relaxation: float) -> Point | None:
-    """Return a point a Gauss-Newton step on, or None where little is left to gain."""
-    where, free = tangent(point, problem.exact), problem.layout.free
-    if where.decrease <= 1e-2 * point.cost:
-        return None
-    along = where.step()
-    if along is None:
-        return None
-    for share in SHORTER:
-        aimed = point.unknowns.copy()
-        aimed[free] += share * where.spread(along)
-        target = retract(aimed, free, problem.exact, where.scale) if len(problem.exact) else aimed
-        trial = None if target is None else evaluated(problem, target, relaxation)
-        if trial is not None and trial.cost < point.cost:
-            return trial
-    return None
 
 
 Kind = Literal["bound", "known", "term", "gain", "lag", "mistake", "unit", "speed", "omission"]

@@ -210,6 +210,16 @@ def _within(
     return [solution for solution in inner if solution is not None]
 
 
+def few_steps(problem: Problem, start: Floats, stages: Sequence[float], steps: int) -> Point | None:
+    """Return where a few steps at each stage lead, bounds left aside; None where nowhere."""
+    walk, point = _walk(problem, start, bounded=False), None
+    if walk is None:
+        return None
+    for relaxation in stages:
+        point, _ = walk.descend(relaxation, tolerance=1e-2, limit=steps)
+    return point
+
+
 def beside(point: Point, change: Floats) -> Point | None:
     """Return the floor of the valley beside a change of the free unknowns, if it is found.
 
