@@ -7,6 +7,7 @@ for.
 from __future__ import annotations
 
 import faulthandler
+import gc
 import os
 import pickle
 import signal
@@ -56,6 +57,7 @@ def from_child(work: Callable[..., Iterator[Any]], file: str, *arguments: Any) -
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if not child:
+        gc.freeze()  # what the parent holds is neither looked through nor copied
         try:
             os.close(receiver)
             _answer(sender, file, work, arguments)

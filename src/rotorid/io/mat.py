@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ def open_mat(path: Path) -> Table:
         return open_hdf5(path)
     if kind not in ("a MAT v5 file", "binary data"):  # version 4 has no signature
         raise not_what_it_says(path, kind, "a MAT file")
+    import_module("scipy.io")  # here once: each child would take its time to import it
     return loaded(str(path), *in_child(_contents, str(path), path))
 
 

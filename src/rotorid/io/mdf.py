@@ -136,6 +136,7 @@ def open_mdf(path: Path) -> MdfTable:
     """Open an MDF file; a channel is named by its name, or by its group and name: ``1/x``."""
     check_content(path, "MDF data")
     _check_packed(path)
+    package("asammdf", str(path))  # here once: each child would take its time to import it
     with TemporaryDirectory() as folder:
         found: MdfTable = in_child(_table, str(path), path, folder)
     return found
