@@ -120,12 +120,17 @@ def test_the_noise_of_the_record_itself(load) -> None:
 def test_a_copy(load, tmp_path: Path) -> None:
     write(tmp_path / "run.h5", columns())
     shutil.copy(tmp_path / "run.h5", tmp_path / "copy.h5")
-    with pytest.raises(
-        InputError, match=r"records\.1: found the samples of records\.0 again \(run.h5, copied to"
-    ):
+    with pytest.raises(InputError, match=r"copy\.h5: found 1000 samples that run\.h5 holds too"):
         load(("run.h5", LINES), ("copy.h5", LINES)).records()
     parts = (LINES + '\nuntil = "0.5 s"', LINES + '\nskip = "0.5 s"')
     assert len(load(("run.h5", parts[0]), ("copy.h5", parts[1])).records()) == 2
+
+
+def test_other_sensors_of_a_copy_are_other_data(load, tmp_path: Path) -> None:
+    write(tmp_path / "run.h5", columns())
+    shutil.copy(tmp_path / "run.h5", tmp_path / "copy.h5")
+    other = LINES + '\n[records.channels]\nx = { column = "qx", unit = "um" }'
+    assert len(load(("run.h5", LINES), ("copy.h5", other)).records()) == 2
 
 
 def test_files_of_holes_are_not_compared(load, tmp_path: Path) -> None:
@@ -143,7 +148,7 @@ def test_an_export_of_the_same(load, tmp_path: Path) -> None:
     """In another format, with other columns beside: every digit of the sensors is the same."""
     write(tmp_path / "run.h5", columns())
     write(tmp_path / "again.csv", {"time": TIME, **columns()})
-    with pytest.raises(InputError, match=r"again.csv: found what .*run.h5 holds, in every digit"):
+    with pytest.raises(InputError, match=r"again\.csv: found 1000 .* run\.h5 holds too, in every"):
         load(("run.h5", LINES), ("again.csv", LINES)).records()
     write(tmp_path / "again.csv", columns(1))
     assert len(load(("run.h5", LINES), ("again.csv", LINES)).records()) == 2

@@ -15,7 +15,6 @@ same but a hundred times as large is one in another unit.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
@@ -24,11 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rotorid.core.errors import InputError
-from rotorid.core.files import is_hollow
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import HASHED_BYTES
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.data.filtered import FilteredRecord
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
@@ -71,6 +67,7 @@ class Prints:
     chosen: Words  # uint64 array, shape (print,): the sum of the sample that each begins at
     level: int  # bits that are zero in all of these
     count: int  # samples of the record
+    digest: bytes  # of all of them, in order; empty where nothing moves
 
     def at(self, level: int) -> tuple[Words, Integers]:
         """Return the prints of which more bits are zero, and their places."""
@@ -95,10 +92,14 @@ class Printer:
         self.tail = np.empty(0, dtype=np.uint64)
         self.parts = [(self.tail, np.empty(0, dtype=np.int64), self.tail)]
         self.held = 0
+        self.moves, self.digest = False, blake2b()
 
     def add(self, samples: Floats) -> None:
         """Go on with samples, shape (sample, channel)."""
-        sums = np.concatenate([self.tail, _sums(samples)])
+        fresh = _sums(samples)
+        self.digest.update(fresh.data)
+        sums = np.concatenate([self.tail, fresh])
+        self.moves = self.moves or bool((sums != sums[:1]).any())
         begin = self.count - len(self.tail)
         self.count += len(samples)
         inside = max(len(sums) - WINDOW, 0)
@@ -126,7 +127,8 @@ class Printer:
         values, places, chosen = (np.concatenate(part) for part in zip(*self.parts, strict=True))
         _, first, times = np.unique(values, return_index=True, return_counts=True)
         once = first[times == 1]
-        return Prints(values[once], places[once], chosen[once], self.level, self.count)
+        digest = self.digest.digest() if self.moves else b""
+        return Prints(values[once], places[once], chosen[once], self.level, self.count, digest)
 
 
 def _sums(samples: Floats) -> Words:
@@ -144,7 +146,7 @@ def _selected(sums: Words, level: int) -> npt.NDArray[np.bool_]:
 
 
 def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
-    """Return pairs of records that hold the same prints, in rising order."""
+    """Return pairs of records that hold the same prints, or are the same, in rising order."""
     values = np.concatenate([record.values for record in records])
     owners = np.repeat(np.arange(len(records)), [len(record.values) for record in records])
     order = np.argsort(values, kind="stable")
@@ -154,11 +156,18 @@ def candidates(records: Sequence[Prints]) -> list[tuple[int, int]]:
         axis=0,
         return_counts=True,
     )
-    return [(int(a), int(b)) for (a, b), n in zip(pairs, times, strict=True) if n >= FEWEST]
+    found = {(int(a), int(b)) for (a, b), n in zip(pairs, times, strict=True) if n >= FEWEST}
+    first: dict[bytes, int] = {}
+    for number, record in enumerate(records):
+        if record.digest and (before := first.setdefault(record.digest, number)) != number:
+            found.add((before, number))
+    return sorted(found)
 
 
 def shared(one: Prints, other: Prints) -> Shared | None:
     """Return the samples that two records share, in every digit; None where they share none."""
+    if one.digest and one.digest == other.digest:  # however often a print of them repeats
+        return Shared(one.count, 0, 0)
     level = max(one.level, other.level)
     (values, places), (others, theirs) = one.at(level), other.at(level)
     _, mine, its = np.intersect1d(values, others, assume_unique=True, return_indices=True)
@@ -174,8 +183,6 @@ def shared(one: Prints, other: Prints) -> Shared | None:
     return Shared(end - begin, begin, begin - lag)
 
 
-_PART = 1 << 16  # bytes of a file's beginning, middle and end that tell most files apart
-_STEP = 1 << 20  # bytes that are compared at a time where these are the same
 _ALIKE = 0.95  # of independent noise, a correlation of eleven lines is so by a chance of 1e-10
 _LATER = 0.999  # where one begins periods later: some lag or other brings any two hums so near
 _FREEDOM = 8  # lines of periods, fewer of which may be alike by chance
@@ -269,43 +276,6 @@ def check_modes(modes: Sequence[ModeEntry]) -> None:
             )
 
 
-def check_contents(records: Sequence[RecordEntry], folder: Path) -> None:
-    """Refuse copies: files of other names and the same bytes."""
-    sized: dict[tuple[int, bytes], list[tuple[int, Path]]] = {}
-    for number, record in enumerate(records):
-        for name in record.paths:
-            path = _resolved(folder / name)
-            with suppress(OSError, ValueError):  # told where it is opened
-                if path.is_file() and not is_hollow(path.stat()):
-                    sized.setdefault(_look(path), []).append((number, path))
-    for alike in sized.values():
-        for (first, one), (second, other) in combinations(alike, 2):
-            if one != other and _overlap(records[first], records[second]) and _same(one, other):
-                raise _again(first, second, f"{one.name}, copied to {other.name}")
-
-
-def check_measured(found: Sequence[Measured], inputs: Collection[str]) -> None:
-    """Refuse records whose sensors read the same in every digit: one, exported twice."""
-    seen: dict[tuple[object, ...], str] = {}
-    for one in found:
-        whole = one.record if isinstance(one, FilteredRecord) else one
-        values = _values(one)
-        kept = [i for i, channel in enumerate(whole.channels) if channel.name not in inputs]
-        sensors = np.ascontiguousarray(values[..., kept])
-        if not sensors.any():
-            continue  # sensors at rest are alike
-        names = tuple(whole.channels[i].name for i in kept)
-        key = (type(one), names, sensors.shape, blake2b(sensors.data).digest())
-        if key in seen:
-            raise InputError(
-                f"what {seen[key]} holds, in every digit of its sensors",
-                "another measurement",
-                "remove one of the two records: twice it counts as two measurements",
-                file=whole.source,
-            )
-        seen[key] = whole.source
-
-
 class Overlaps:
     """Finds samples that two records share, wherever they begin in each: excerpts of one run."""
 
@@ -358,10 +328,11 @@ class Overlaps:
         skips = [round((self.records[k].skip or 0.0) * rate) for k in (first, second)]
         used = both.count - max(skips[0] - both.first, skips[1] - both.second, 0)
         if used > _SHARE * min(self.taken[k][1].count for k in (first, second)):
+            here, there = both.second / rate, both.first / rate
+            moved = f": what is at {here:.4g} s here is at {there:.4g} s there"
             raise InputError(
                 f"{used} samples that {Path(one).name[:120]} holds too, in every digit of its "
-                f"sensors: what is at {both.second / rate:.4g} s here is at "
-                f"{both.first / rate:.4g} s there",
+                f"sensors{moved * (here != there)}",
                 "each sample once: twice it counts as two measurements",
                 "remove one of the two, or give each its own times by skip and until",
                 file=other,
@@ -527,32 +498,6 @@ def _resolved(path: Path) -> Path:
         return path.resolve()
     except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: told when opened
         return path
-
-
-def _look(path: Path) -> tuple[int, bytes]:
-    """Return the size of a file and some of its bytes."""
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        parts = []
-        for begin in (0, size // 2, max(size - _PART, 0)):
-            stream.seek(begin)
-            parts.append(stream.read(_PART))
-    return size, b"".join(parts)
-
-
-def _same(one: Path, other: Path) -> bool:
-    with one.open("rb") as first, other.open("rb") as second:
-        while (data := first.read(_STEP)) == second.read(_STEP):
-            if not data or first.tell() > HASHED_BYTES:
-                return True
-    return False
-
-
-def _values(one: Measured) -> Floats | Complexes:
-    """Return the numbers of a record, the last axis the channels."""
-    if isinstance(one, FilteredRecord):
-        return one.record.samples
-    return one.spectra if isinstance(one, PeriodicRecord) else one.mean
 
 
 SAME_SPEED = 1e-3

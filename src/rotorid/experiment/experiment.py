@@ -24,8 +24,6 @@ from rotorid.experiment.duplicates import (
     Overlaps,
     Wave,
     alike,
-    check_contents,
-    check_measured,
     check_modes,
     check_records,
     check_rotation,
@@ -164,7 +162,6 @@ class Experiment:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
         so_far = _SoFar([], Overlaps(self.entry.records, self.model.inputs))
-        self._check_contents()
         records = list(zip(self.entry.records, self.channels, strict=True))
         for number, (entry, plan) in enumerate(counting(records, "reading records")):
             try:
@@ -181,16 +178,11 @@ class Experiment:
                 raise InputError(
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
-        check_measured(found, self.model.inputs)
         so_far.overlaps.check()
         check_tables(found, self.model.inputs)
         for number, text in alike(found, self.model.inputs).items():
             found[number] = replace(found[number], warnings=(*found[number].warnings, text))
         return found
-
-    def _check_contents(self) -> None:
-        with naming(self.file):
-            check_contents(self.entry.records, self.folder)
 
     def _one(
         self,
