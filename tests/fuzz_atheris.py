@@ -30,8 +30,9 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.experiment.schema
     import rotorid.io.mat
     import rotorid.io.text
-    import rotorid.models.plain
+    import rotorid.models.polynomials
     import rotorid.models.symbolic
+    import rotorid.models.syntax
     import rotorid.models.text
     import rotorid.rig.file
     import rotorid.rig.schema

@@ -13,7 +13,6 @@ import rotorid as rid
 HEAVY = {
     "h5py",
     "jinja2",
-    "lark",
     "matplotlib",
     "numba",
     "numpy",

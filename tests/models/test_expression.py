@@ -13,12 +13,18 @@ from hypothesis import strategies as st
 
 from rotorid.core.errors import InputError, ModelError
 from rotorid.models import load_model
-from rotorid.models.symbolic import from_sympy, parse, symbol, to_sympy, vanishes
+from rotorid.models.symbolic import from_sympy, symbol, to_sympy, vanishes
+from rotorid.models.symbolic import parse as parse_tree
+from rotorid.models.syntax import read
 from rotorid.models.text import FUNCTIONS, Expression, evaluate, product
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
 LINEAR = frozenset({"a", "b", "F"})
 POINT = {"x": 2.0, "x'": 3.0, "x''": 5.0, "y": 7.0, "a": 11.0, "b": 13.0, "F": 17.0}
+
+
+def parse(text, *, names, linear=frozenset(), start="sum"):
+    return parse_tree(read(text, start), names, linear)
 
 
 def refusal(text, start="sum"):

@@ -9,7 +9,8 @@ from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import Dimension, dimension_of
 from rotorid.models import cost
-from rotorid.models.plain import Polynomial, read_plain
+from rotorid.models.polynomials import Polynomial, expanded
+from rotorid.models.syntax import read
 from rotorid.models.text import (
     MAX_EXPONENT,
     MAX_TERMS,
@@ -93,12 +94,13 @@ def _split(texts: Sequence[str], names: Names) -> Equations:
 
 def _products(row: int, text: str, names: Names) -> list[Product]:
     linear = frozenset([*names.parameters, *names.inputs])
-    value = read_plain(text, names=names.all, linear=linear, start="equation")
+    tree = read(text, "equation")
+    value = expanded(tree, names.all, linear)
     gathered = None if value is None else _plain_terms(value, names)
     if gathered is None:
         from rotorid.models.symbolic import equation_terms  # sympy: where polynomials do not do
 
-        gathered = equation_terms(text, names.all, names.parameters, names.inputs)
+        gathered = equation_terms(tree, names.all, names.parameters, names.inputs)
     products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
     motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
     if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
@@ -168,11 +170,12 @@ def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
 def _polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Do the work of `polynomial`, within its bound."""
     known = frozenset(names)
-    value = read_plain(text, names=known, linear=known)
+    tree = read(text)
+    value = expanded(tree, known, known)
     if value is None:
         from rotorid.models.symbolic import polynomial_terms  # sympy: as in `_products`
 
-        return polynomial_terms(text, names)
+        return polynomial_terms(tree, names)
     found = {}
     for powers, coefficient in value.items():
         by_name = {str(base): power for base, power in powers}

@@ -1,7 +1,7 @@
-"""Text to symbolic expressions, by a grammar.
+"""Trees of expressions to symbolic ones, where they are no polynomials.
 
-Nothing is ever evaluated as code. What a text may cost is bounded before it is computed: its
-length, its nesting, the size of its numbers, the degree and the number of terms it expands to.
+What a tree may cost is bounded before it is computed: its depth, the size of its numbers, the
+degree and the number of terms it expands to.
 """
 
 from __future__ import annotations
@@ -12,17 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
-import numpy as np
 import sympy as sp
-from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedInput
-from lark.exceptions import VisitError
 
 from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.models import cost
+from rotorid.models.syntax import MAX_NESTING, Node, too_deep
 from rotorid.models.text import (
     FUNCTIONS,
     MAX_EXPONENT,
@@ -36,8 +33,6 @@ from rotorid.models.text import (
 )
 from rotorid.models.text import symbol as plain_symbol
 
-MAX_LENGTH = 100_000
-MAX_NESTING = 64
 MAX_DEGREE = 32
 # What may stand in a signal; the algebra puts cot, sec, csc and coth in their place.
 _FUNCTIONS: dict[str, Any] = {
@@ -124,16 +119,20 @@ class _Node:
         return replace(self, value=value)
 
 
-class _Builder(Transformer[Token, Any]):
-    """Builds expressions while parsing, refusing what is too large or has no meaning."""
+class _Builder:
+    """Builds expressions from their parts, refusing what is too large or has no meaning."""
 
-    def __init__(self, names: frozenset[str], linear: frozenset[str], inner: str) -> None:
-        super().__init__()
-        self.names, self.linear, self.inner = names, linear, inner
+    def __init__(self, names: frozenset[str], linear: frozenset[str]) -> None:
+        self.names, self.linear = names, linear
 
-    def number(self, children: list[Token]) -> _Node:
+    def of(self, tree: Node) -> _Node:
+        """Return what a tree stands for: its parts first, from the left."""
+        parts = [self.of(part) for part in tree.parts]
+        make: Callable[[str, list[_Node]], _Node] = getattr(self, tree.kind)
+        return make(tree.text, parts)
+
+    def number(self, text: str, parts: list[_Node]) -> _Node:
         cost.spend(cost.NODE)
-        text = str(children[0])
         value = float(text)
         if not re.search("[1-9]", re.split("[eE]", text)[0]):
             return _Node(sp.Integer(0))  # 0e999999999 is not to be computed
@@ -141,30 +140,27 @@ class _Builder(Transformer[Token, Any]):
             raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
         return _Node(sp.Rational(text))
 
-    def name(self, children: list[Token]) -> _Node:
+    def name(self, name: str, parts: list[_Node]) -> _Node:
         cost.spend(cost.NODE)
-        name = str(children[0])
         if name == "pi":
             return _Node(sp.pi)
         if name not in self.names:
-            raise _unknown(name, self.names, self.inner)
+            raise _unknown(name, self.names, "a declared name: one of")
         return _Node(symbol(name), degree=1)
 
-    def sum(self, children: list[Any]) -> _Node:
-        nodes: list[_Node] = children[::2]
-        signs = [1, *(-1 if sign == "-" else 1 for sign in children[1::2])]
+    def sum(self, signs: str, nodes: list[_Node]) -> _Node:
         whole = _joined(nodes, sum(n.terms for n in nodes), max(n.degree for n in nodes))
-        values = (s * node.value for s, node in zip(signs, nodes, strict=True))
+        pairs = zip(signs, nodes, strict=True)
+        values = (node.value if sign == "+" else -node.value for sign, node in pairs)
         return self._made(whole, lambda: sp.Add(*values))
 
-    def negative(self, children: list[_Node]) -> _Node:
-        (node,) = children
-        return self._made(_joined(children, node.terms, node.degree), lambda: -node.value)
+    def negative(self, _: str, parts: list[_Node]) -> _Node:
+        (node,) = parts
+        return self._made(_joined(parts, node.terms, node.degree), lambda: -node.value)
 
-    def product(self, children: list[Any]) -> _Node:
-        nodes: list[_Node] = [children[0]]
-        for operator, node in zip(children[1::2], children[2::2], strict=True):
-            nodes.append(node if operator == "*" else self._reciprocal(node))
+    def product(self, operators: str, parts: list[_Node]) -> _Node:
+        pairs = zip(operators, parts, strict=True)
+        nodes = [node if sign == "*" else self._reciprocal(node) for sign, node in pairs]
         terms = 1
         for node in nodes:
             terms = min(terms * node.terms, 10 * MAX_TERMS)
@@ -182,8 +178,8 @@ class _Builder(Transformer[Token, Any]):
         whole = _joined([node], 1, node.degree, nested=node.nested + 1)
         return self._made(whole, lambda: 1 / divisor)
 
-    def power(self, children: list[_Node]) -> _Node:
-        base, exponent = children
+    def power(self, _: str, parts: list[_Node]) -> _Node:
+        base, exponent = parts
         value = exponent.value
         if not value.is_Rational:
             raise ModelError(
@@ -201,7 +197,7 @@ class _Builder(Transformer[Token, Any]):
             cost.check_power(_fraction(base.value), size)
         terms = min(base.terms**size, 10 * MAX_TERMS)
         if value.is_Integer and value >= 0:
-            return self._made(_joined(children, terms, degree), lambda: base.value**value)
+            return self._made(_joined(parts, terms, degree), lambda: base.value**value)
         if terms > MAX_TERMS:
             raise _too_many()
         expanded = self._expanded(base, terms, f"the power {shown(value)} of")
@@ -212,11 +208,11 @@ class _Builder(Transformer[Token, Any]):
                 "remove it",
             )
         # What is above the whole part of an exponent is multiplied out like any power.
-        whole = _joined(children, terms if value > 1 else 1, degree, nested=base.nested + 1)
+        whole = _joined(parts, terms if value > 1 else 1, degree, nested=base.nested + 1)
         return self._made(whole, lambda: base.value**value)
 
-    def call(self, children: list[Any]) -> _Node:
-        function, node = str(children[0]), children[1]
+    def call(self, function: str, parts: list[_Node]) -> _Node:
+        (node,) = parts
         if function in self.names:
             raise ModelError(
                 f"{function[:60]!r} before a parenthesis",
@@ -232,11 +228,11 @@ class _Builder(Transformer[Token, Any]):
         whole = _joined([node], 1, 1, nested=node.nested + 1)
         return self._made(whole, lambda: _FUNCTIONS[function](argument))
 
-    def equation(self, children: list[_Node]) -> Symbolic:
-        left, right = children
-        whole = _joined(children, left.terms + right.terms, 0)
+    def equation(self, _: str, parts: list[_Node]) -> _Node:
+        left, right = parts
+        whole = _joined(parts, left.terms + right.terms, 0)
         cost.spend(cost.TERM * whole.terms)  # it is expanded next
-        return self._made(whole, lambda: left.value - right.value).value
+        return self._made(whole, lambda: left.value - right.value)
 
     def _expanded(self, node: _Node, terms: int, what: str, *, tested: bool = True) -> Symbolic:
         """Multiply out what stands in a function, a root or a divisor, there to test for zero."""
@@ -268,7 +264,7 @@ class _Builder(Transformer[Token, Any]):
         if whole.degree > MAX_DEGREE:
             raise ModelError(f"degree {whole.degree}", f"{MAX_DEGREE} at most", "write it smaller")
         if whole.depth > MAX_NESTING:
-            raise _too_deep()
+            raise too_deep()
         cost.spend(cost.NODE + whole.size)
         found = value()
         if found.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
@@ -338,12 +334,6 @@ def _not_real(value: Symbolic) -> ModelError:
     )
 
 
-def _too_deep() -> ModelError:
-    return ModelError(
-        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
-    )
-
-
 def shown(value: Symbolic) -> str:
     """Return an expression as text for a message, shortened."""
     text = str(value).replace("**", "^")
@@ -364,68 +354,18 @@ def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
     return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
 
 
-@cache
-def _parser(start: str) -> Lark:
-    grammar = files("rotorid.models").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", start=start, maybe_placeholders=False)
-
-
-def parse(
-    text: str, *, names: frozenset[str], linear: frozenset[str] = frozenset(), start: str = "sum"
-) -> Symbolic:
-    """Parse one expression (or equation, as left side minus right side)."""
-    if len(text) > MAX_LENGTH:
-        raise ModelError(
-            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
-        )
-    depth = np.cumsum([{"(": 1, ")": -1}.get(c, 0) for c in text] or [0])
-    if depth.max() > MAX_NESTING:
-        raise _too_deep()
-    builder = _Builder(names, linear, "a declared name: one of")
-    try:
-        with cost.bounded():
-            return _value(builder.transform(_parser(start).parse(text)))
-    except VisitError as error:
-        if isinstance(error.orig_exc, ModelError):
-            raise error.orig_exc from None
-        if isinstance(error.orig_exc, RecursionError):
-            raise _too_deep() from None
-        raise error.orig_exc from None
-    except UnexpectedInput as error:
-        raise _syntax_error(error, text, start) from None
-    except RecursionError:
-        raise _too_deep() from None
-
-
-def _value(result: Any) -> Symbolic:
-    return result.value if isinstance(result, _Node) else result
-
-
-def _syntax_error(error: UnexpectedInput, text: str, start: str) -> ModelError:
-    column = error.column if isinstance(error.column, int) and error.column > 0 else len(text) + 1
-    cure = "write a name or a number there, or take out what does not belong"
-    if isinstance(error, UnexpectedCharacters):
-        found = repr(text[error.pos_in_stream or 0])
-    else:
-        token = getattr(error, "token", "")
-        found = repr(str(token)[:40]) if str(token) else "the end of the text"
-        if getattr(token, "type", "") in ("NAME", "NUMBER", "FUNCTION", "LPAR"):
-            cure = "write an operator before it: * for a product"
-    expected = "an equation: expression = expression" if start == "equation" else "an expression"
-    return ModelError(
-        f"{found} in {text[:60]!r}",
-        f"{expected} of names, numbers, + - * / ^ and ( )",
-        cure,
-        place=f"column {column}",
-    )
+def parse(tree: Node, names: frozenset[str], linear: frozenset[str] = frozenset()) -> Symbolic:
+    """Return an expression, or an equation as left minus right side."""
+    with cost.bounded():
+        return _Builder(names, linear).of(tree).value
 
 
 def equation_terms(
-    text: str, names: frozenset[str], parameters: Sequence[str], inputs: Sequence[str]
+    tree: Node, names: frozenset[str], parameters: Sequence[str], inputs: Sequence[str]
 ) -> Terms:
     """Return the coefficient of each monomial and signal in an equation, left minus right side."""
     linear = frozenset([*parameters, *inputs])
-    value = sp.expand(parse(text, names=names, linear=linear, start="equation"))
+    value = sp.expand(parse(tree, names, linear))
     alone = frozenset(symbol(name) for name in inputs)
     index = {symbol(name): i for i, name in enumerate(parameters)}
     gathered: Terms = defaultdict(Fraction)
@@ -457,9 +397,9 @@ def _coefficient(number: Symbolic) -> Fraction:
     return Fraction(repr(float(number)))  # pi, sqrt(2), ...
 
 
-def polynomial_terms(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
+def polynomial_terms(tree: Node, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Return the coefficients of a polynomial by the powers of its names."""
     known = frozenset(names)
-    value = sp.expand(parse(text, names=known, linear=known))
+    value = sp.expand(parse(tree, known, known))
     terms = sp.Poly(value, *map(symbol, names)).terms()
     return {m: _coefficient(c) for m, c in terms}

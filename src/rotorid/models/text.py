@@ -1,7 +1,7 @@
 """Expressions: signals as products, sums, powers and functions, and their values.
 
-A value to compare, to show and to evaluate. Its algebra is done before: by `plain` where
-polynomials do, else by sympy in `symbolic`, which takes longer to load than most records take to
+A value to compare, to show and to evaluate. Its algebra is done before: by `polynomials`
+where these do, else by sympy in `symbolic`, which takes longer to load than most records take to
 identify.
 """
 

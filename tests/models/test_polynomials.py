@@ -1,4 +1,4 @@
-"""Plain polynomials are read as the grammar reads them, or left to it."""
+"""Polynomials are expanded as the algebra expands them, or left to it."""
 
 from fractions import Fraction
 
@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from rotorid.core.errors import ModelError
 from rotorid.models import load_model, shipped_models
 from rotorid.models.equations import Names, _plain_terms, polynomial
-from rotorid.models.plain import read_plain
+from rotorid.models.polynomials import expanded
 from rotorid.models.symbolic import equation_terms, polynomial_terms
+from rotorid.models.syntax import read
 
 NAMES = Names(("x", "y"), ("F", "G"), ("a", "b"))
 ATOMS = st.sampled_from(
@@ -50,14 +51,15 @@ SIDES = st.recursive(ATOMS, larger, max_leaves=8)
 @pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(SIDES, SIDES)
-def test_plain_equations_are_what_the_grammar_makes_of_them(left, right):
+def test_equations_are_what_the_algebra_makes_of_them(left, right):
     text = f"{left} = {right}"
     linear = frozenset([*NAMES.parameters, *NAMES.inputs])
-    value = read_plain(text, names=NAMES.all, linear=linear, start="equation")
+    tree = read(text, "equation")
+    value = expanded(tree, NAMES.all, linear)
     found = None if value is None else _plain_terms(value, NAMES)
     if found is None:
         return
-    expected = equation_terms(text, NAMES.all, NAMES.parameters, NAMES.inputs)
+    expected = equation_terms(tree, NAMES.all, NAMES.parameters, NAMES.inputs)
     assert found == {key: coefficient for key, coefficient in expected.items() if coefficient}
 
 
@@ -65,41 +67,35 @@ def test_plain_equations_are_what_the_grammar_makes_of_them(left, right):
 def test_shipped_models_need_no_algebra(name):
     model = load_model(name)
     for text in model.texts:
-        assert read_plain(text, names=model.names.all, start="equation") is not None
+        assert expanded(read(text, "equation"), model.names.all) is not None
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        *("x = y", "2x", "x y", "x^2^2", "x^-1", "x^0", "x^9", "x^y", "x/y", "x/0", "x/(y - y)"),
-        *("sqrt(x)", "sin(2*x)", "sin(a)", "z", "pi", "1e200", "(x", "x)", "", "x*", "sin x"),
-        *(
-            "x'''",
-            "2.5.1",
-            f"{'-' * 20}x",
-            "(((((((((((((x)))))))))))))",
-            "(x + y + a + b + F + G)^8",
-        ),
+        *("x^2^2", "x^-1", "x^0", "x^9", "x^y", "x/y", "x/0", "x/(y - y)"),
+        *("sqrt(x)", "sin(2*x)", "sin(a)", "z", "pi", "1e200", "(x + y + a + b + F + G)^8"),
     ],
 )
-def test_what_is_not_plain_is_left_to_the_grammar(text):
+def test_what_is_no_polynomial_is_left_to_the_algebra(text):
     linear = frozenset([*NAMES.parameters, *NAMES.inputs])
-    assert read_plain(text, names=NAMES.all, linear=linear) is None
+    assert expanded(read(text), NAMES.all, linear) is None
 
 
-def test_an_input_with_company_is_left_to_the_grammar():
-    value = read_plain("F*x = a", names=NAMES.all, start="equation")
+def test_an_input_with_company_is_left_to_the_algebra():
+    tree = read("F*x = a", "equation")
+    value = expanded(tree, NAMES.all)
     assert _plain_terms(value, NAMES) is None
     with pytest.raises(ModelError, match="inputs that stand alone"):
-        equation_terms("F*x = a", NAMES.all, NAMES.parameters, NAMES.inputs)
+        equation_terms(tree, NAMES.all, NAMES.parameters, NAMES.inputs)
 
 
 @pytest.mark.parametrize("text", ["2*a - 3*b^2*a", "a - a", "(a + b)^3/2", "-a*0.1 + b"])
 def test_polynomials_by_powers(text):
-    assert polynomial(text, ["a", "b"]) == polynomial_terms(text, ["a", "b"])
+    assert polynomial(text, ["a", "b"]) == polynomial_terms(read(text), ["a", "b"])
 
 
 def test_coefficients_are_exact():
     assert polynomial("0.1*3*a - 0.3*a + b/3", ["a", "b"]) == {(0, 1): Fraction(1, 3)}
     assert polynomial("2^3^4*a", ["a"]) == {(1,): 2**81}
-    assert polynomial_terms("a/3", ["a"]) == {(1,): Fraction(1, 3)}
+    assert polynomial_terms(read("a/3"), ["a"]) == {(1,): Fraction(1, 3)}
