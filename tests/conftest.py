@@ -1,5 +1,6 @@
 """Property tests draw the same examples in every run; of many cases some are fast tests."""
 
+import gc
 from collections import defaultdict
 
 import pytest
@@ -10,6 +11,12 @@ settings.load_profile("fixed")
 
 collect_ignore = ["fuzz_atheris.py"]
 """It instruments what it imports, with a package of its own: `make fuzz` runs it."""
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was collected alone: thousands of tests are not looked through at every turn."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -95,12 +95,12 @@ def run(builds: Sequence[Build], workers: int, warm: Sequence[Case] = ()) -> lis
     return outcomes
 
 
-def run_corpus(target: Path, words: Sequence[str], workers: int) -> int:
-    """Run the cases of the corpus whose names hold these words, and write what came of each."""
+def run_corpus(target: Path, words: Sequence[str], cases: Sequence[str], workers: int) -> int:
+    """Run these cases, or those whose names hold these words, and write what came of each."""
     builds = [
         partial(_named, name, make)
         for name, make in CASES.items()
-        if all(word in name for word in words)
+        if (name in cases if cases else all(word in name for word in words))
     ]
     outcomes = run(builds, workers)
     target.write_text(json.dumps([asdict(outcome) for outcome in outcomes]))
@@ -120,10 +120,11 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", metavar="FORMAT:NUMBER", help="one case")
     parser.add_argument("--corpus", type=Path, help="run the corpus, and write its outcomes there")
+    parser.add_argument("--case", action="append", default=[], help="one of the corpus, by name")
     parser.add_argument("--keep", type=Path, help="a folder for the files of that case")
     asked = parser.parse_args()
     if asked.corpus:
-        return run_corpus(asked.corpus, asked.formats, asked.workers)
+        return run_corpus(asked.corpus, asked.formats, asked.case, asked.workers)
     seed, origin = seed_of_commit() if asked.seed is None else (asked.seed, "as asked")
     print(f"--seed {seed} ({origin})")
     if asked.only:
