@@ -25,7 +25,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity, to_si
 from rotorid.core.values import Booleans, Floats, Integers
-from rotorid.data.record import Channel, Known, OfMachine, Record
+from rotorid.data.record import Channel, Known, OfMachine, Record, samples_between
 from rotorid.signals.checks.registry import check_record
 from rotorid.signals.spectrum import transfer_of_recording
 
@@ -348,9 +348,7 @@ def _good(
     record: Record, conditions: Sequence[Condition], skip: float, until: float
 ) -> tuple[Booleans, dict[str, int]]:
     """Return the samples that may enter the filter, and how many may not, by reason."""
-    rate = record.sample_rate
-    first = max(0, int(np.ceil(min((skip - record.start) * rate - 1e-6, 1e15))))
-    last = int(np.floor(min((until - record.start) * rate + 1e-6, 1e15)))
+    first, last = samples_between(record, skip, until)
     good = np.zeros(len(record.samples), dtype=bool)
     good[first : max(last, first)] = True
     told = {"skipped": int((~good).sum())}

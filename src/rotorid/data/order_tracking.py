@@ -27,7 +27,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines
-from rotorid.data.record import Record
+from rotorid.data.record import Record, samples_between
 from rotorid.data.tables import lines_at_speeds
 from rotorid.signals.covariance import LineCovariance
 
@@ -145,7 +145,7 @@ def phasors(record: Record, revolutions: int | None = None, *, skip: float | str
 
 
 def _from(record: Record, skip: float) -> Record:
-    first = max(0, int(np.ceil((skip - record.start) * record.sample_rate - 1e-6)))
+    first, _ = samples_between(record, skip)
     if not first:
         return record
     if first >= len(record.samples):

@@ -216,6 +216,13 @@ class OfMachine(WithChannels):
         return changed(self, parameters={**self.parameters, **parameters})
 
 
+def samples_between(record: Record, skip: float, until: float = np.inf) -> tuple[int, int]:
+    """Return the first sample that is used, and that after the last, of times in s."""
+    begin, end = ((time - record.start) * record.sample_rate for time in (skip, until))
+    first, after = np.ceil(min(begin - 1e-6, 1e15)), np.floor(min(end + 1e-6, 1e15))
+    return max(0, int(first)), min(len(record.samples), int(after))
+
+
 def check_samples(
     names: Sequence[str],
     samples: Floats,

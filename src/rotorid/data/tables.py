@@ -134,12 +134,11 @@ def _corrected(
     **told: Any,
 ) -> Lines:
     transfer = transfer_of_recording(channels, frequency, sample_rate)
-    matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     return Lines(
         channels=tuple(channels),
         frequency=frequency,
         mean=np.asarray(lines * transfer, dtype=np.complex128),
-        covariance=replace(covariance, matrices=matrices),
+        covariance=covariance.times(transfer),
         multiplicity=np.full(len(frequency), 2.0),
         passive=True,
         **told,

@@ -23,7 +23,7 @@ from rotorid.core.notes import Note
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Beside, Lines, Samples, WholeClock
-from rotorid.data.record import Channel, Record
+from rotorid.data.record import Channel, Record, samples_between
 from rotorid.signals.checks.channels import REFERENCE
 from rotorid.signals.checks.references import Motion, check_quiet, check_references
 from rotorid.signals.checks.registry import check_whole
@@ -181,14 +181,13 @@ def _lines_in(
         speed = np.gradient(record.angle, 1 / record.sample_rate)[used]
     channels = tuple(record.channels[column] for column in window.columns(names))
     transfer = transfer_of_recording(channels, frequency, record.sample_rate)
-    matrices = covariance.matrices * (transfer[:, :, None] * transfer[:, None, :].conj())
     single = (kept == 0) | (2 * kept == window.count)
     return Lines(
         channels=channels,
         frequency=frequency,
         speed=np.full(len(kept), record.speed),
         mean=every[kept] * transfer,
-        covariance=replace(covariance, matrices=matrices),
+        covariance=covariance.times(transfer),
         multiplicity=np.where(single, 1.0, 2.0),
         clock=WholeClock(time[used], angle, speed, kept),
         transient=TRANSIENT,
@@ -266,11 +265,7 @@ def whole_lines(
 
 
 def _window(record: Record, skip: float, until: float | None) -> _Window:
-    rate, size = record.sample_rate, len(record.samples)
-    first = max(0, int(np.ceil((skip - record.start) * rate - 1e-6)))
-    last = size
-    if until is not None:
-        last = min(size, int(np.floor((until - record.start) * rate + 1e-6)))
+    first, last = samples_between(record, skip, np.inf if until is None else until)
     if last - first < 2:
         raise InputError(
             f"{max(last - first, 0)} samples between skip and until",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -47,6 +48,11 @@ class LineCovariance(Arrays):
     # where the residual of the line itself is among those that the covariance is made of
     apart: float = 1.0
     shared: int = 1  # how many lines have their covariance from one estimate, of as many together
+
+    def times(self, factors: Complexes) -> LineCovariance:
+        """Return the covariance of lines with a factor each, (line, channel)."""
+        products = factors[:, :, None] * factors[:, None, :].conj()
+        return replace(self, matrices=self.matrices * products)
 
 
 def white_covariance(spectra: Complexes) -> LineCovariance:

@@ -78,6 +78,14 @@ def is_input(channel: Channel) -> bool:
     return channel.hold or channel.drive is not None or channel.unit in INPUT_UNITS
 
 
+def inputs_of(channels: Sequence[Channel]) -> list[int]:
+    return [c for c, channel in enumerate(channels) if is_input(channel)]
+
+
+def sensors_of(channels: Sequence[Channel]) -> list[int]:
+    return [c for c, channel in enumerate(channels) if not is_input(channel)]
+
+
 def _spread(samples: Floats) -> Floats:
     return samples[:: max(1, len(samples) // _PART)]
 
@@ -113,7 +121,7 @@ def check_dead(record: Record, scatter: Floats | None = None) -> Iterator[Note]:
     # A channel that moves at once need not be read to its end.
     still = np.flatnonzero((record.samples[:_FEW] == record.samples[0]).all(axis=0))
     dead = [int(c) for c in still if (record.samples[:, c] == record.samples[0, c]).all()]
-    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    sensors = sensors_of(record.channels)
     all_dead = bool(sensors) and set(sensors) <= set(dead)
     for c in dead:
         channel = record.channels[c]
@@ -417,7 +425,7 @@ SHARE = 0.5
 @whole_check("lost samples", lambda seen: (seen.record,))
 def check_jumps(record: Record) -> list[Note]:
     """Find where all positions jump within one sample."""
-    columns = [c for c, ch in enumerate(record.channels) if ch.unit in LENGTHS and not is_input(ch)]
+    columns = [c for c in sensors_of(record.channels) if record.channels[c].unit in LENGTHS]
     if len(columns) < 2 or len(record.samples) < 4 * AROUND:
         return []
     jumps = np.stack([_jumps(record.samples[:, c]) for c in columns], axis=1) > SURE

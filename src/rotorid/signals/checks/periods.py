@@ -16,7 +16,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
-from rotorid.signals.checks.channels import is_input
+from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
 from rotorid.signals.checks.registry import NO_SCATTER, SeenPeriods, period_check, record_check
 
 LEAST_PERIODS = 8
@@ -232,8 +232,7 @@ def check_repeats(periods: PeriodicRecord) -> list[Note]:
     """Tell whether a few periods are the same at all; many are told by their lines and noise."""
     if periods.periods >= LEAST_PERIODS:
         return []
-    inputs = [c for c, channel in enumerate(periods.channels) if is_input(channel)]
-    chosen = inputs or list(range(len(periods.channels)))
+    chosen = inputs_of(periods.channels) or list(range(len(periods.channels)))
     z = periods.spectra[:, :, chosen]
     scatter = np.sqrt(z.var(axis=0, ddof=1).mean(axis=0))
     level = np.sqrt((np.abs(z) ** 2).mean(axis=(0, 1)))
@@ -269,8 +268,7 @@ def check_silent(periods: PeriodicRecord) -> list[Note]:
     ratio = np.sqrt(f_limit(np.exp(-(SILENT**2)), 2, freedom))
     there = mean > np.where(noisy, ratio * deviation, NO_SCATTER * mean.max(axis=0))
     for what, cure in _CURES.items():
-        wanted = what == "input"
-        chosen = [c for c, channel in enumerate(periods.channels) if is_input(channel) == wanted]
+        chosen = (inputs_of if what == "input" else sensors_of)(periods.channels)
         if not chosen:
             continue
         here = there[:, chosen]
@@ -548,8 +546,7 @@ def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
     size = periods.samples
     first = round(periods.begin * record.sample_rate)
     count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size
-    inputs = [c for c, channel in enumerate(record.channels) if is_input(channel)]
-    chosen = inputs or list(range(len(record.channels)))
+    chosen = inputs_of(record.channels) or list(range(len(record.channels)))
     if count < 2 * max(MULTIPLES):
         return []
     samples = record.samples[first : first + count * size, chosen]

@@ -21,7 +21,7 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
-from rotorid.signals.checks.channels import is_input
+from rotorid.signals.checks.channels import sensors_of
 from rotorid.signals.checks.registry import period_check, record_check
 from rotorid.signals.spectrum import top_of
 
@@ -196,7 +196,7 @@ class Tone:
 
 def tones(record: Record, periods: PeriodicRecord | None) -> list[Tone]:
     """Return the tones that sensors show beside the excitation, the clearest first."""
-    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    sensors = sensors_of(record.channels)
     found: list[Tone] = []
     if not sensors:
         return []
@@ -352,7 +352,7 @@ def check_speed(record: Record, periods: PeriodicRecord | None = None) -> list[N
 
 def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
     """Tell whether a tone goes round: half of the sensors that show it have one square to them."""
-    sensors = [c for c, channel in enumerate(record.channels) if not is_input(channel)]
+    sensors = sensors_of(record.channels)
     size = np.array([_amplitude(record, periods, c, tone.frequency) for c in sensors])
     found = np.abs(size) > np.abs(size).max() / ROUND**2
     size = size[found]
