@@ -57,7 +57,6 @@ ALIKE = {
     "steps": lambda rng: np.repeat(rng.integers(0, 2, (25, 2)), 200, axis=0).astype(float),
     "coarse sines": lambda rng: np.round(4 * sines() + 0.02 * rng.standard_normal((5000, 2))),
     "coarse sweep": lambda rng: np.round(100 * sweep() + 0.2 * rng.standard_normal((8000, 2))),
-    "exact sines": lambda rng: np.tile(sines()[:250], (20, 1)),
     "one coarse channel": lambda rng: rng.integers(0, 3, (20000, 1)).astype(float),
 }
 
@@ -72,3 +71,11 @@ def test_two_measurements_that_are_alike_are_two(name):
     rng = np.random.default_rng(3)
     one, other = (ALIKE[name](rng) for _ in range(2))
     assert shared(prints(one), prints(other)) is None
+
+
+def test_one_that_repeats_itself_is_found_where_it_is_the_same_to_its_end():
+    """Whose prints stand nowhere once: without noise every period is like the others."""
+    exact = np.tile(sines()[:250], (20, 1))
+    assert shared(prints(exact), prints(exact.copy())) == Shared(5000, 0, 0)
+    assert shared(prints(exact), prints(exact[:4999])) is None
+    assert candidates([prints(exact), prints(noise(5000)), prints(exact)]) == [(0, 2)]

@@ -199,7 +199,7 @@ def predict_accuracy(
     truth = {**model.nominal, **(values or {}), **known.fixed}
     guess = _guess(model, truth, known, base=chosen.base)
     told = replace(known, start={**known.start, **guess})
-    nuisances = asked_unknowns(records, chosen.nuisances)
+    nuisances = asked_unknowns(records, chosen)
     prepared = prepare(model, told, nuisances, chosen.base, guess)
     unknowns = prepared.layout.start
     likelihoods = tuple(

@@ -6,7 +6,7 @@ A fit goes in steps: its first minimum at once, then what else there is to ask, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Literal
 
@@ -200,7 +200,7 @@ def _ended_by(note: Note, estimate: Estimate) -> Estimate:
 
 
 @frozen
-class MaximumLikelihood:
+class MaximumLikelihood(Nuisances):
     """``min sum_k c_k e_k^H V_k^-1 e_k`` over the lines: efficient, with error bars that hold.
 
     Forces and positions carry noise whose covariance is taken from the record itself; the true
@@ -263,18 +263,14 @@ class MaximumLikelihood:
     known: Mapping[str, tuple[float | str, float | str]] = field(default_factory=dict)
     start: Mapping[str, float | str] = field(default_factory=dict)
     bounds: Bounds = field(default_factory=dict)
-    runout: bool = False
-    gains: tuple[str, ...] = ()
-    delays: tuple[str, ...] = ()
-    each: tuple[str, ...] = ()
     modes: tuple[Mode, ...] = ()
-    force_scale_std: float = 0.0
     base: bool = False
     covariance: Literal["auto", "white", "correlated"] = "auto"
     neighbours: int | None = None
     effort: Literal["full", "quick"] = "full"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.covariance not in ("auto", "white", "correlated"):
             raise InputError(
                 f"covariance {self.covariance!r}",
@@ -287,9 +283,8 @@ class MaximumLikelihood:
                 "full or quick",
                 "choose one of the two; quick ends at the first minimum",
             )
-        for name in ("constraints", "gains", "delays", "each", "modes"):
+        for name in ("constraints", "modes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        _ = self.nuisances
 
     def knowledge(self, model: Model) -> Knowledge:
         """Return what is known beforehand of the parameters of a model, in SI.
@@ -310,11 +305,6 @@ class MaximumLikelihood:
             bounds_in_si(self.bounds, model),
             tuple(in_units_of(model, mode) for mode in self.modes),
         )
-
-    @property
-    def nuisances(self) -> Nuisances:
-        """Which constants of the measurement are unknown."""
-        return Nuisances(**{key.name: getattr(self, key.name) for key in fields(Nuisances)})
 
     def estimate(self, model: Model, records: Sequence[Data]) -> Estimate:
         """Return the estimate; its status says whether there is one.
@@ -376,7 +366,7 @@ class MaximumLikelihood:
                 records[0].model if records else model,
                 records,
                 knowledge,
-                self.nuisances,
+                self,
                 base=self.base,
                 covariance=self.covariance,
                 neighbours=self.neighbours,
@@ -394,7 +384,7 @@ class MaximumLikelihood:
             yield Step(answered(step.fit), DOUBTING)
             return
         share = SHARE
-        rough = approached(records, knowledge, self.nuisances, partial(reduced, bound, share=share))
+        rough = approached(records, knowledge, self, partial(reduced, bound, share=share))
         while True:
             records = reduced(bound, values if rough is None else rough.values, share=share)
             for step in found(records, rough):

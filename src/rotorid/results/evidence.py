@@ -309,7 +309,7 @@ def _known(
             yield Prior(name, value, std)
     named = {value.name for value in estimate.nuisance}
     bound = [bind(model, record) for record in records]
-    wanted = getattr(estimator, "nuisances", None) or Nuisances()
+    wanted = estimator if isinstance(estimator, Nuisances) else Nuisances()
     for nuisance in asked_unknowns(bound, wanted):
         for unknown in nuisance.scalars:
             if unknown.name in named and unknown.std:

@@ -95,7 +95,7 @@ def mirrors_of(model, records, estimator=None):
     """Return the problem of some records, and its symmetries at the nominal values."""
     chosen = estimator or MaximumLikelihood()
     bound = tuple(bind(model, record) for record in records)
-    nuisances = asked_unknowns(bound, chosen.nuisances)
+    nuisances = asked_unknowns(bound, chosen)
     prepared = prepare(model, chosen.knowledge(model), nuisances, False, model.nominal)
     problem = _problem(prepared, bound)
     return problem, Mirrors.of(problem, bound, prepared.layout.start)

@@ -44,9 +44,12 @@ class Scalar:
         return self.std == 0.0
 
 
-@frozen
+@frozen(kw_only=True)
 class Nuisances:
-    """Which calibration constants are unknown; names as in the experiment file."""
+    """Which constants of the measurement are unknown; names as in the experiment file.
+
+    `MaximumLikelihood` has these fields, and explains them.
+    """
 
     runout: bool = False  # one 1x vector per position sensor, common to all records
     # sequence of {"ki", "ks", "ks*"}: force per current of each input, one force per displacement
@@ -59,6 +62,8 @@ class Nuisances:
     force_scale_std: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("gains", "delays", "each"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for given, allowed, key in (
             (self.gains, ("ki", "ks", "ks*"), "gains"),
             (self.delays, ("force", "position"), "delays"),
