@@ -7,6 +7,7 @@ import base64
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ import numpy as np
 from rotorid import cli
 from rotorid.commands.demo import NOISE
 from rotorid.demo import run_demo
-from rotorid.demo.page import draw_overview
+from rotorid.demo.page import example_evidence, filter_panels, rms_panel
+from rotorid.report.drawn import waves
+from rotorid.report.figure import figure_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser
@@ -38,7 +41,15 @@ PLACE = """(() => {
 def overview(folder: Path) -> None:
     """Draw the paper's example: line filter, predicted force, errors of every estimator."""
     result = run_demo(60, rng=np.random.default_rng(NOISE))
-    figure = draw_overview(result)
+    kept = f"1. Keep the excited lines of {result.example.periods.periods} periods"
+    force, errors = waves(example_evidence(result, "ml"))[0], rms_panel(result)
+    room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
+    panels = [
+        replace(filter_panels(result)[0], title=kept, height=3.9),
+        replace(force, title="2. Fit the equations of motion to the forces"),
+        replace(errors, x=room, title="3. Read the rotor's parameters"),
+    ]
+    figure = figure_of(panels, columns=3, apart=True)
     figure.savefig(folder / "demo.png", dpi=120, metadata={"Software": None})
 
 

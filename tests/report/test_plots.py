@@ -11,7 +11,7 @@ import pytest
 from rotorid.core.errors import InputError
 from rotorid.data.record import Channel, Record
 from rotorid.demo import DemoResult, run_demo
-from rotorid.demo.page import draw_overview, error_panels, example_evidence, filter_panels
+from rotorid.demo.page import error_panels, example_evidence, filter_panels
 from rotorid.demo.paper import TABLE
 from rotorid.report import interactive
 from rotorid.report.drawn import (
@@ -226,7 +226,7 @@ def test_names_are_no_markup_in_a_page() -> None:
 
 def test_pictures_are_the_same_each_time_and_leave_no_trace(demo: DemoResult) -> None:
     before = dict(mpl.rcParams)
-    first, second = draw_overview(demo), draw_overview(demo)
+    first, second = (figure_of(error_panels(demo), columns=3) for _ in range(2))
     for one, other in zip(first.axes, second.axes, strict=True):
         for a, b in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())

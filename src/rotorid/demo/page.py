@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rotorid.answer.parts import RecordEvidence
 from rotorid.core.tables import Page, Table, table
@@ -16,7 +14,7 @@ from rotorid.demo.machine import MASS, STATED, MachineResult
 from rotorid.demo.paper import COLUMNS, TABLE, PaperRow, printed_error
 from rotorid.demo.run import FORCE_NOISE, PERIODS, POSITION_NOISE, SAMPLE_RATE
 from rotorid.report import drawn
-from rotorid.report.drawn import line_filter, waves
+from rotorid.report.drawn import line_filter
 from rotorid.report.estimate import verdict_of
 from rotorid.report.html import Picture, render
 from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Floats, Panel
@@ -177,26 +175,6 @@ def rms_panel(result: DemoResult) -> Panel:
     bound = Curve(result.bound_percent[order], place, "the least possible", GREY, "diamonds")
     axis = Axis(f"rms error in %, {result.runs} records", log=True)
     return Panel("", axis, Axis(names=tuple(row.base for row in TABLE)), (*curves, bound), height=4)
-
-
-def draw_overview(result: DemoResult) -> Figure:
-    """Draw the whole story in one picture: line filter, predicted force, errors."""
-    from rotorid.report.figure import figure_of
-
-    example = result.example
-    kept = f"1. Keep the excited lines of {example.periods.periods} periods"
-    force = waves(example_evidence(result, "ml"))[0]
-    errors = rms_panel(result)
-    room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
-    return figure_of(
-        [
-            replace(filter_panels(result)[0], title=kept, height=3.9),
-            replace(force, title="2. Fit the equations of motion to the forces"),
-            replace(errors, x=room, title="3. Read the rotor's parameters"),
-        ],
-        columns=3,
-        apart=True,
-    )
 
 
 def machine_page(result: MachineResult) -> Page:
