@@ -121,7 +121,6 @@ class Condition:
     limit: float  # SI
 
     def met(self, values: Floats) -> Booleans:
-        """Tell which samples meet the condition."""
         size = np.abs(values) if self.absolute else values
         return np.asarray(size < self.limit if self.below else size > self.limit)
 

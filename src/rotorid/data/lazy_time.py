@@ -46,7 +46,6 @@ class Steady:
 
     @property
     def mean(self) -> float:
-        """Its mean over all samples."""
         middle = self.first + (self.shape[0] * self.shape[1] - 1) / 2
         return self.offset + self.slope * (self.start + middle / self.sample_rate)
 

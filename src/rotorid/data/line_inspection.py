@@ -34,7 +34,6 @@ class LineInspection(Judged):
 
     @property
     def source(self) -> str:
-        """Where the table comes from."""
         return self.lines.source
 
     @property

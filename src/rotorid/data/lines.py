@@ -61,7 +61,6 @@ class PeriodicClock(Arrays):
 
     @classmethod
     def of(cls, record: PeriodicRecord) -> PeriodicClock:
-        """Return the clock of a record of periods."""
         time, angle = (unread(record, name) for name in ("time", "angle"))
         return cls(record.speed, record.harmonics, time, angle)
 
@@ -87,7 +86,6 @@ class PeriodicClock(Arrays):
         return bool(np.abs(turns - np.round(turns)).max() < 1e-9)
 
     def turned(self, angle: float) -> PeriodicClock:
-        """Return the clock of a run whose rotor angle is this much larger."""
         given = unread(self, "angle")
         even = isinstance(given, Steady)
         more = replace(given, offset=given.offset + angle) if even else self.angle + angle
@@ -100,7 +98,6 @@ class PeriodicClock(Arrays):
         return without_rounding(line_spectra(mean, self.harmonics), mean)
 
     def at_speed(self, speed: float) -> PeriodicClock:
-        """Return the clock of the same run at another speed in rad/s."""
         given = unread(self, "time")
         even = isinstance(given, Steady)
         angle = replace(given, slope=speed * given.slope) if even else speed * given
@@ -118,16 +115,13 @@ class WholeClock(Arrays):
     lines_kept: Integers  # (line,): numbers of the lines of the record
 
     def turned(self, angle: float) -> WholeClock:
-        """Return the clock of a run whose rotor angle is this much larger."""
         return replace(self, angle=self.angle + angle)
 
     def lines(self, signal: Signal, *, timed: bool = False) -> Complexes:
-        """Return the lines of signals, shape (line, signal)."""
         values = signal(self.time, self.angle, self.speed)
         return without_rounding(line_spectra(values, self.lines_kept), values)
 
     def at_speed(self, speed: float) -> WholeClock:
-        """Return the clock of the same run at another speed in rad/s."""
         return replace(self, speed=np.asarray(speed), angle=speed * self.time)
 
 

@@ -122,7 +122,6 @@ class Observation:
         return replace(self, model=model)
 
     def with_lines(self, lines: Lines) -> Observation:
-        """Return the observation with other lines of the same channels."""
         return replace(self, lines=lines)
 
     def with_columns(self, matrix: Floats) -> Observation:
@@ -231,7 +230,6 @@ def _unforced(model: Model, lines: Lines) -> Lines:
 
 
 def bind_all(model: Model, data: Sequence[Data]) -> tuple[Observation, ...]:
-    """Bind the records of one machine."""
     if not data:
         raise InputError("no record", "at least one", "give a PeriodicRecord")
     return tuple(bind(model, each) for each in data)

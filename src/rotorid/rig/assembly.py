@@ -133,7 +133,6 @@ def step_table(rig: Machine, plant: Plant, lags: Lags) -> Steps:
 
 
 def bearing_table(rig: Machine, plant: Plant) -> Bearings:
-    """Return the actuators' constants."""
     parts = rig.parts
     law, heating = np.zeros((2, len(parts), 7))
     for row, rate, part in zip(law, heating, parts, strict=True):
@@ -169,7 +168,6 @@ def bearing_table(rig: Machine, plant: Plant) -> Bearings:
 
 
 def rotor_table(rig: Machine, plant: Plant) -> Rotor:
-    """Return the rotor and its rotation."""
     n = len(plant.force)
     turn = rig.rotation
     rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
@@ -231,7 +229,6 @@ def _errors(rig: Machine, time: Floats, rng: np.random.Generator) -> Floats:
 
 
 def runout_of(sensor: PositionSensor, angle: Floats) -> Floats:
-    """Return the runout that a sensor reads at angles in rad."""
     total = np.zeros_like(angle)
     for part in sensor.runout:
         total += part.cos * np.cos(part.order * angle) + part.sin * np.sin(part.order * angle)
@@ -270,7 +267,6 @@ def load_table(rig: Machine, plant: Plant, events: Events) -> Floats:
 
 
 def log_table(rig: Machine, samples: int) -> Log:
-    """Return the empty log."""
     inputs = len(rig.model.inputs)
     every = rig.logger.oversampling
     states, sensors = 2 * len(rig.model.coordinates), len(rig.sensors)

@@ -72,17 +72,14 @@ class Controller:
 
     @property
     def states(self) -> int:
-        """Number of states."""
         return len(self.A)
 
     @property
     def positions(self) -> int:
-        """Number of positions that it reads."""
         return int(self.D.shape[1])
 
     @property
     def commands(self) -> int:
-        """Number of commands that it gives."""
         return int(self.D.shape[0])
 
     def response(self, omega: ArrayLike) -> Complexes:

@@ -142,7 +142,6 @@ def load_rig(name: str | Path) -> RigPlan:
 def parse_rig(
     data: bytes | str, *, name: str = "rig", file: str = "", folder: str | Path = "."
 ) -> RigPlan:
-    """Return what the text of a rig file says."""
     raw = data.encode() if isinstance(data, str) else data
     entry = parse_toml(raw, RigFile, file=file)
     with naming(file):

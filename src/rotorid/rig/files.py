@@ -45,7 +45,6 @@ def write_record(
 def record_bytes(
     record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
 ) -> bytes:
-    """Return the content of the file that `write_record` writes."""
 
     def fill(data: h5py.File) -> None:
         data.attrs["written_by"] = _WRITER
@@ -146,7 +145,6 @@ def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
 
 
 def _inline(value: Any) -> Any:
-    """Return a value as it stands on one line."""
     if isinstance(value, Mapping):
         table = tomlkit.inline_table()
         for key, inner in value.items():
@@ -169,7 +167,6 @@ def _number(value: float) -> str:
 
 
 def _record_entry(rig: Rig, file: str) -> dict[str, Any]:
-    """Return the table of the record: its file, clock, rotation and lines."""
     fundamental = rig.excitation.fundamental if rig.excitation else 0.0
     return {
         "file": file,
@@ -205,7 +202,6 @@ def _harmonics(rig: Rig) -> list[int]:
 
 
 def _inputs(rig: Rig, record: Logged | RigRecord) -> dict[str, Any]:
-    """Return how the force of each input follows from the columns."""
     columns = {column.name: column for column in record.columns}
     plant = rig.plant(1.0)
     found = {}
@@ -281,7 +277,6 @@ def _combination(parts: Mapping[str, float]) -> str:
 
 
 def _positions(rig: Rig) -> dict[str, Any]:
-    """Return the sensors, each with its column."""
     found = {}
     for sensor in rig.sensors:
         reads = {} if sensor.reads is None else {"reads": _combination(sensor.reads)}

@@ -77,7 +77,6 @@ class Logged:
 
     @property
     def count(self) -> int:
-        """Number of samples."""
         return len(self.columns[0].samples)
 
 
@@ -94,7 +93,6 @@ class RigRecord(Record):
 
     @property
     def count(self) -> int:
-        """Number of samples."""
         return len(self.samples)
 
 
@@ -188,7 +186,6 @@ def read(rig: Machine, found: Logged) -> RigRecord:
 def _columns(
     rig: Machine, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
 ) -> tuple[Column, ...]:
-    """Return the logger's columns: currents or forces, positions, the mark of the angle."""
     positions = [
         Column(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
@@ -199,7 +196,6 @@ def _columns(
 
 
 def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
-    """Return the columns of forces or currents, and of flux densities."""
     found = []
     described = rig if rig.described is None else rig.described
     command = rig.logger.current == "command"
@@ -277,13 +273,11 @@ def force_reading(rig: Machine, plant: Plant, index: int) -> ForceReading:
 
 
 def actuator_position(rig: Machine, plant: Plant, index: int) -> dict[str, float]:
-    """Return the displacement in an actuator as a combination of coordinates."""
     row = zip(rig.model.coordinates, plant.displacement[index].tolist(), strict=True)
     return {name: value for name, value in row if value}
 
 
 def sensor_channels(rig: Machine) -> list[Channel]:
-    """Return the channels of the position sensors."""
     units = rig.model.units
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 

@@ -99,7 +99,6 @@ class Machine:
 
     @cached_property
     def schedule(self) -> Schedule:
-        """The clocks of controller and logger, merged."""
         return merge_clocks(1 / self.controller.period, self.logger.converter_rate, self.delay)
 
     @cached_property
@@ -119,7 +118,6 @@ class Machine:
         return exact and self.rotation.constant and self.contact == 0
 
     def plant(self, duration: float) -> Plant:
-        """Return the rotor's accelerations for a run of a duration in s."""
         plant = rotor_plant(self.model, self.parameters, self.rotation, duration)
         if self.work is not None:
             plant = plant.with_work(self.work)

@@ -123,7 +123,6 @@ class Actuator:
 
     @property
     def unit(self) -> str:
-        """Unit of the command."""
         return "N" if self.law is None else "A"
 
     @property

@@ -40,7 +40,6 @@ class Plant:
     width: float
 
     def at(self, speed: float) -> Plant:
-        """Return the plant with its matrices at one speed in rad/s."""
         powers = ((speed - self.centre) / self.width) ** np.arange(len(self.motion))
         load_powers = ((speed - self.centre) / self.width) ** np.arange(len(self.load))
         return replace(
@@ -62,7 +61,6 @@ class Plant:
 
 
 def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) -> Plant:
-    """Return the plant of a model for a run until `end` (s)."""
     linear = model.require_linear()
     low, high = rotation.range_until(end)
     centre, width = (low + high) / 2, (high - low) / 2 or 1.0
@@ -92,7 +90,6 @@ def rotor_plant(model: Model, values: Floats, rotation: Rotation, end: float) ->
 
 
 def _motion(linear: LinearForm, values: Floats, mass: Floats, speed: float) -> Floats:
-    """Return the accelerations per position and velocity at one speed."""
     m = linear.matrices(values, speed)
     return np.asarray(-np.linalg.solve(mass, np.hstack([m.K, m.D + speed * m.G])))
 

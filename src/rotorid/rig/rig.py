@@ -39,7 +39,6 @@ class RigError(InputError):
         super().__init__(found, expected, cure, file=file, place=place)
 
     def at(self, *, file: str = "", place: str = "") -> RigError:
-        """Return the same error with the file and the outer place that the caller knows."""
         found = super().at(file=file, place=place)
         found.time, found.where = self.time, self.where
         return found

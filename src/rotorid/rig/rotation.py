@@ -53,7 +53,6 @@ class Rotation:
 
     @property
     def constant(self) -> bool:
-        """Whether the speed never changes."""
         return self.acceleration == 0 and self.drift == 0
 
     def speed_at(self, time: ArrayLike) -> Floats:

@@ -53,7 +53,6 @@ def check(part: object, *, positive: tuple[str, ...] = (), zero: tuple[str, ...]
 
 
 def check_rate(rate: float, place: str) -> None:
-    """Refuse the rate of a clock that does not tick."""
     if not (np.isfinite(rate) and rate > 0):
         raise InputError(
             f"{rate} Hz",

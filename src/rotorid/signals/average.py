@@ -376,7 +376,6 @@ class PeriodSums:
         self._folds = _folds(self.lines, self.size) if len(self.lines) <= _FEW_LINES else None
 
     def add(self, periods: Floats) -> None:
-        """Add the next periods, shape (period, sample, channel)."""
         step = max(_LEAST, _CACHED // (self.size * self.channels))
         for begin in range(0, len(periods), step):
             part = periods[begin : begin + step]

@@ -179,7 +179,6 @@ class Inspection(Judged):
 
     @property
     def source(self) -> str:
-        """Where the record comes from."""
         return self.record.source
 
 

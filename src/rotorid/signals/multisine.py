@@ -117,7 +117,6 @@ def odd_harmonics(highest: int, lowest: int = 1) -> Integers:
 
 
 def full_harmonics(highest: int, lowest: int = 1) -> Integers:
-    """Return every harmonic in a range."""
     return np.arange(lowest, highest + 1, dtype=np.int64)
 
 

@@ -70,7 +70,6 @@ class Readings:
         return self.at(((np.arange(most) + golden) * (count / most)).astype(int))
 
     def at(self, places: Integers | Booleans) -> Readings:
-        """Return some of them."""
         return Readings(self.time[places], self.middle[places], self.half[places])
 
 

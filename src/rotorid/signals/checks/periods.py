@@ -505,7 +505,6 @@ def without_ramps(record: Record, periods: PeriodicRecord, rise: Floats) -> Reco
 
 
 def ramp_notes(periods: PeriodicRecord, rise: Floats) -> tuple[Note, ...]:
-    """Say which offsets drift."""
     return tuple(
         Note(
             "drift",
@@ -553,7 +552,7 @@ def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
     samples = samples.reshape(count, size, len(chosen))
     power = np.asarray(samples.var(axis=(0, 1)))
     alone = _difference(samples, 1, power)
-    turns = record.speed / (2 * np.pi * periods.fundamental)
+    turns = periods.turns
     for multiple in MULTIPLES:
         turned = abs(multiple * turns - round(multiple * turns)) < SYNCHRONOUS
         if turned and abs(turns - round(turns)) > SYNCHRONOUS:
@@ -583,7 +582,7 @@ def _without_orders(samples: Floats, turns: float, multiple: int) -> Floats:
     used = count - count % multiple
     joined = samples[:used].reshape(-1, multiple * size, channels)
     lines = np.fft.rfft(joined, axis=1)
-    once = round(abs(turns) * multiple)
+    once = round(turns * multiple)
     lines[:, once :: max(once, 1)] = 0.0
     left = np.fft.irfft(lines, n=multiple * size, axis=1)
     return np.asarray(left.reshape(used, size, channels))
