@@ -48,10 +48,7 @@ def record_bytes(
 
     def fill(data: h5py.File) -> None:
         data.attrs["written_by"] = _WRITER
-        time = np.arange(record.count) / record.sample_rate
-        _dataset(data, Column("t", "s", time))
-        for column in record.columns:
-            _dataset(data, column)
+        _write_columns(data, record.columns, record.sample_rate)
         if record.truth is not None:
             _write_truth(data.create_group("truth"), record.truth)
             data["truth"].attrs.update(rig=rig_text, faults=list(faults))
@@ -67,9 +64,11 @@ def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
         return bytes(data.id.get_file_image())
 
 
-def _dataset(group: h5py.Group, column: Column) -> None:
-    group.create_dataset(column.name, data=column.samples, **_PACKED)
-    group[column.name].attrs["units"] = column.unit
+def _write_columns(data: h5py.File, columns: Sequence[Column], sample_rate: float) -> None:
+    time = np.arange(len(columns[0].samples)) / sample_rate
+    for column in (Column("t", "s", time), *columns):
+        data.create_dataset(column.name, data=column.samples, **_PACKED)
+        data[column.name].attrs["units"] = column.unit
 
 
 def _write_truth(group: h5py.Group, truth: Truth) -> None:
@@ -341,15 +340,9 @@ def write_excitation(
         case ".csv":
             write_whole(path, _csv(signals, samples, sample_rate))
         case ".h5" | ".hdf5":
-            columns = [Column("t", "s", np.arange(len(samples)) / sample_rate)]
-            for name, column in zip(signals.names, samples.T, strict=True):
-                columns.append(Column(name, signals.unit, column))
-
-            def fill(data: h5py.File) -> None:
-                for column in columns:
-                    _dataset(data, column)
-
-            write_whole(path, _in_memory(fill))
+            named = zip(signals.names, samples.T, strict=True)
+            columns = [Column(name, signals.unit, column) for name, column in named]
+            write_whole(path, _in_memory(lambda data: _write_columns(data, columns, sample_rate)))
         case ".wav":
             write_whole(path, _wav(samples, path, sample_rate, full_scale))
         case ending:

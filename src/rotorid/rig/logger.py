@@ -91,10 +91,6 @@ class RigRecord(Record):
     columns: tuple[Column, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
 
-    @property
-    def count(self) -> int:
-        return len(self.samples)
-
 
 def label(name: str, part: Actuator, kind: str = "i") -> str:
     """Return the column of an input: F_x1 for a force; i_x1, b1_x1, b2_x1 for its sources."""
@@ -191,8 +187,7 @@ def _columns(
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
     drives = _drive_columns(rig, plant, log, rng)
-    mark = _mark_column(rig, time, rng)
-    return (*drives, *positions, *([] if mark is None else [mark]))
+    return (*drives, *positions, *_mark_column(rig, time, rng))
 
 
 def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
@@ -252,13 +247,13 @@ def decimated(samples: Floats, every: int) -> Floats:
     )
 
 
-def _mark_column(rig: Machine, time: Floats, rng: np.random.Generator) -> Column | None:
+def _mark_column(rig: Machine, time: Floats, rng: np.random.Generator) -> list[Column]:
     match rig.logger.angle:
         case Encoder() as mark:
-            return Column("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))
+            return [Column("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
         case Keyphasor() as mark:
-            return Column("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))
-    return None
+            return [Column("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))]
+    return []
 
 
 def force_reading(rig: Machine, plant: Plant, index: int) -> ForceReading:
