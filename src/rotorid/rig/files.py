@@ -120,7 +120,7 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
     text = tomlkit.document()
     text["model"] = plan.model
     records = tomlkit.aot()
-    records.append(_table(_record_entry(rig, file)))
+    records.append(_table(_record_entry(rig, rig.excitation, file)))
     text["records"] = records
     text["channels"] = _table(_inputs(rig, record) | _positions(rig))
     if known := _known_parameters(rig):
@@ -165,14 +165,13 @@ def _number(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
-def _record_entry(rig: Rig, file: str) -> dict[str, Any]:
-    fundamental = rig.excitation.fundamental if rig.excitation else 0.0
+def _record_entry(rig: Rig, played: Multisine, file: str) -> dict[str, Any]:
     return {
         "file": file,
         "sample_rate": _quantity(rig.logger.sample_rate, "Hz"),
         **_rotation(rig),
-        "fundamental": _quantity(fundamental, "Hz"),
-        "harmonics": _harmonics(rig),
+        "fundamental": _quantity(played.fundamental, "Hz"),
+        "harmonics": _harmonics(played, rig.rotation.speed),
     }
 
 
@@ -189,12 +188,10 @@ def _rotation(rig: Rig) -> dict[str, Any]:
     return {"speed": _quantity((low + high) / 2, "rad/s"), "phase": phase}
 
 
-def _harmonics(rig: Rig) -> list[int]:
+def _harmonics(played: Multisine, speed: float) -> list[int]:
     """Return the excited lines and, where it is one of the fundamental, that of the rotation."""
-    if rig.excitation is None:
-        return []
-    lines = set(rig.excitation.harmonics.tolist())
-    turns = abs(rig.rotation.speed) / (2 * np.pi * rig.excitation.fundamental)
+    lines = set(played.harmonics.tolist())
+    turns = abs(speed) / (2 * np.pi * played.fundamental)
     if round(turns) >= 1 and abs(turns - round(turns)) < 0.01:
         lines.add(round(turns))
     return sorted(lines)
