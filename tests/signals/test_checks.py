@@ -391,9 +391,11 @@ def test_a_record_that_does_not_repeat_is_told(periods: int) -> None:
     assert "repeats" in [c.about for c in told(other) if c.verdict == "warning"]
 
 
-def test_a_fundamental_that_is_twice_the_true_one() -> None:
+@pytest.mark.parametrize("start", [0.0, 100.0])
+def test_a_fundamental_that_is_twice_the_true_one(start: float) -> None:
     """Excited at 20 Hz and its odd multiples, said to be 40 Hz."""
-    (found,) = [c for c in told(machine(60), fundamental=2 * F0) if c.about == "multiple period"]
+    record = replace(machine(60), start=start)
+    (found,) = [c for c in told(record, fundamental=2 * F0) if c.about == "multiple period"]
     assert (", ".join(found.on), found.verdict) == ("F_x, F_y", "warning")
     assert "the fundamental is 20 Hz, not 40; multiply the harmonics by 2" in found.found
 
@@ -408,8 +410,10 @@ def test_a_rotation_half_way_between_the_lines_is_no_longer_period() -> None:
         assert len([c for c in found if c.about == "multiple period"]) == expected
 
 
-def test_a_tone_at_standstill_is_a_note() -> None:
-    (found,) = [c for c in told(turning(50.33, 0.0)) if c.about == "speed"]
+@pytest.mark.parametrize("start", [0.0, 100.0])
+def test_a_tone_at_standstill_is_a_note(start: float) -> None:
+    record = replace(turning(50.33, 0.0), start=start)
+    (found,) = [c for c in told(record) if c.about == "speed"]
     assert found.verdict == "note"
     assert "a line at 50.33" in found.found
 

@@ -17,7 +17,13 @@ from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import inputs_of, is_input, sensors_of
-from rotorid.signals.checks.registry import NO_SCATTER, SeenPeriods, period_check, record_check
+from rotorid.signals.checks.registry import (
+    NO_SCATTER,
+    SeenPeriods,
+    first_used,
+    period_check,
+    record_check,
+)
 
 LEAST_PERIODS = 8
 """Periods below which a transient cannot be told from the scatter."""
@@ -480,7 +486,7 @@ def ramps(record: Record, periods: PeriodicRecord) -> Floats:
     """
     none = np.zeros(len(record.channels))
     size, count = periods.samples, periods.periods
-    first = round((periods.begin - record.start) * record.sample_rate)
+    first = first_used(record, periods)
     lines = periods.harmonics > 0
     whole = (len(record.samples) - first) // size
     if record.valid is not None or whole != count or count < LEAST or not lines.any():
@@ -543,7 +549,7 @@ _MOST = 1 << 15  # samples looked at
 def check_multiple(record: Record, periods: PeriodicRecord) -> list[Note]:
     """Find a fundamental that is two or three times the true one."""
     size = periods.samples
-    first = round(periods.begin * record.sample_rate)
+    first = first_used(record, periods)
     count = min(len(record.samples) - first, max(_MOST, 8 * size)) // size
     chosen = inputs_of(record.channels) or list(range(len(record.channels)))
     if count < 2 * max(MULTIPLES):

@@ -104,6 +104,11 @@ class _Seen:
         return tuple(notes)
 
 
+def first_used(record: Record, periods: PeriodicRecord) -> int:
+    """Return the number of the sample of a record at which its periods begin."""
+    return round((periods.begin - record.start) * record.sample_rate)
+
+
 @dataclass(kw_only=True)
 class SeenRecord(_Seen):
     """A record as checks see it."""

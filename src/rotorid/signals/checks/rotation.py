@@ -22,7 +22,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.signals.checks.channels import sensors_of
-from rotorid.signals.checks.registry import period_check, record_check
+from rotorid.signals.checks.registry import first_used, period_check, record_check
 from rotorid.signals.spectrum import top_of
 
 _FITTED = 1 << 17  # samples from which the speed is fitted: more tell nothing new
@@ -228,7 +228,7 @@ def _rest(record: Record, periods: PeriodicRecord | None, c: int) -> tuple[Float
     first, count, size = 0, 1, min(len(record.samples), _MOST)
     if periods is not None:
         size = periods.samples
-        first = round(periods.begin * record.sample_rate)
+        first = first_used(record, periods)
         count = min(len(record.samples) - first, max(_MOST, 2 * size)) // size
     part = record.samples[first : first + count * size, c].copy()
     folded = part.reshape(count, size)
