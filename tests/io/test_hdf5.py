@@ -263,3 +263,13 @@ def test_numbers_that_hdf5_converts(tmp_path: Path) -> None:
         made = h5py.h5d.create(data.id, b"x", stored, h5py.h5s.create_simple((5,)))
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
     assert open_hdf5(path).read(["x"])["x"].values.tolist() == values.tolist()
+
+
+def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path: Path) -> None:
+    """Whatever they are multiplied by afterwards: a block is in double precision, as all is."""
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        data["x"] = np.random.default_rng(1).standard_normal(1000).astype(np.float32)
+    opened = open_hdf5(tmp_path / "run.h5")
+    whole = opened.read(["x"])["x"].values * 1e-6
+    parts = [block["x"].values * 1e-6 for block in opened.blocks(["x"], 300)]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)

@@ -88,7 +88,7 @@ class Hdf5Table(NamedArrays):
         told: Mapping[Place, Told] = next(answers)
         for stored in answers:
             yield {
-                name: told[place].column(_picked(stored[_rows_of(place)], place))
+                name: told[place].column(as_column(stored[_rows_of(place)], place))
                 for name, place in wanted.items()
             }
 
@@ -187,10 +187,6 @@ def _rows(dataset: Any, place: Place, begin: int, step: int) -> Any:
     if len(dataset.shape) == 1:
         return dataset[samples]
     return np.ravel(dataset[samples] if dataset.shape[0] > 1 else dataset[:, samples])
-
-
-def _picked(rows: Any, place: Place) -> Any:
-    return rows if place.index is None else rows.take(place.index, axis=place.axis)
 
 
 def _told(node: Node, place: Place, file: str) -> Told:
