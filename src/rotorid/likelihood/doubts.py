@@ -22,7 +22,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rotorid.answer import machine_checks as gate
+from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import STATUSES, Status
 from rotorid.answer.parts import DOUBTFUL
@@ -289,7 +289,7 @@ def part_left_out(asked: Asked) -> Iterator[Note]:
 @doubt()
 def no_machine(asked: Asked) -> Iterable[Note]:
     """Judge whether the values can be a machine's; where records have their own, the first's."""
-    return gate.physical(asked.model, _of_one_record(asked))
+    return machine_checks.physical(asked.model, _of_one_record(asked))
 
 
 def _of_one_record(asked: Asked) -> Estimate:
@@ -326,9 +326,9 @@ def halves_differ(asked: Asked) -> Iterable[Note]:
     halves = answers_of_parts(fit.solution.point, fit.records, 2)
     if halves is not None:
         turning = {layout.unknowns[i].name for i in fit.problem.affine}
-        return gate.agreement(names, halves, fit.inference.std, turning)
+        return machine_checks.agreement(names, halves, fit.inference.std, turning)
     windows = answers_of_windows(fit.solution.point, fit.records)
-    return () if windows is None else gate.agreement(names, *windows)
+    return () if windows is None else machine_checks.agreement(names, *windows)
 
 
 def answers_of_parts(point: Point, records: Sequence[Observation], parts: int) -> Floats | None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.answer import machine_checks as gate
+from rotorid.answer import machine_checks
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
@@ -108,10 +108,10 @@ class SampledProblem(Posed):
         )
         return estimate.with_notes(
             *_said(self.regressions, scatter),
-            *gate.physical(self.full, estimate),
+            *machine_checks.physical(self.full, estimate),
             *ways,
-            *gate.prediction(estimate, {}),
-            *gate.agreement(self.names, *scatter.halves()),
+            *machine_checks.prediction(estimate, {}),
+            *machine_checks.agreement(self.names, *scatter.halves()),
         )
 
     def fit(self, *, late: bool = False) -> _Fit:
@@ -168,7 +168,7 @@ class SampledProblem(Posed):
             "look for filters before the logger, or for something elastic that the equations "
             "leave out"
         )
-        sure = abs(lag) > SURE * std and shares.max() > gate.SURE
+        sure = abs(lag) > SURE * std and shares.max() > machine_checks.SURE
         severity: Severity = "rejects" if sure else "doubts"
         yield Note("delay", severity, text, on=(name,), value=lag, unit="s")
 

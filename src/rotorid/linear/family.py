@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from rotorid.answer import machine_checks as gate
+from rotorid.answer import machine_checks
 from rotorid.answer.derived import physical_from_base
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
@@ -249,17 +249,19 @@ class Problem(Posed):
             lines_hz=tuple(sorted({float(f) for r in records for f in r.frequency})),
             periods=fewest,
         )
-        notes = gate.physical(self.full, estimate)
-        notes += gate.prediction(estimate, self._noise(scatters))
+        notes = machine_checks.physical(self.full, estimate)
+        notes += machine_checks.prediction(estimate, self._noise(scatters))
         if judge(notes) == "ok":  # one reason is enough
-            notes += gate.residual(*misfit(self._fitted(solution, base, scatters)))
+            notes += machine_checks.residual(*misfit(self._fitted(solution, base, scatters)))
         if fewest >= LEAST_PERIODS:
             halves = np.array([solve(half).values for half in self.halves()]) - values
             spread = np.sqrt(np.diag(free).clip(0))
             if not any(not c.on for r in records for c in check_identical(r)):
-                notes += gate.noise_bias(self.names, halves.mean(axis=0), spread)
+                notes += machine_checks.noise_bias(self.names, halves.mean(axis=0), spread)
             if fewest >= 2 * LEAST_PERIODS:  # below, deviations are too rough to hold them against
-                notes += gate.agreement(self.names, self._parted(solution, residuals), spread)
+                notes += machine_checks.agreement(
+                    self.names, self._parted(solution, residuals), spread
+                )
         return estimate.with_notes(*notes)
 
     def _inflation(self, base: Floats, scatters: Sequence[LineCovariance]) -> float:

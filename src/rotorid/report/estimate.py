@@ -18,7 +18,6 @@ from rotorid.core.values import Floats
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report import drawn as rotors
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.machines import Part, machine_part
 from rotorid.results.machine import own_model
@@ -419,7 +418,7 @@ def _drawn(model: Model | None) -> Iterator[Picture]:
         yield Picture(
             "The rotor",
             "The rotor as it is drawn, and what stands on it.",
-            (rotors.drawing(model.rotor),),
+            (drawn.drawing(model.rotor),),
         )
 
 

@@ -14,14 +14,19 @@ from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report import machine_tables as balanced
 from rotorid.report.html import Picture, pictures, render
 from rotorid.report.machine_tables import (
+    balance_sentence,
+    centring_table,
+    correction_table,
     critical_table,
+    mass_table,
     mode_table,
     modes_sentence,
+    residual_table,
     ringing,
     ringing_curves,
+    said_of,
     sensitivity_sentence,
     sensitivity_table,
     summary,
@@ -171,22 +176,22 @@ def balance_report(
             "What to add",
             "Angles count in the rotor, from x to y, from what stands along x where the rotor "
             "angle is 0: at its mark. Taking away is adding on the other side.",
-            balanced.correction_table(found),
+            correction_table(found),
         )
     ]
     if any(each.masses for each in found.corrections):
         told = "The masses that come nearest to it, all planes together."
-        tables.append(("Masses to mount", told, balanced.mass_table(found)))
+        tables.append(("Masses to mount", told, mass_table(found)))
     told = "The true unbalance is not the identified one: with 95 % less than this is left."
-    tables.append(("What is left", told, balanced.residual_table(found)))
+    tables.append(("What is left", told, residual_table(found)))
     if centred:
         told = (
             "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
             "these currents, a cos(phi + angle), are fed forward."
         )
-        table = balanced.centring_table(centred, found.speeds[0])
+        table = centring_table(centred, found.speeds[0])
         tables.append(("Inertial centring", told, table))
-    said = balanced.said_of(found)
+    said = said_of(found)
     warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
     speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
     picture = (
@@ -200,7 +205,7 @@ def balance_report(
         "answer.html",
         title=f"Balance at {speeds} rpm",
         lead=f"Of the rotor {model.title or model.name}",
-        verdict=balanced.balance_sentence(found),
+        verdict=balance_sentence(found),
         mood="rejected" if found.share > POOR or found.status != "ok" else "ok",
         steps=warned,
         tables=tables,
