@@ -7,7 +7,7 @@ the direction of writing, and any length.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Self
 
@@ -62,6 +62,14 @@ def one_line(text: str, most: int = PART) -> str:
     """Return a text as one printable line, white space as single blanks, cut to `most`."""
     # What is far too long is cut first: escaping it all would take its time.
     return shortened(printable(" ".join(shortened(text, 8 * most).split())), most)
+
+
+def nearest(name: str, there: Sequence[str], otherwise: str = "take a name from there") -> str:
+    """Return the cure for a misspelt name: the likest of those that are there."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, there, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 class InputError(ValueError):

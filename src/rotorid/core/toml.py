@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import tomllib
 from codecs import BOM_UTF8
-from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, nearest
 from rotorid.core.files import read_regular
 from rotorid.core.limits import DIGITS, TOML_BYTES, TOML_VALUES
 
@@ -138,11 +137,10 @@ def _first_fault(error: ValidationError, schema: type[Schema], file: str) -> Inp
         return inner.at(file=file, place=place)
     if fault["type"] == "extra_forbidden":
         known = _known_keys(schema, fault["loc"][:-1])
-        near = get_close_matches(str(fault["loc"][-1]), known, n=1)
         return ReadError(
             f"the unknown key {str(fault['loc'][-1])[:60]!r}",
             f"one of {', '.join(known)}" if known else "a known key",
-            f"did you mean {near[0]}?" if near else "remove it",
+            nearest(str(fault["loc"][-1]), known, "remove it"),
             file=file,
             place=place,
         )

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, nearest
 from rotorid.core.units import si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.measured_modes import Mode, in_units_of
@@ -38,11 +37,10 @@ _POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
     """Return the error for a name that the model does not have, with the nearest that it has."""
     there = list(known)
-    near = get_close_matches(name, there, n=1)
     return InputError(
         f"{name[:60]!r}, which is no {what} of the model",
         f"one of {', '.join(there)}",
-        f"did you mean {near[0]}?" if near else "take a name from there",
+        nearest(name, there),
         place=place,
     )
 

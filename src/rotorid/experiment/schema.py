@@ -141,10 +141,10 @@ def _time(value: object) -> object:
     return {"column": value} if isinstance(value, str) else value
 
 
-class ColumnEntry(Schema):
+class Recorded(Schema):
     """A column, and how it was recorded."""
 
-    column: str
+    column: str | None = None
     unit: str | None = None
     scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
     hold: Literal["none", "zero-order"] = "none"
@@ -152,6 +152,15 @@ class ColumnEntry(Schema):
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     dynamics: DynamicsEntry | None = None
 
+
+class ColumnEntry(Recorded):
+    """A column of a force law."""
+
+    column: str
+
+
+_AS_RECORDED = {"hold", "delay", "gain_std", "dynamics"}
+"""Keys that a channel with a law says for its columns, or these say themselves."""
 
 Kind = Literal["samples", "phasors", "responses"]
 """What a record is made of, and therefore what its channels say."""
@@ -185,26 +194,18 @@ class PhasorKeys(Schema):
         return self.amplitude is not None or self.phase is not None
 
 
-_PHASORS = {"unit", "scale", "std", "lag", "peak_to_peak", "reads", "delay", "gain_std", "dynamics"}
+_OF_TABLES = {"unit", "std", "lag", "reads", "delay", "gain_std", "dynamics"}
+_PHASORS = _OF_TABLES | {"scale", "peak_to_peak"}
+_RESPONSES = _OF_TABLES | {"input", "coherence"}
 
 
-_RESPONSES = {"input", "unit", "std", "coherence", "lag", "reads", "delay", "gain_std", "dynamics"}
-
-
-class ChannelEntry(LawEntry, PhasorKeys):
+class ChannelEntry(Recorded, LawEntry, PhasorKeys):
     """Where an input, coordinate or sensor comes from: a column, a law's columns, a phasor's.
 
     With ``input`` it is a frequency response: of a table, or of a universal file's ``column``.
     """
 
     law: LawName | None = None  # type: ignore[assignment]
-    column: str | None = None
-    unit: str | None = None
-    scale: Annotated[str | float | None, BeforeValidator(_scale)] = None
-    hold: Literal["none", "zero-order"] = "none"
-    delay: Delay = DelayEntry()
-    gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    dynamics: DynamicsEntry | None = None
     reads: str | None = None
     current: ColumnEntry | None = None
     flux: Annotated[list[ColumnEntry] | None, Field(min_length=2, max_length=2)] = None
@@ -223,7 +224,6 @@ class ChannelEntry(LawEntry, PhasorKeys):
     @model_validator(mode="after")
     def _column_or_law(self) -> ChannelEntry:
         given = self.model_fields_set
-        as_recorded = {"hold", "delay", "gain_std", "dynamics"}
         parts = {"amplitude", "phase"} if self.polar else {"real", "imag"}
         if self.kind == "responses":
             wanted = parts if self.column is None else {"column"}
@@ -235,12 +235,12 @@ class ChannelEntry(LawEntry, PhasorKeys):
             beside = "in a phasor's channel"
         elif self.law is None:
             wanted = {"column"}
-            allowed = wanted | as_recorded | {"unit", "scale", "reads"}
+            allowed = wanted | _AS_RECORDED | {"unit", "scale", "reads"}
             beside = "without a law"
         else:
             needed = {"linear": {"current", "position"}, "differential": {"current", "position"}}
             wanted = needed.get(self.law, {"flux"})
-            allowed = wanted | {*law_keys(), *as_recorded}
+            allowed = wanted | {*law_keys(), *_AS_RECORDED}
             beside = f"beside law = {self.law!r}"
         for key in sorted(wanted - given):
             raise InputError("no such key", "a value", "add it", place=key)
@@ -256,7 +256,7 @@ class ChannelEntry(LawEntry, PhasorKeys):
                 place=key,
             )
         for column in self.columns:
-            for key in sorted(given & as_recorded & column.model_fields_set):
+            for key in sorted(given & _AS_RECORDED & column.model_fields_set):
                 raise InputError(
                     f"{key} here and in the column's table", "it once", "remove one", place=key
                 )
@@ -270,11 +270,7 @@ class ChannelEntry(LawEntry, PhasorKeys):
     @property
     def recorded(self) -> tuple[ColumnEntry, ...]:
         """The columns of a force law, with what the channel says of how they were recorded."""
-        said: dict[str, Any] = {
-            key: getattr(self, key)
-            for key in ("hold", "delay", "gain_std", "dynamics")
-            if key in self.model_fields_set
-        }
+        said = {key: getattr(self, key) for key in _AS_RECORDED & self.model_fields_set}
         return tuple(column.model_copy(update=said) for column in self.columns)
 
 

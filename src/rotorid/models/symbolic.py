@@ -16,7 +16,7 @@ from typing import Any
 
 import sympy as sp
 
-from rotorid.core.errors import ModelError
+from rotorid.core.errors import ModelError, nearest
 from rotorid.core.frozen import frozen
 from rotorid.models import cost
 from rotorid.models.syntax import MAX_NESTING, Node, too_deep
@@ -341,15 +341,8 @@ def shown(value: Symbolic) -> str:
 
 
 def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
-    from difflib import get_close_matches
-
-    near = get_close_matches(name, sorted(names), n=1)
-    cure = (
-        f"did you mean {near[0]}?"
-        if near
-        else "declare it in the model file, or write the name that is"
-    )
     listed = sorted(names)
+    cure = nearest(name, listed, "declare it in the model file, or write the name that is")
     shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
     return ModelError(f"the unknown name {name[:60]!r}", f"{expected} {shown}", cure)
 

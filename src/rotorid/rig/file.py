@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
-from rotorid.core.errors import InputError, ReadError, naming
+from rotorid.core.errors import InputError, ReadError, naming, nearest
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.toml import parse_toml, read_bytes
@@ -198,11 +197,10 @@ def _values(entry: RigFile, model: Model) -> dict[str, float]:
 def _require(name: str, known: Iterable[str], place: str) -> None:
     there = list(known)
     if name not in there:
-        near = get_close_matches(name, there, n=1)
         raise InputError(
             repr(name[:60]),
             f"one of {', '.join(there)}",
-            f"did you mean {near[0]}?" if near else "take a name from there",
+            nearest(name, there),
             place=place,
         )
 
