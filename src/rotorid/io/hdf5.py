@@ -121,11 +121,17 @@ def _arrays(file: str, places: Sequence[Place], size: int) -> Iterator[Any]:
         nodes, held = _checked(data, file, places)
         check_held(size, held, file)
         yield {place: _told(nodes[place.path], place, file) for place in sources}
+        together = _together(nodes.values())
+        records = {table: table.fields(names)[()] for table, names in together.items()}
         for source in dict.fromkeys(sources.values()):
+            node = nodes[source.path]
             part: Any = ()
             if source.index is not None:
                 part = (slice(None), source.index) if source.axis == 1 else source.index
-            yield source, _numbers(nodes[source.path])[part]
+            if node.dataset in records:
+                yield source, np.ascontiguousarray(records[node.dataset][node.field])
+            else:
+                yield source, _numbers(node)[part]
 
 
 def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterator[Any]:
@@ -133,10 +139,19 @@ def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterat
     with opened(file) as data:
         nodes, _ = _checked(data, file, places)
         yield {place: _told(nodes[place.path], place, file) for place in places}
-        sources = {_rows_of(place): _numbers(nodes[place.path]) for place in places}
-        step = _whole_chunks(nodes.values(), rows)
+        sources = {_rows_of(place): nodes[place.path] for place in places}
+        step, together = _whole_chunks(nodes.values(), rows), _together(nodes.values())
         for begin in range(0, count, step):
-            yield {s: _rows(numbers, s, begin, step) for s, numbers in sources.items()}
+            records = {
+                table: table.fields(names)[begin : begin + step]
+                for table, names in together.items()
+            }
+            yield {
+                s: np.ascontiguousarray(records[node.dataset][node.field])
+                if node.dataset in records
+                else _rows(_numbers(node), s, begin, step)
+                for s, node in sources.items()
+            }
 
 
 def _scalar(file: str, path: str) -> float:
@@ -148,12 +163,21 @@ def _scalar(file: str, path: str) -> float:
 
 def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[str, Node], int]:
     """Return data sets that are there whole, and the bytes of the files that hold the largest."""
-    nodes, held = {}, 0
+    nodes: dict[str, Node] = {}
+    tables: dict[str, tuple[Node, frozenset[str]]] = {}
+    held = 0
     for path in dict.fromkeys(place.path for place in places):
+        above, _, name = path.rpartition("/")
+        table, fields = tables.get(above, (None, ()))
+        if table is not None and name in fields:  # what a thousand fields are takes its time
+            nodes[path] = replace(table, field=name)
+            continue
         node = find(data, path)
         if node is None:
             raise ValueError(f"{path!r} is gone")
         nodes[path], held = node, max(held, check_stored(node.dataset, file))
+        if node.field is not None:
+            tables[above] = node, frozenset(node.dataset.dtype.names)
     return nodes, held
 
 
@@ -171,6 +195,18 @@ def _rows_of(place: Place) -> Place:
 def _numbers(node: Node) -> Any:
     """Return a data set, or the field of a table of records."""
     return node.dataset if node.field is None else node.dataset.fields(node.field)
+
+
+def _together(nodes: Iterable[Node]) -> dict[h5py.Dataset, list[str]]:
+    """Return the tables of records of which several fields are asked for, and these.
+
+    They are read at once: for one field the library goes through all of every record.
+    """
+    found: dict[h5py.Dataset, list[str]] = {}
+    for node in nodes:
+        if node.field is not None and len(node.dataset.shape) == 1:
+            found.setdefault(node.dataset, []).append(node.field)
+    return {table: names for table, names in found.items() if len(names) > 1}
 
 
 def _whole_chunks(nodes: Iterable[Node], rows: int) -> int:

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +21,7 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import COMPRESSION, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
+from rotorid.core.limits import COMPRESSION, DEPTH, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
 from rotorid.core.values import Floats
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
@@ -252,13 +253,13 @@ class NamedArrays(ABC):
         if indexed is not None and name not in self.shapes:
             whole = indexed["name"].strip("/")
             base = whole if whole in self.shapes else None
-        path = None if base is not None else _path(name, self.shapes, self.file)
+        path = None if base is not None else self._path(name)
         if path is not None:
             if is_column(self.shapes[path]):
                 return Place(path)
             raise _not_a_column(name, self.shapes[path], self.file)
         if indexed is not None and base is None:
-            base = _path(indexed["name"], self.shapes, self.file)
+            base = self._path(indexed["name"])
         if indexed is None or base is None:
             if (kind := self.others.get(name.strip("/"))) is not None:
                 raise _no_numbers(name, kind, self.file)
@@ -271,6 +272,31 @@ class NamedArrays(ABC):
         if len(shape) != 2 or index >= shape[axis]:
             raise _not_a_column(name, shape, self.file)
         return Place(base, index, axis)
+
+    def _path(self, name: str) -> str | None:
+        """Return the path of a name: the name itself first, so that no other path is looked at."""
+        wanted = name.strip("/")
+        if name in self.shapes or wanted in self.shapes:
+            return name if name in self.shapes else wanted
+        fitting = self._by_end.get(wanted, [])
+        if len(fitting) > 1:
+            raise ReadError(
+                f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
+                "a name that is unique in the file",
+                "write the whole path",
+                file=self.file,
+            )
+        return fitting[0] if fitting else None
+
+    @cached_property
+    def _by_end(self) -> dict[str, list[str]]:
+        """The paths by each of their ends: thousands of names are looked up."""
+        found: dict[str, list[str]] = {}
+        for path in self.shapes:
+            parts = path.split("/")
+            for begin in range(max(1, len(parts) - DEPTH), len(parts)):
+                found.setdefault("/".join(parts[begin:]), []).append(path)
+        return found
 
     def bytes_of(self, names: Sequence[str]) -> int:
         """Return the size of columns in memory."""
@@ -326,22 +352,6 @@ def loaded(
     """Return a table of arrays that are in memory, and of what else is in the file."""
     shapes = {name: np.shape(column.values) for name, column in arrays.items()}
     return LoadedArrays(file, shapes, arrays, others=others or {})
-
-
-def _path(name: str, paths: Mapping[str, Any], file: str) -> str | None:
-    """Return the path of a name: the name itself first, so that no other path is looked at."""
-    wanted = name.strip("/")
-    if name in paths or wanted in paths:
-        return name if name in paths else wanted
-    fitting = [path for path in paths if path.endswith(f"/{wanted}")]
-    if len(fitting) > 1:
-        raise ReadError(
-            f"{name!r} {len(fitting)} times ({', '.join(fitting[:4])})",
-            "a name that is unique in the file",
-            "write the whole path",
-            file=file,
-        )
-    return fitting[0] if fitting else None
 
 
 def is_column(shape: tuple[int, ...]) -> bool:
