@@ -133,7 +133,6 @@ class Kind:
     found: str = "a file that `{}` did not write, or that was edited since"
 
     def wrote(self, path: Path) -> bool:
-        """Tell whether a file is of this kind."""
         with path.open("rb") as stream:
             return re.match(self.begins, stream.read(_HEAD)) is not None
 

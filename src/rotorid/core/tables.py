@@ -102,7 +102,6 @@ def _wrapped(sentence: str, width: int) -> str:
 
 
 def page_html(page: Page) -> str:
-    """Return sentences and tables as HTML."""
     return "".join(
         part.html() if isinstance(part, Table) else f"<p>{_escaped(part)}</p>" for part in page
     )
@@ -118,7 +117,6 @@ def by_hand(unit: str) -> tuple[str, float]:
 
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-    """Return a table of headings and rows."""
     return Table(tuple(headings), tuple(tuple(row) for row in rows))
 
 

@@ -32,7 +32,6 @@ class Schema(BaseModel):
 
 
 def read_toml(path: str | Path, schema: type[S]) -> S:
-    """Read a TOML file into a schema."""
     return parse_toml(read_bytes(path), schema, file=str(path))
 
 
@@ -53,7 +52,6 @@ def holds_key(data: bytes, key: str) -> bool:
 
 
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
-    """Parse TOML text into a schema."""
     table = parse_table(data, file=file)
     try:
         return schema.model_validate(table)

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple, Protocol
 
 from rotorid.core.errors import InputError
@@ -128,7 +128,6 @@ class Dimension:
 
     @classmethod
     def of(cls, powers: Mapping[str, float | Fraction]) -> Dimension:
-        """Return the dimension with these powers."""
         exact = ((k, n if isinstance(n, Fraction) else Fraction(n)) for k, n in powers.items() if n)
         return cls(frozenset(exact))
 
@@ -346,6 +345,16 @@ def si_factor(unit: str, expected: str | None = None, *, place: str = "") -> flo
     return found.factor / wanted.factor * turn
 
 
+@lru_cache(maxsize=4096)
+def converts(unit: str, expected: str) -> bool:
+    """Tell whether a unit is one of a quantity."""
+    try:
+        si_factor(unit, expected)
+    except InputError:
+        return False
+    return True
+
+
 class _WithUnits(Protocol):
     """A quantity of pint, or of a package that makes its quantities alike."""
 
@@ -461,5 +470,4 @@ def _write(atoms: Mapping[str, int], *, angle: bool) -> str:
 
 
 def dimension_of(unit: str) -> Dimension:
-    """Return the dimension of a unit."""
     return _unit(unit, "").dimension

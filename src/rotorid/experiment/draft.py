@@ -15,7 +15,7 @@ import tomlkit.items
 
 from rotorid.core.errors import InputError, ReadError
 from rotorid.core.frozen import frozen
-from rotorid.core.units import si_factor
+from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
@@ -92,16 +92,6 @@ def _leaf(name: str) -> str:
 def is_excitation(column: Found) -> bool:
     """Tell whether a column is by its name what was added to the commands."""
     return _EXCITATION.match(_leaf(column.name)) is not None
-
-
-@lru_cache(maxsize=4096)
-def converts(unit: str, expected: str) -> bool:
-    """Tell whether a unit is one of a quantity."""
-    try:
-        si_factor(unit, expected)
-    except InputError:
-        return False
-    return True
 
 
 def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:

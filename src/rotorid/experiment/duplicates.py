@@ -309,7 +309,6 @@ class Overlaps:
         self.read[number] = record.source, record.sample_rate
 
     def check(self) -> None:
-        """Refuse records that share samples."""
         prints = {number: printer.prints() for number, (_, printer) in self.taken.items()}
         by_sensors: dict[tuple[str, ...], list[int]] = {}
         for number, (sensors, _) in self.taken.items():

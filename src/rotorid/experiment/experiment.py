@@ -43,7 +43,14 @@ from rotorid.experiment.read import (
     measured,
     quiet_record,
 )
-from rotorid.experiment.schema import Effort, ExperimentFile, Method, RecordEntry, response_tables
+from rotorid.experiment.schema import (
+    OPEN,
+    Effort,
+    ExperimentFile,
+    Method,
+    RecordEntry,
+    response_tables,
+)
 from rotorid.io import READERS, Source, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.priors import Constraint
@@ -380,9 +387,6 @@ def _model(name: str, experiment: Path) -> Model:
     except InputError as error:
         raise error if error.file else error.at(file=str(experiment), place="model") from None
 
-
-OPEN = "?"
-"""What a draft writes where something is left to say."""
 
 _KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
 

@@ -33,7 +33,6 @@ def _table(kind: str) -> tuple[Check, Reader]:
 
 
 def check_own(record: RecordEntry, common: Entries, model: Model, folder: Path) -> None:
-    """Check the channels that a record has to itself."""
     wrong = [name for name, entry in record.channels.items() if entry.kind != record.channel_kind]
     if wrong:
         raise InputError(

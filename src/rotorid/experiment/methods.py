@@ -18,7 +18,6 @@ def build_estimator(
     model: Model,
     effort: Effort | None = None,
 ) -> Estimator:
-    """Return the estimator of an experiment."""
     if method == "ml":
         effort = effort or entry.estimator.effort
         return _maximum_likelihood(entry, fixed, constraints, model, effort)

@@ -20,8 +20,6 @@ from rotorid.experiment.schema import (
     ModeEntry,
     OwnEntry,
     ParameterEntry,
-    RecordEntry,
-    TimeEntry,
 )
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.io import Source, open_table
@@ -144,12 +142,6 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
         angle = second * si_factor(units[2] or "rad", "rad")
         return hertz, np.asarray(first * np.exp(1j * angle))
     return hertz, np.asarray(first + 1j * second)
-
-
-def timing(record: RecordEntry) -> Source | None:
-    """Return where the sample times come from, if they do."""
-    entry: TimeEntry | None = record.time
-    return None if entry is None else Source(entry.column, entry.unit)
 
 
 def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[str, float]:

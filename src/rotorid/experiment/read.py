@@ -17,7 +17,7 @@ from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment.names import combination_of, dynamics_of, source, timing
+from rotorid.experiment.names import combination_of, dynamics_of, source
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.force.laws import Differential, Flux, Linear
@@ -189,7 +189,6 @@ def measured(
         skip=entry.skip or 0.0,
         mask=entry.mask,
         highest=_highest(entry),
-        time=timing(entry),
         **_said(entry),
     )
     record = _with_drives(_with_angle(record, entry), plan)
@@ -204,7 +203,6 @@ def reference_name(column: str) -> str:
 
 
 def is_reference(name: str) -> bool:
-    """Tell whether a channel is a reference."""
     return name.startswith(_REFERENCE)
 
 
@@ -248,6 +246,7 @@ def _said(entry: RecordEntry) -> dict[str, Any]:
     """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
         "sample_rate": entry.sample_rate,
+        "time": None if entry.time is None else Source(entry.time.column, entry.time.unit),
         "speed": entry.speed.value,
         "phase": entry.phase,
         "until": entry.until,
@@ -308,7 +307,6 @@ def _blocks(
     blocks = open_blocks(
         [folder / name for name in entry.paths],
         columns=plan.sources,
-        time=timing(entry),
         **_said(entry),
     )
     if blocks is None:
@@ -421,7 +419,6 @@ def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:
 
 
 def _chosen(entry: RecordEntry) -> dict[str, Any]:
-    """Return the period and the lines of an entry."""
     return {
         "fundamental": entry.fundamental,
         "period_samples": entry.period_samples,

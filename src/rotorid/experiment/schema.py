@@ -264,7 +264,6 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
 
     @property
     def columns(self) -> tuple[ColumnEntry, ...]:
-        """The columns of a force law."""
         return tuple(self.flux or (() if self.current is None else (self.current,)))
 
     @property
@@ -529,7 +528,6 @@ class RecordEntry(Schema):
 
     @property
     def channel_kind(self) -> Kind:
-        """The kind of its channels."""
         return "samples" if self.is_cut else self.kind
 
     @property
@@ -539,7 +537,6 @@ class RecordEntry(Schema):
 
     @property
     def paths(self) -> list[str]:
-        """The files of the record."""
         return list(self.files or ()) if self.file is None else [self.file]
 
 
@@ -553,7 +550,6 @@ class _Knowledge(Schema):
 
     @property
     def bounded(self) -> bool:
-        """Whether there is a bound."""
         return self.min is not None or self.max is not None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.units import check_unit, multiply_units, si_factor, to_si
+from rotorid.core.units import check_unit, converts, multiply_units, si_factor, to_si
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
@@ -288,7 +288,7 @@ def _reading_factor(
         plain = read.rstrip("'")
         for order, dots in enumerate(DERIVATIVES):
             other = multiply_units([(model.units.get(plain, reading), 1), ("s", -order)])
-            if plain in model.coordinates and _converts(stated, f"({other})/({over})"):
+            if plain in model.coordinates and converts(stated, f"({other})/({over})"):
                 raise InputError(
                     f"unit {stated!r} of a response that reads {read}",
                     f"a unit that converts to {expected}",
@@ -296,14 +296,6 @@ def _reading_factor(
                     place=place,
                 ) from None
         raise error.at(place=place) from None
-
-
-def _converts(stated: str, expected: str) -> bool:
-    try:
-        si_factor(stated, expected)
-    except InputError:
-        return False
-    return True
 
 
 def read_responses(

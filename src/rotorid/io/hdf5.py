@@ -66,7 +66,6 @@ class Hdf5Table(NamedArrays):
     """
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         wanted = {name: self.place(name) for name in names}
         places = list(wanted.values())
         answers = from_child(_arrays, self.file, self.file, places, self.bytes_of(list(wanted)))
@@ -80,7 +79,6 @@ class Hdf5Table(NamedArrays):
         return columns
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        """Yield successive rows of columns, by the names that `find` returned."""
         wanted = {name: self.place(name) for name in names}
         places = list(wanted.values())
         count = max(max(self.shapes[place.path]) for place in places)
@@ -93,7 +91,6 @@ class Hdf5Table(NamedArrays):
             }
 
     def scalar(self, name: str) -> float:
-        """Return a dataset of one number."""
         found: float = in_child(_scalar, self.file, self.file, self.find_scalar(name))
         return found
 
@@ -384,7 +381,6 @@ def _look_at(file: str, path: str) -> Found:
 
 @contextmanager
 def opened(file: str) -> Iterator[h5py.File]:
-    """Open an HDF5 file."""
     with reading(file, "HDF5 data"), h5py.File(file, "r") as data:
         yield data
 

@@ -53,7 +53,6 @@ class MdfTable(NamedArrays):
     channels: Mapping[str, tuple[int, int]]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         names = list(names)
         self.check_held(names)
         with TemporaryDirectory() as folder:  # asammdf leaves copies there

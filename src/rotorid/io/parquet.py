@@ -28,7 +28,6 @@ class ParquetTable(NamedArrays):
     """A Parquet file; its numbers are read when they are asked for."""
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         wanted = {name: self.place(name).path for name in names}
         self.check_held(list(wanted))
         with reading(self.file, "Parquet data"), _opened(self.file) as data:
@@ -39,7 +38,6 @@ class ParquetTable(NamedArrays):
             }
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        """Yield successive rows of columns, by the names that `find` returned."""
         with reading(self.file, "Parquet data"), _opened(self.file) as data:
             units = {name: _unit(data.schema_arrow.field(name)) for name in names}
             for batch in data.iter_batches(batch_size=max(rows, 1024), columns=list(names)):
@@ -47,7 +45,6 @@ class ParquetTable(NamedArrays):
 
 
 def open_parquet(path: Path) -> ParquetTable:
-    """Open a Parquet file."""
     check_content(path, "Parquet data")
     with reading(str(path), "Parquet data"), _opened(str(path)) as data:
         import pyarrow.types as kinds

@@ -13,7 +13,7 @@ import numpy as np
 from rotorid.core.errors import InputError, ReadError, naming, printable
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import MAGNITUDE
-from rotorid.core.units import check_unit, si_factor, to_si
+from rotorid.core.units import check_unit, converts, si_factor, to_si
 from rotorid.core.values import Booleans, Floats
 from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
@@ -255,11 +255,7 @@ def check_stated(declared: str, stated: str, place: str) -> None:
         si_factor(stated)
     except InputError:
         return  # a text that says nothing to us contradicts nothing
-    try:
-        same = abs(si_factor(stated, declared) - 1.0) < 1e-9
-    except InputError:
-        same = False
-    if not same:
+    if not converts(stated, declared) or abs(si_factor(stated, declared) - 1.0) >= 1e-9:
         raise InputError(
             f"unit {declared!r}, where the file says {stated!r}",
             "one unit",
@@ -403,7 +399,6 @@ class RecordBlocks:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the channels, in order."""
         return tuple(channel.name for channel in self.channels)
 
 

@@ -115,7 +115,6 @@ def check_content(path: Path, expected: str) -> None:
 
 
 def not_what_it_says(path: Path, found: str, expected: str) -> ReadError:
-    """Return the error for a file whose content does not fit its ending."""
     return ReadError(
         found,
         f"{expected}, as the ending {path.suffix} says",
@@ -332,7 +331,6 @@ class LoadedArrays(NamedArrays):
     arrays: Mapping[str, Column]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         columns = {}
         for name in names:
             place = self.place(name)
@@ -342,7 +340,6 @@ class LoadedArrays(NamedArrays):
         return columns
 
     def scalar(self, name: str) -> float:
-        """Return a variable of one number."""
         return float(np.ravel(self.arrays[self.find_scalar(name)].values)[0])
 
 
@@ -456,7 +453,6 @@ class JoinedTables:
         raise no_column(name, self.names, self.file)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         wanted = list(names)
         columns: dict[str, Column] = {}
         for file, table in self.tables.items():

@@ -38,7 +38,6 @@ class TdmsTable(NamedArrays):
     channels: Mapping[str, tuple[str, str]]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by the names that `find` returned."""
         names = list(names)
         self.check_held(names)
         with _opened(self.file) as data:
@@ -46,7 +45,6 @@ class TdmsTable(NamedArrays):
             return {name: Column(_floats(c[:]), *_stated(c)) for name, c in found.items()}
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        """Yield successive rows of columns, by the names that `find` returned."""
         with _opened(self.file) as data:
             channels = {name: self._channel(data, name) for name in names}
             count = max(len(channel) for channel in channels.values())
@@ -62,7 +60,6 @@ class TdmsTable(NamedArrays):
 
 
 def open_tdms(path: Path) -> TdmsTable:
-    """Open a TDMS file."""
     check_content(path, "TDMS data")
     _check_segments(path)
     channels, shapes = {}, {}

@@ -222,7 +222,6 @@ def split(line: str, delimiter: str) -> list[str]:
 
 
 def is_value(field: str) -> bool:
-    """Tell whether a field is a number or a time of day."""
     return len(field) <= DIGITS and bool(_NUMBER.fullmatch(field) or CLOCK.fullmatch(field))
 
 
@@ -447,7 +446,6 @@ class DelimitedTable:
         return name
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Return columns by name."""
         wanted = list(dict.fromkeys(names))
         places = {name: place for place, name in enumerate(self.names)}
         position = {name: places[name] for name in wanted}
