@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from rotorid.experiment.schema import (
     ModeEntry,
     OwnEntry,
     ParameterEntry,
+    Recorded,
 )
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.io import Source, open_table
@@ -61,18 +63,23 @@ def source(name: str, entry: ChannelEntry, model: Model, folder: Path = Path()) 
     )
     if reads is not None and entry.unit is None:
         raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
+    expected = model.units[name] if reads is None else None
+    dynamics = dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder)
+    return replace(as_recorded(entry, expected, dynamics), reads=reads, alone=True)
+
+
+def as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | None) -> Source:
+    """Return a column as the file says that it was recorded, to be read in a unit."""
     return Source(
         column=entry.column or "",
         unit=entry.unit,
         scale=entry.scale,
-        expected=model.units[name] if reads is None else None,
-        reads=reads,
+        expected=expected,
         hold=entry.hold == "zero-order",
         delay=entry.delay.value,
         delay_std=entry.delay.std or 0.0,
         gain_std=entry.gain_std,
-        dynamics=dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder),
-        alone=True,
+        dynamics=dynamics,
     )
 
 

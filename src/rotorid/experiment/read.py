@@ -17,7 +17,7 @@ from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment.names import combination_of, dynamics_of, source
+from rotorid.experiment.names import as_recorded, combination_of, dynamics_of, source
 from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.force.laws import Differential, Flux, Linear
@@ -86,17 +86,8 @@ def recording(
         )
         unit = "T" if isinstance(law, Flux) else "A"
         for label, column in zip(labels, columns, strict=True):
-            sources[label] = Source(
-                column=column.column,
-                unit=column.unit,
-                scale=column.scale,
-                expected=unit,
-                hold=column.hold == "zero-order",
-                delay=column.delay.value,
-                delay_std=column.delay.std or 0.0,
-                gain_std=column.gain_std,
-                dynamics=_law_dynamics(law, column.dynamics, folder, place),
-            )
+            dynamics = _law_dynamics(law, column.dynamics, folder, place)
+            sources[label] = as_recorded(column, unit, dynamics)
         laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
     return Recording(sources, laws)
 
