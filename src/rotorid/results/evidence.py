@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -309,7 +310,7 @@ def _known(
             yield Prior(name, value, std)
     named = {value.name for value in estimate.nuisance}
     bound = [bind(model, record) for record in records]
-    wanted = estimator if isinstance(estimator, Nuisances) else Nuisances()
+    wanted: Any = Nuisances() if asked is None else estimator  # maximum likelihood has both
     for nuisance in asked_unknowns(bound, wanted):
         for unknown in nuisance.scalars:
             if unknown.name in named and unknown.std:
