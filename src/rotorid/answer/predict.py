@@ -179,7 +179,7 @@ def _check(model: Model, estimate: Estimate, number: int, given: Iterable[str]) 
             f"parameters: {', '.join(model.base.names)}",
             "use the result and the experiment of one model",
         )
-    check_units(estimate, {p.name: p.unit for p in model.parameters})
+    check_units(estimate, model.parameter_units)
     unknown = [value.name for value in estimate.parameters if not np.isfinite(value.value)]
     if unknown:
         raise InputError(

@@ -153,7 +153,7 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
 
 def fixed_values(entries: Mapping[str, ParameterEntry], model: Model) -> dict[str, float]:
     """Return the fixed parameters in SI, every entry checked for its name and its units."""
-    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    units = model.parameter_units
     positive = {parameter.name: parameter.positive for parameter in model.parameters}
     fixed = {}
     for name, entry in entries.items():
@@ -207,7 +207,7 @@ def _check_sign(number: float, positive: bool, place: str) -> None:
 
 def stated(entries: Mapping[str, ParameterEntry], model: Model, key: str) -> dict[str, float]:
     """Return what the entries state under a key, in SI; parameters without it are left out."""
-    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    units = model.parameter_units
     given = {name: getattr(entry, key) for name, entry in entries.items()}
     return {
         name: to_si(quantity, units[name], place=f"parameters.{name}.{key}")

@@ -264,7 +264,7 @@ def _reading_unit(name: str, entry: ChannelEntry, model: Model) -> str:
     if entry.reads is None:
         return model.units[name]
     first = sensor_terms(entry.reads, model.coordinates, model.parameter_names)[0]
-    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    units = model.parameter_units
     held = zip(model.parameter_names, first.powers, strict=True)
     return multiply_units(
         [

@@ -92,7 +92,7 @@ def _values(fit: Fit, inflation: float) -> list[Value]:
 
 
 def _held(model: Model, fit: Fit) -> list[Value]:
-    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    units = model.parameter_units
     held = fit.prepared.substituted.items()
     return [Value(name, units[name], value, 0.0, 0.0, True) for name, value in held]
 

@@ -184,7 +184,7 @@ class Posed:
                 replace(p, std=None, std_inflated=None) if none else p
                 for p, none in zip(parameters, unstated, strict=True)
             ]
-        units = {p.name: p.unit for p in self.full.parameters}
+        units = self.full.parameter_units
         known, number = np.where(found, base, 0.0), solution.condition_number
         notes = (
             *remarks("record", (w for r in self.regressions for w in r.record.warnings)),

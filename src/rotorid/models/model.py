@@ -153,6 +153,11 @@ class Model:
         return self.names.parameters
 
     @property
+    def parameter_units(self) -> dict[str, str]:
+        """Units of the parameters by name."""
+        return {p.name: p.unit for p in self.parameters}
+
+    @property
     def nominal(self) -> dict[str, float]:
         """Nominal values (SI) of the parameters that have one."""
         return {p.name: p.nominal for p in self.parameters if p.nominal is not None}
@@ -193,7 +198,7 @@ class Model:
     @cached_property
     def base(self) -> BaseParameters:
         """The base parameters; their map from the monomials is ``base.gather``."""
-        units = {p.name: p.unit for p in self.parameters}
+        units = self.parameter_units
         return gather_base(self.equations.left, self._monomials, self.parameter_names, units)
 
     def monomial_values(self, values: ArrayLike) -> Floats:

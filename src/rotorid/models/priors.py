@@ -22,7 +22,7 @@ Bounds = Mapping[str, tuple[float | str | None, float | str | None]]
 
 def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
     """Return values by name in SI: numbers as they are, texts with the units of parameters."""
-    units = {p.name: p.unit for p in model.parameters}
+    units = model.parameter_units
     return {
         name: quantity(value, units.get(name, "1"), place=name) for name, value in values.items()
     }
@@ -30,7 +30,7 @@ def in_si(values: Mapping[str, float | str], model: Model) -> dict[str, float]:
 
 def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
     """Return the parameters that a record has to itself, value and deviation in SI."""
-    units = {p.name: p.unit for p in record.model.parameters}
+    units = record.model.parameter_units
     found = {}
     for name, known in record.own.items():
         place, file = f"parameters.{name}", record.lines.source

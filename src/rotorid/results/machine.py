@@ -302,7 +302,7 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     if source.status == "not_identifiable":
         remarks.append("warning: the result is not_identifiable; others fit as well")
     model = own_model(source)
-    check_units(source, {p.name: p.unit for p in model.parameters})
+    check_units(source, model.parameter_units)
     values = {v.name: v.value for v in source.parameters}
     fixed = {v.name: v.value for v in source.parameters if v.fixed}
     values, renamed = _of_record(model, values, record)

@@ -178,7 +178,7 @@ def _build(entry: RigFile, model: Model) -> Rig:
 
 
 def _values(entry: RigFile, model: Model) -> dict[str, float]:
-    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    units = model.parameter_units
     known = {**model.nominal}
     for name, quantity in entry.parameters.items():
         _require(name, units, "parameters")

@@ -292,7 +292,7 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
         )
         if power
     }
-    units = {parameter.name: parameter.unit for parameter in rig.model.parameters}
+    units = rig.model.parameter_units
     return {
         name: {"fixed": _quantity(rig.values[name], units[name])}
         for name in rig.model.parameter_names

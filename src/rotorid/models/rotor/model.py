@@ -206,7 +206,7 @@ class RotorModel(Model):
                 if place in places and abs(shares[place]) > DEPENDENT:
                     row[other] = shares[place]
             gather.append(row)
-        units = {p.name: p.unit for p in self.parameters}
+        units = self.parameter_units
         named = [self._monomials[number] for number in kept]
         return BaseParameters(
             tuple(monomial_name(monomial, self.parameter_names) for monomial in named),
