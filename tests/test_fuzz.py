@@ -125,7 +125,7 @@ def outcomes(*cases: Case) -> list[tuple[str, ...]]:
 def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A harness that finds nothing must find what there is: a signal, a hang, memory, files."""
     monkeypatch.setattr(harness, "SECONDS", 0.3)
-    monkeypatch.setattr(harness, "PATIENCE", 2.0)
+    monkeypatch.setattr(harness, "PATIENCE", 5.0)
     monkeypatch.setattr(harness, "BYTES", 40_000_000)
     monkeypatch.setattr(harness, "LOADED", ())
 

@@ -76,7 +76,9 @@ def test_gradient_agrees_with_differences(demo, bearings, sensors, relaxation):
 def test_gradient_by_every_nuisance_agrees_with_differences(demo, bearings):
     rng = np.random.default_rng(4)
     record = everything_unknown(demo.noisy(demo.record(bearings, periods=40), rng))
-    layout = layout_of(record, Nuisances(True, ("ki", "ks*"), ("force", "position")))
+    layout = layout_of(
+        record, Nuisances(runout=True, gains=("ki", "ks*"), delays=("force", "position"))
+    )
     kernel = assemble(layout, bind(MODEL, record))
     scale = np.where(layout.start != 0, np.abs(layout.start), 1e-6)  # runout in m, delay in s
     scale[layout.index["phase[0]"]] = 1.0
