@@ -28,8 +28,6 @@ def demo_page(result: DemoResult) -> Page:
     """Return the errors of all records here, then the paper's table beside them."""
     records = f"{result.runs} records" if result.runs > 1 else "one record"
     return [
-        paper_verdict(result),
-        "",
         f"Error in %, root mean square of {records}; first the least that the data allow,",
         "the Cramer-Rao bound",
         sizes(result),
@@ -42,18 +40,6 @@ def demo_page(result: DemoResult) -> Page:
         means(result),
         *findings(result),
     ]
-
-
-def paper_verdict(result: DemoResult) -> str:
-    """Say how near to the least possible error each kind of method comes."""
-    over = {name: result.rms(name) / result.bound_percent for name in result.estimators}
-    others = np.concatenate([ratio for name, ratio in over.items() if name not in FIRST])
-    best = np.concatenate([ratio for name, ratio in over.items() if name in FIRST])
-    return (
-        f"Maximum likelihood finds the {len(result.names)} base parameters with {best.min():.2f} "
-        f"to {best.max():.2f} times the least error that the data allow, the paper's methods with "
-        f"{others.min():.2g} to {others.max():.2g} times."
-    )
 
 
 def ordered(result: DemoResult) -> list[str]:
@@ -216,7 +202,6 @@ def demo_report(result: DemoResult) -> str:
     return render(
         "demo.html",
         result=result,
-        verdict=paper_verdict(result),
         findings=findings(result),
         sizes=sizes(result),
         beside=beside_the_paper(result),
