@@ -147,7 +147,6 @@ def _spread(jacobian: Floats) -> tuple[Booleans, Floats]:
 
 
 def _normalized(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Return columns of length one, and their lengths; an empty one stays."""
     length = np.sqrt((jacobian**2).sum(axis=0))
     length = np.where(length > 0, length, 1.0)
     return jacobian / length, length

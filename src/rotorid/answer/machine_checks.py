@@ -66,7 +66,6 @@ def _std(slopes: Floats, covariance: Floats) -> float:
 
 
 def physical(model: Model, estimate: Estimate) -> list[Note]:
-    """Judge whether the values of an estimate can be a machine's."""
     fixed = {v.name: v.value for v in estimate.parameters if v.fixed}
     free = [v for v in estimate.parameters if not v.fixed]
     if not all(np.isfinite([v.value, v.std if v.std is not None else 0.0]).all() for v in free):

@@ -311,12 +311,10 @@ class Evidence:
     known: tuple[Prior, ...] = ()  # what was known beforehand, with its deviation
 
     def prior(self, name: str) -> Prior | None:
-        """Return what was known of a quantity, None where nothing was."""
         return next((prior for prior in self.known if prior.name == name), None)
 
 
 def _undetermined(value: Value) -> Value:
-    """Give what is not determined no finite deviation either."""
     if math.isnan(value.value) and value.std is None:
         return replace(value, std=math.nan, std_inflated=math.nan)
     return value

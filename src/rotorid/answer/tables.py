@@ -42,7 +42,6 @@ def _doubt(estimate: Answer) -> str:
 
 
 def value_tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:
-    """Return the parameters, nuisance and derived quantities."""
     return [
         _table(title, values, intervals=intervals)
         for title, values in (*_own(estimate), *derived(estimate))
@@ -81,13 +80,11 @@ def sentences(estimate: Answer) -> list[str]:
 
 
 def on_data(check: Note) -> str:
-    """Return what a check found, of which channels."""
     names = f" of {', '.join(check.on)}" if check.on else ""
     return f"{check.about}{names}: {check.text}"
 
 
 def on_fit(estimate: Answer) -> list[str]:
-    """Return sentences on the fit in figures."""
     told = []
     if estimate.misfit is not None:
         m = estimate.misfit
@@ -198,7 +195,6 @@ def _mode_tables(estimate: Answer) -> list[Table]:
 
 
 def _unbalance_tables(estimate: Answer, *, intervals: bool) -> list[Table]:
-    """Return amount and angle of the unbalance in each plane, in units of a balancer."""
     rows: list[tuple[str, ...]] = []
     for plane in estimate.unbalance:
         unit, factor = _BY_HAND.get(plane.unit, (plane.unit, 1.0))

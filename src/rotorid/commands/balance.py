@@ -33,7 +33,6 @@ def run(
     record: int,
     answer: Answer,
 ) -> int:
-    """Show correction masses for a result, what is left after them, and a feedforward."""
     targets = answer.check(BALANCE)
     check_apart(targets, [result])
     estimate = load_estimate(result)
@@ -102,7 +101,6 @@ def speeds_of(estimate: Estimate) -> list[str]:
 
 
 def content(found: Balance, centred: Sequence[Feedforward]) -> dict[str, Any]:
-    """Return a balance as the interface has it."""
     return {
         "corrections": [
             {**vars(each), "masses": [{"mass_kg": m, "angle_rad": a} for m, a in each.masses]}

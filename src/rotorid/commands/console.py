@@ -294,12 +294,10 @@ def _unfinished(report: Path | None, error: Exception) -> UnfinishedError:
 
 
 def as_text(text: Callable[[], str]) -> Content:
-    """Return the content of a file that holds a text, made when it is needed."""
     return lambda: text().encode("utf-8", "backslashreplace")
 
 
 def _as_json(data: Any) -> Content:
-    """Return the content of a file that holds plain data; null stands for what is not finite."""
     return as_text(lambda: json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
 
 

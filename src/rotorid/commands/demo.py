@@ -17,7 +17,6 @@ NOISE = 2026  # starts the generator of the noise, so that every run shows the s
 
 
 def run(runs: int, machine: Path | None, answer: Answer) -> int:
-    """Identify a levitated machine, then the paper's example; show them beside the truth."""
     check_apart(answer.check(FIGURES, machine), [])
     _show_machine(machine)
     result = run_demo(runs, rng=np.random.default_rng(NOISE))

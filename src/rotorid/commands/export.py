@@ -12,7 +12,6 @@ from rotorid.results.export import exported, kind_of, plant_of
 
 
 def run(result: Path, target: Path, speed: str, force: bool) -> int:
-    """Write a result for another program."""
     targets = check_outputs((target, kind_of(target)), force=force)
     estimate = load_estimate(result)
     check_apart(targets, [result])

@@ -9,7 +9,6 @@ from rotorid.report.record_tables import model_list, model_page
 
 
 def run(name: str | None) -> int:
-    """List the shipped models, or show one."""
     if name is None:
         show([model_list(load_model(shipped) for shipped in shipped_models())])
         return OK

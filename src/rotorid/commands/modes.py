@@ -28,7 +28,6 @@ def run(
     record: int,
     answer: Answer,
 ) -> int:
-    """Show natural frequencies and damping of a result or a model, and critical speeds."""
     targets = answer.check(MODES)
     check_apart(targets, [Path(source)])
     read = source_of(source)
@@ -63,7 +62,6 @@ _FIGURES = ("frequency_hz", "std_hz", "damping_ratio", "damping_std", "whirl", "
 
 
 def content(found: Modes, diagram: Campbell | None) -> dict[str, Any]:
-    """Return modes and critical speeds as the interface has them."""
     return {
         "speed_rad_s": found.speed,
         "modes": [

@@ -13,7 +13,6 @@ from rotorid.experiment.draft import draft
 
 
 def run(files: tuple[Path, ...], model: str | None, out: Path | None, force: bool) -> int:
-    """Write a draft experiment file for some records."""
     targets = check_outputs((out, DRAFT), force=force)
     check_apart(targets, [*files, *([] if model is None else [Path(model)])])
     watch("reading")

@@ -16,7 +16,6 @@ from rotorid.core.limits import HASHED_BYTES
 
 
 def done(given: str, files: Sequence[Path]) -> list[str]:
-    """Return the command, the version, and the files with their sha256."""
     from rotorid import __version__  # its look-up takes its time
 
     there = [path for path in dict.fromkeys(files) if path.is_file()]
@@ -29,7 +28,6 @@ def done(given: str, files: Sequence[Path]) -> list[str]:
 
 
 def environment() -> str:
-    """Return the versions of Python and of the packages that compute."""
     return f"Python {python_version()}, numpy {np.__version__}, scipy {scipy.__version__}"
 
 

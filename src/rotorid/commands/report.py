@@ -14,7 +14,6 @@ from rotorid.report.estimate import WITHOUT, estimate_report
 
 
 def run(result: Path, out: Path | None, force: bool) -> int:
-    """Write the report of a result again, from the result alone."""
     target = result.with_suffix(".html") if out is None else out
     targets = check_outputs((target, REPORT), force=force)
     estimate = load_estimate(result)

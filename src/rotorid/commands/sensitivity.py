@@ -26,7 +26,6 @@ def run(
     pair: Sequence[str],
     answer: Answer,
 ) -> int:
-    """Show the sensitivity of each loop as it was measured, its peak, and its zone."""
     targets = answer.check(SENSITIVITY)
     watch("reading")
     plan = load_experiment(experiment)

@@ -22,7 +22,6 @@ def run(
     faults: bool,
     force: bool,
 ) -> int:
-    """Run a rig and write its record, with the experiment file that identifies it."""
     if faults:
         show(fault_page())
         return OK

@@ -29,7 +29,6 @@ def run(
     experiment: Path,
     answer: Answer,
 ) -> int:
-    """Predict the records of an experiment with a result."""
     targets = answer.check(VALIDATION)
     estimate = load_estimate(result)
     watch("reading")

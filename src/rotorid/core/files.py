@@ -45,7 +45,6 @@ def check_regular(path: str | Path, expected: str = "a readable file") -> os.sta
 
 
 def open_regular(path: str | Path, expected: str = "a readable file") -> BinaryIO:
-    """Open a regular file for reading; anything else is refused at once."""
     check_regular(path, expected)
     try:
         stream = open(path, "rb", opener=_open)  # noqa: SIM115 - the caller closes it

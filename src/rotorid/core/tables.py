@@ -55,7 +55,6 @@ class Table:
         )
 
     def html(self) -> str:
-        """Return an HTML table; numbers have the class ``number``."""
         columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.headings)
         marks = [
             'class="number"' if numeric else 'class="flow"' if _is_long(column) else ""

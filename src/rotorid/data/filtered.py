@@ -47,7 +47,6 @@ class LowPass:
     cutoffs: tuple[float, ...]  # Hz; the filters of all of them, one after the other
 
     def gain(self, frequency: Floats) -> Floats:
-        """Return the factor of each frequency (Hz)."""
         total = np.ones_like(frequency)
         for cutoff in self.cutoffs:
             total /= 1 + (frequency / cutoff) ** (2 * ORDER)

@@ -29,11 +29,9 @@ class Steady:
     slope: float = 1.0
 
     def __call__(self) -> Floats:
-        """Return the value at each sample, shape (period, sample)."""
         return self.head(self.shape[0])
 
     def head(self, periods: int) -> Floats:
-        """Return the values of the first periods, shape (period, sample)."""
         last = self.first + periods * self.shape[1]
         values = np.arange(self.first, last, dtype=np.float64)
         values /= self.sample_rate

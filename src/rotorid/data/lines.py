@@ -44,9 +44,7 @@ class Clock(Protocol):
         """
         ...
 
-    def at_speed(self, speed: float) -> Clock:
-        """Return the clock of the same run at another speed in rad/s."""
-        ...
+    def at_speed(self, speed: float) -> Clock: ...
 
 
 @frozen
@@ -152,7 +150,6 @@ class PhasorClock(Arrays):
         return np.where(np.abs(found) > ROUNDING * size, found, 0.0)
 
     def at_speed(self, speed: float) -> PhasorClock:
-        """Return the clock of a table taken at one speed in rad/s throughout."""
         return PhasorClock(np.full(len(self.speed), speed))
 
 
@@ -170,7 +167,6 @@ class Samples(Arrays):
         return quantity(self.values[:, index], channel, self.sample_rate, self.period)
 
     def lines(self, signals: Floats) -> Complexes:
-        """Return the lines of signals over the same time, (sample, signal) -> (line, signal)."""
         return line_spectra(signals, self.lines_kept)
 
 
@@ -202,7 +198,6 @@ class SilentClock(Arrays):
         return np.zeros((self.count, signals), dtype=np.complex128)
 
     def at_speed(self, speed: float) -> SilentClock:
-        """Return the same: responses at any speed hold no load."""
         return self
 
 

@@ -64,7 +64,6 @@ class _Rows:
 
     @property
     def groups(self) -> Integers:
-        """The number of the speed of each row, equal where speeds are."""
         apart = np.diff(self.speed) > SAME_SPEED * np.abs(self.speed[1:])
         return np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
 

@@ -57,7 +57,6 @@ class _Window:
         return self.record.sample_rate / self.count
 
     def lines_of(self, samples: Floats) -> Complexes:
-        """Return all lines of signals, (line, signal), one at a time."""
         used = samples[self.used]
         out = np.empty((self.count // 2 + 1, used.shape[1]), dtype=np.complex128)
         for column in range(used.shape[1]):

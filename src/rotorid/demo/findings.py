@@ -12,7 +12,6 @@ FIRM = 2.0  # standard errors
 
 
 def findings(result: DemoResult) -> list[str]:
-    """Return sentences on what the errors of all records show, the bound first."""
     sentences = [_against_bound(result)]
     if result.runs < ENOUGH:
         return [*sentences, f"Fewer than {ENOUGH} records cannot tell bias from scatter."]

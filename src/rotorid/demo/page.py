@@ -25,7 +25,6 @@ FIRST = ("ml",)
 
 
 def demo_page(result: DemoResult) -> Page:
-    """Return the errors of all records here, then the paper's table beside them."""
     records = f"{result.runs} records" if result.runs > 1 else "one record"
     return [
         f"Error in %, root mean square of {records}; first the least that the data allow,",
@@ -43,12 +42,10 @@ def demo_page(result: DemoResult) -> Page:
 
 
 def ordered(result: DemoResult) -> list[str]:
-    """Return the estimators, those first that matter most."""
     return sorted(result.estimators, key=lambda name: name not in FIRST)
 
 
 def sizes(result: DemoResult) -> Table:
-    """Return the rms error of every estimator, the bound and maximum likelihood first."""
     names = ordered(result)
     rows = [
         (row.base, f"{result.bound_percent[i]:.3f}", *(f"{result.rms(n)[i]:.3f}" for n in names))
@@ -75,7 +72,6 @@ def beside_the_paper(result: DemoResult) -> Table:
 
 
 def means(result: DemoResult) -> Table:
-    """Return the mean error of every estimator."""
     names = ordered(result)
     rows = [
         (row.base, *(f"{result.bias(name)[i]:+.3f}" for name in names))
@@ -85,7 +81,6 @@ def means(result: DemoResult) -> Table:
 
 
 def as_printed() -> str:
-    """Return what the paper prints of the unbalance, with its units."""
     rows = [row for row in TABLE if row.speed_power]
     return ", ".join(f"{row.quantity} = {row.true:.5g} {row.unit}" for row in rows)
 
@@ -117,7 +112,6 @@ def example_evidence(result: DemoResult, estimator: str) -> RecordEvidence:
 
 
 def error_panels(result: DemoResult) -> list[Panel]:
-    """Return the distribution of the errors, one panel per parameter."""
     return [_errors(result, row) for row in TABLE]
 
 
@@ -151,7 +145,6 @@ def _bars(low: Floats, high: Floats, place: Floats, label: str, look: str) -> Cu
 
 
 def rms_panel(result: DemoResult) -> Panel:
-    """Return the rms error of every estimator and parameter, and the bound."""
     order = [result.names.index(row.base) for row in TABLE]
     place = np.arange(len(order), dtype=float)
     curves = [
@@ -198,7 +191,6 @@ SHOWN = "ml"
 
 
 def demo_report(result: DemoResult) -> str:
-    """Return the report of the demonstration as HTML."""
     return render(
         "demo.html",
         result=result,

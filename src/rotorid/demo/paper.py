@@ -18,8 +18,6 @@ COLUMNS = {
 
 @frozen
 class PaperRow:
-    """A row of the paper's Table 1."""
-
     base: str  # name of the base parameter of the model `three-mass`
     quantity: str  # what the paper lists
     unit: str  # of the paper's quantity

@@ -78,33 +78,26 @@ class DemoResult:
 
     @property
     def estimators(self) -> tuple[str, ...]:
-        """Names of the estimators, in order."""
         return tuple(self.values)
 
     @property
     def runs(self) -> int:
-        """Number of records."""
         return min(len(values) for values in self.values.values())
 
     def errors(self, estimator: str) -> Floats:
-        """Return the relative errors in %, shape (run, base)."""
         return 100 * (self.values[estimator] / self.truth - 1)
 
     def bias(self, estimator: str) -> Floats:
-        """Return the mean error in %, shape (base,)."""
         return np.asarray(self.errors(estimator).mean(axis=0))
 
     def rms(self, estimator: str) -> Floats:
-        """Return the root mean square error in %, shape (base,)."""
         return np.asarray(np.sqrt((self.errors(estimator) ** 2).mean(axis=0)))
 
     def median(self, estimator: str) -> Floats:
-        """Return the median of |error| in %, shape (base,)."""
         return np.asarray(np.median(np.abs(self.errors(estimator)), axis=0))
 
     @property
     def bound_percent(self) -> Floats:
-        """Return the bound in % of the truth, shape (base,)."""
         return np.asarray(100 * self.bound / np.abs(self.truth))
 
     def scatter_over_stated(self, estimator: str) -> Floats:
@@ -150,7 +143,6 @@ def excitation(model: Model) -> Floats:
 
 
 def demo_plan(model: Model) -> Plan:
-    """Return the example as a plan, for the accuracy that it can give."""
     line = AMPLITUDE * (1 - 1j) / 2  # of a sine and a cosine
     shares = [SHARES[name] for name in model.inputs]
     return Plan(

@@ -75,7 +75,6 @@ class Stiffness:
 
     @classmethod
     def of(cls, layout: Layout, lines: Lines) -> Stiffness:
-        """Take those that are there at the speeds of the lines."""
         table = linear_form(layout.model).stiffness
         sizes: list[float] = []
         profiles: list[tuple[int, Complexes | None]] = []
@@ -237,7 +236,6 @@ class Load:
 
 
 def every_load(layout: Layout) -> list[Load]:
-    """Return the loads of the model, and those that unknowns add."""
     found = []
     for term in linear_form(layout.model).load_terms:
         factors = layout.monomial_factors[term.monomial]

@@ -61,14 +61,12 @@ class Case:
 
     @cached_property
     def problem(self) -> Problem:
-        """The likelihoods of the records with what is known."""
         before = self.found or self.like
         alike = () if before is None else before.problem.likelihoods
         return self.prepared.problem(self.records, alike)
 
     @cached_property
     def point(self) -> Point:
-        """The problem at `unknowns`."""
         return self.found or self.problem.at(self.unknowns, like=self.like)
 
     @property
@@ -82,7 +80,6 @@ class Case:
 
     @property
     def model(self) -> Model:
-        """The model whose parameters are estimated."""
         return self.prepared.layout.model
 
     @cached_property
@@ -94,17 +91,14 @@ class Case:
         return structure_of(self.model, self.values, max(speeds, key=abs, default=0.0))
 
     def plus(self, *added: Unknown) -> Case:
-        """Return the case with further unknowns, at their starts."""
         starts = [scalar.start for unknown in added for scalar in unknown.scalars]
         unknowns = np.concatenate([self.unknowns, starts])
         return self._prepared(_extended(self.prepared, added), unknowns)
 
     def freed(self, *names: str) -> Case:
-        """Return the case with known values, or measured modes, set free."""
         return self._anew({name: {"std": None} for name in names})
 
     def held(self, values: Mapping[str, float]) -> Case:
-        """Return the case with unknowns held at values, whatever was known of them."""
         return self._anew({name: {"start": at, "std": 0.0} for name, at in values.items()})
 
     def _anew(self, changes: Mapping[str, Mapping[str, Any]]) -> Case:
@@ -116,11 +110,9 @@ class Case:
         return self._prepared(replace(self.prepared, layout=layout, known=known))
 
     def knowing(self, known: Known) -> Case:
-        """Return the case with something else known with a deviation."""
         return self._prepared(replace(self.prepared, known=known))
 
     def without_bounds(self, rows: Collection[int]) -> Case:
-        """Return the case without some bounds."""
         every = self.prepared
         kept = [i for i in range(len(every.bounds)) if i not in rows]
         bounds = every.bounds.subset(np.array(kept, dtype=np.int64))
@@ -132,7 +124,6 @@ class Case:
         return replace(self, prepared=prepared, unknowns=at, found=None, like=self.point)
 
     def reading(self, change: Callable[[Records], Records]) -> Case:
-        """Return the case with other records: as they would be without a mistake."""
         return replace(self, records=tuple(change(self.records)), found=None, like=None)
 
     def on_lines(self, few: int) -> Case | None:
@@ -159,7 +150,6 @@ class Case:
         return replace(self, unknowns=point.unknowns, found=point, expected=expected)
 
     def near(self) -> Point | None:
-        """Minimize from where it is."""
         return self._minimized(self.unknowns, (0.0,))
 
     def far(self) -> Point | None:
@@ -232,7 +222,6 @@ def _extended(prepared: Prepared, added: Sequence[Unknown]) -> Prepared:
 
 
 def _widened(relations: Relations, added: int) -> Relations:
-    """Return relations over more unknowns."""
     old = relations.monomials
     count = old.unknowns + added
     factors = np.where(old.factors == old.unknowns, count, old.factors)
@@ -291,7 +280,6 @@ class Rival:
         return None if self.small is None else self.small.unknown
 
     def value_at(self, point: Point) -> float | None:
-        """Return its value at the minimum of the case that it changed."""
         return self.value(point) if callable(self.value) else self.value
 
 
@@ -306,7 +294,6 @@ class Slopes:
 
     @property
     def linear(self) -> Linear:
-        """The problem made linear there, in the unknowns that the estimate has."""
         return self.point.linear
 
     @classmethod
@@ -336,7 +323,6 @@ class Slopes:
         return cls(wide.point, columns, index, known)
 
     def by(self, *names: str) -> Floats:
-        """Return the columns of some unknowns."""
         return self.columns[:, [self.index[name] for name in names]]
 
     def slack(self, text: str) -> Floats:

@@ -201,7 +201,6 @@ class Likelihood:
 
     @property
     def lines(self) -> int:
-        """Number of lines."""
         return len(self.data)
 
     def coefficients(self, unknowns: Floats) -> Floats:
@@ -350,7 +349,6 @@ class Evaluation:
 
     @property
     def load_factors(self) -> Floats:
-        """The monomials that the loads are multiplied by, shape (load,)."""
         return np.asarray(self.mu[self.problem.loading])
 
     @property
@@ -454,7 +452,6 @@ class Evaluation:
         return data, motion
 
     def directions(self) -> Complexes:
-        """Return d(rows of s) / d unknowns, shape (line, row, unknown), before the projection."""
         p = self.problem
         data, motion = self.corrected()
         forces = (self.state.factors * data - self.state.readings)[:, : p.inputs]

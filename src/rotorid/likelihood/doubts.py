@@ -58,7 +58,6 @@ class Asked:
 
     @cached_property
     def case(self) -> Case:
-        """The fit as something to change."""
         fit, point = self.fit, self.fit.solution.point
         return Case(fit.prepared, fit.records, point.unknowns, values=physical_at(fit), found=point)
 
@@ -91,7 +90,6 @@ class Asked:
         return Slopes.of(self.case, [*self.scales, *exact, *parts])
 
     def by(self, *unknowns: Unknown) -> Floats:
-        """Return the derivative of the residual by the scalars of some of them."""
         return self.slopes.by(*(s.name for unknown in unknowns for s in unknown.scalars))
 
 
@@ -113,7 +111,6 @@ def doubt(*when: Status, last: bool = False) -> Callable[[Doubt], Doubt]:
 
 
 def doubted(model: Model, estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an estimate with the doubts about it."""
     for tier in (False, True):
         asked = Asked(model, estimate, fit)
         cast = [each for each, when, last in CATALOGUE if last == tier and estimate.status in when]

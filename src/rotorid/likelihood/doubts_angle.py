@@ -115,7 +115,6 @@ def against_angle(point: Point, records: Sequence[Observation]) -> Iterator[Note
 
 
 def _told(record: Observation, found: Straying) -> str:
-    """Say how far the rotation strays, what speed would do, and what to do."""
     clock = record.lines.clock
     assert isinstance(clock, WholeClock)
     seconds = float(clock.time[-1] - clock.time[0])
@@ -275,7 +274,6 @@ def creeping(records: Sequence[Observation], found: Sequence[Creep | None]) -> I
 
 
 def told(record: Observation, creep: Creep) -> str:
-    """Say how the rotation moves against its angle, and what to do."""
     periodic = record.periodic
     assert periodic is not None
     if creep.scatter > SCATTERS:

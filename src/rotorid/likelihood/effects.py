@@ -151,7 +151,6 @@ Placed = Sequence[tuple[E, Integers]]
 
 
 def of_kind(kind: type[E], effects: Sequence[Effect]) -> list[E]:
-    """Return the effects of one kind."""
     return [effect for effect in effects if isinstance(effect, kind)]
 
 
@@ -184,7 +183,6 @@ class BoundLaw:
     def of(
         cls, observation: Observation, number: int, law: ForceLaw, changes: Placed[Rereads]
     ) -> BoundLaw:
-        """Find what went through the law of an input."""
         samples = observation.lines.samples
         assert samples is not None
         column = observation.input_columns[number]
@@ -207,12 +205,10 @@ class BoundLaw:
         return Reread(gain, self.samples.lines((change - gain * self.force)[:, None])[:, 0])
 
     def at(self, unknowns: Floats) -> Reread:
-        """Return what becomes of the lines of the force."""
         change = self._split(self._moved(unknowns).real - self.force)
         return Reread(1 + change.gain, change.rest)
 
     def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
-        """Yield the derivative of `at` by each unknown."""
         for _, (at,) in self.changes:
             yield int(at), self._split(self._moved(unknowns, at).imag / STEP)
 
@@ -228,12 +224,10 @@ class BoundPassage:
     lines: Complexes  # (line,): of the slope of the law times what the sensor reads
 
     def at(self, unknowns: Floats) -> Reread:
-        """Return what becomes of the lines of the force."""
         factor = self.scales.factor(unknowns[self.unknowns], self.omega)
         return Reread(1.0, (factor - 1) * self.lines)
 
     def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
-        """Yield the derivative of `at` by each unknown."""
         values = unknowns[self.unknowns]
         change = self.scales.factor(values, self.omega) * self.lines
         for unknown, slope in zip(
@@ -385,7 +379,6 @@ class Calibration:
         return np.unique([self.readings.cos, self.readings.sin])
 
     def at(self, unknowns: Floats) -> CalibrationState:
-        """Evaluate at the unknowns."""
         shape = (len(self.omega), self.channels)
         factors = np.ones(shape, dtype=np.complex128)
         for bound in self.factors:

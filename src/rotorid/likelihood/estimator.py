@@ -118,7 +118,6 @@ class Search(Iterator[Progress]):
         self._last: Progress | None = None
 
     def __next__(self) -> Progress:
-        """Take the next step."""
         if self._last is None:
             watch("looking for the first minimum")
         step = next(self._steps)
@@ -133,7 +132,6 @@ class Search(Iterator[Progress]):
         return None if self._last is None else self._last.best
 
     def finish(self) -> Estimate:
-        """Take the steps that are left, and return the estimate."""
         for _ in self:
             pass
         estimate = self.best

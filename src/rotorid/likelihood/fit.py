@@ -51,12 +51,10 @@ class Fit:
 
     @property
     def problem(self) -> Problem:
-        """The problem that was solved."""
         return self.solution.point.problem
 
     @property
     def covariance(self) -> Floats:
-        """The covariance of all unknowns, zero where they are fixed."""
         layout, free = self.prepared.layout, self.prepared.layout.free
         covariance = np.zeros((len(layout.unknowns), len(layout.unknowns)))
         covariance[np.ix_(free, free)] = self.inference.covariance
@@ -84,7 +82,6 @@ class Rough:
 
     @classmethod
     def of(cls, found: Fit, before: Rough | None) -> Rough:
-        """Take the minimum of a fit; the simpler problem stays what it was before."""
         mine, solution = found.problem, found.solution
         if before is None:
             lowest = Lowest(solution.point.unknowns, solution.point.cost)
@@ -96,7 +93,6 @@ class Rough:
 
     @property
     def values(self) -> dict[str, float]:
-        """The unknowns by name."""
         names = (u.name for u in self.problem.layout.unknowns)
         return dict(zip(names, self.unknowns.tolist(), strict=True))
 

@@ -156,7 +156,6 @@ def _expected(point: Point, leverage: list[Floats]) -> _Expected:
 
 
 def infer(point: Point, exact: Relations) -> Inference:
-    """Return covariance, null space and expected cost at a minimum."""
     linear = point.linear
     taken = linear.leverage + _of_ends(point)
     noise = _expected(point, [rows.sum(axis=1) for rows in point.by_line(taken)])

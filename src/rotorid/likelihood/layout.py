@@ -46,7 +46,6 @@ class Layout:
 
     @cached_property
     def start(self) -> Floats:
-        """Starting values, shape (unknown,)."""
         return np.array([unknown.start for unknown in self.unknowns])
 
     @cached_property
@@ -55,7 +54,6 @@ class Layout:
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
 
     def places(self) -> Iterator[tuple[Unknown, Integers]]:
-        """Yield each nuisance with the indices of its unknowns."""
         first = self.parameters
         for nuisance in self.nuisances:
             last = first + len(nuisance.scalars)

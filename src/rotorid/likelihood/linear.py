@@ -147,7 +147,6 @@ class Linear:
         return -self.taken(residuals)
 
     def rest(self, columns: Floats) -> Floats:
-        """Return what the unknowns do not take over of columns."""
         for _ in range(2):  # once more, against rounding
             columns = columns - self.range @ (self.range.T @ columns)
         return columns

@@ -175,14 +175,12 @@ class ModalRows:
         return ModalRows(tuple(each for each in chosen if each.modes))
 
     def first_hertz(self, unknowns: Floats) -> float:
-        """Return what these unknowns make of the first mode; NaN where they do not have it."""
         first = self.configurations[0]
         found = first.eigenvalues(unknowns).imag / (2 * np.pi)
         at = number(first.modes[0]) - 1
         return float(found[at]) if at < len(found) else float("nan")
 
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
-        """Return (value - measured) / std, shape (row,)."""
         rows: list[float] = []
         for each in self.configurations:
             found, _ = each.measured(unknowns, slopes=False)

@@ -60,11 +60,9 @@ class Known:
         return self.relations.linear_in()
 
     def joined(self, other: Relations) -> Known:
-        """Return these rows with further relations."""
         return replace(self, relations=self.relations.joined(other))
 
     def without(self, text: str) -> Known:
-        """Return the rows but those of one text."""
         kept = np.flatnonzero([t != text for t in self.relations.texts])
         return Known(self.relations.subset(kept), self.modes.of_mode(text, others=True))
 
@@ -168,17 +166,14 @@ class Point:
 
     @cached_property
     def cost(self) -> float:
-        """J: the squared length of `residual`."""
         return sum(record.cost for record in self.records) + float(self.known @ self.known)
 
     @cached_property
     def residual(self) -> Floats:
-        """Whitened residual of the records in order, then of what is known."""
         return np.concatenate([*(record.residual for record in self.records), self.known])
 
     @cached_property
     def jacobian(self) -> Floats:
-        """Derivative of `residual` by the unknowns that are not fixed."""
         free = self.problem.layout.free
         blocks = [record.jacobian()[:, free] for record in self.records]
         known = self.problem.known.jacobian(self.unknowns, self.relaxation)
@@ -186,7 +181,6 @@ class Point:
 
     @cached_property
     def linear(self) -> Linear:
-        """The problem made linear here, in the unknowns that are not fixed."""
         layout, free = self.problem.layout, self.problem.layout.free
         size = np.abs(self.unknowns[free])
         typical = np.where(size > 0, size, 1.0)

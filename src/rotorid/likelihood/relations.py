@@ -33,7 +33,6 @@ class Monomials:
 
     @classmethod
     def from_exponents(cls, exponents: ArrayLike) -> Monomials:
-        """Build from the exponents of each product, int array, shape (monomial, unknown)."""
         table = np.asarray(exponents, dtype=np.int64)
         unknowns = np.arange(table.shape[1])
         return cls.of([np.repeat(unknowns, powers).tolist() for powers in table], len(unknowns))
@@ -124,11 +123,9 @@ class Relations:
         return len(self.matrix)
 
     def subset(self, which: Integers) -> Relations:
-        """Return some of the relations."""
         return Relations(self.monomials, self.matrix[which], tuple(self.texts[i] for i in which))
 
     def joined(self, other: Relations) -> Relations:
-        """Return these relations and those of another set."""
         one, further = self.monomials.factors, other.monomials.factors
         count, longest = len(one) + len(further), max(one.shape[1], further.shape[1])
         factors = np.full((count, longest), self.monomials.unknowns)

@@ -127,7 +127,6 @@ class Finding:
 
     @property
     def note(self) -> Note:
-        """It as one of the possible causes."""
         term, unit = self.rival.term, self.rival.unit
         return Note(term, "doubts", value=self.value, unit=unit, drop=self.drop, share=self.share)
 
@@ -182,13 +181,11 @@ class _Search:
         yield Tried(0, 0, lambda: _told(case, found, self.besides, which))
 
     def trial(self, done: int, of: int) -> Tried:
-        """Return how far it is."""
         expected, found = self.case.expected, tuple(self.so_far)
         causes = partial(ranked, found, expected, {})
         return Tried(done, of, lambda: _told(self.case, causes(), self.besides))
 
     def findings(self) -> Tries:
-        """Return what was found, what leaves the least cost first."""
         small = self.entered(*SMALL)
         scored = self.scored(small)
         found = yield from self.at("bound")
@@ -216,19 +213,15 @@ class _Search:
         return ranked(_one_speed(found, self.case.expected), self.case.expected, places)
 
     def entered(self, *stages: str) -> list[Rival]:
-        """Return the rivals of some stages, in order."""
         return [r for stage in stages for entry in CATALOGUE[stage] for r in entry(self.case)]
 
     def at(self, stage: str) -> Tries:
-        """Try all rivals of a stage."""
         return self.one_by_one(self.entered(stage))
 
     def explains(self, finding: Finding) -> bool:
-        """Tell whether a finding leaves no more than noise does, or little more."""
         return finding.left < GROSS * max(self.case.expected, 1.0)
 
     def any_explains(self, found: Sequence[Finding]) -> bool:
-        """Tell whether one of some findings explains the data."""
         return any(self.explains(finding) for finding in found)
 
     def scored(self, small: Sequence[Rival]) -> list[Finding]:
@@ -244,11 +237,9 @@ class _Search:
         return sorted(found, key=lambda f: -f.drop)
 
     def freed(self, scored: Sequence[Finding]) -> Tries:
-        """Try small changes that were scored."""
         return self.one_by_one([each.rival for each in scored])
 
     def one_by_one(self, rivals: Sequence[Rival]) -> Tries:
-        """Follow rivals to the minimum."""
         found = []
         for number, rival in enumerate(rivals, 1):
             found += self.followed(rival)
@@ -275,7 +266,6 @@ class _Search:
         return Finding(rival, point.cost, drop, self.share(drop), value, likely=likely)
 
     def share(self, drop: float) -> float:
-        """Return the share of the excess misfit that a drop of the cost is."""
         excess = self.case.point.cost - self.case.expected
         return float(min(1.0, max(0.0, drop / excess))) if excess > 0 else 0.0
 

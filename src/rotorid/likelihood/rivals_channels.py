@@ -50,7 +50,6 @@ BEGINNINGS = tuple(np.deg2rad([-135.0, -90.0, -45.0, 45.0, 90.0, 135.0, 180.0]).
 
 
 def exchanged(observation: Observation, pairs: Iterable[tuple[str, str]]) -> Observation:
-    """Exchange the columns of pairs of channels."""
     names = observation.lines.names
     matrix = np.eye(len(names))
     for a, b in pairs:
@@ -61,7 +60,6 @@ def exchanged(observation: Observation, pairs: Iterable[tuple[str, str]]) -> Obs
 
 
 def multiplied(observation: Observation, factors: Mapping[str, float]) -> Observation:
-    """Multiply the columns of some channels."""
     size = [factors.get(name, 1.0) for name in observation.lines.names]
     return observation.with_columns(np.diag(size))
 
@@ -82,7 +80,6 @@ def _each(change: Callable[[Observation], Observation]) -> Callable[[Records], l
 
 
 def swap(pairs: Sequence[tuple[str, str]]) -> Rival:
-    """Return the rival that the columns of some pairs of channels are exchanged."""
     told = " and ".join(f"{a} with {b}" for a, b in pairs)
     return mistake(
         "swap[" + "; ".join(f"{a}, {b}" for a, b in pairs) + "]",
@@ -94,7 +91,6 @@ def swap(pairs: Sequence[tuple[str, str]]) -> Rival:
 
 
 def sign(names: Sequence[str]) -> Rival:
-    """Return the rival that some channels are upside down."""
     listed = ", ".join(names)
     return mistake(
         f"sign[{listed}]",
@@ -407,13 +403,10 @@ def _mistaken(given: Mapping[int, float], shown: Sequence[float], which: str) ->
 
 
 def speed_term(number: int | None = None) -> str:
-    """Return what another speed is called, of all records or of one."""
     return "speed" if number is None else f"speed[{number}]"
 
 
 def _speed(text: str, given: Mapping[int, float], right: Mapping[int, float], which: str) -> Rival:
-    """Return the rival of other speeds of some records."""
-
     def change(records: Records) -> list[Observation]:
         return [
             _turned(record, given[k], right[k]) if k in given else record

@@ -62,7 +62,6 @@ class HeldBound:
         return stated != 0 and 1 / CLOSE < self.value(point) / stated < CLOSE
 
     def told(self, value: float | None) -> tuple[str, str]:
-        """Say what it would be without the bound, and what to do about it."""
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         size = f"{self.limit.expression} = {value:.6g}{unit}"
         said = f"{size}, which the bound {self.limit} does not let it be"
@@ -75,7 +74,6 @@ class HeldBound:
 
 
 def held_bounds(case: Case) -> list[HeldBound]:
-    """Return each bound that holds with equality."""
     prepared, layout = case.prepared, case.prepared.layout
     found: dict[Limit, HeldBound] = {}
     for row in bounds_held(case.point.problem, case.point.unknowns):
@@ -242,7 +240,6 @@ def _drops(case: Case) -> Iterator[tuple[float, int, int]]:
 
 
 def _turns(record: Observation) -> float:
-    """Return the frequency of the rotation in Hz."""
     return float(np.abs(record.lines.speed).mean()) / (2 * np.pi)
 
 
@@ -357,7 +354,6 @@ def _moved_masses(case: Case) -> Iterator[Rival]:
 
 
 def trials(case: Case) -> list[Trial]:
-    """Return the unbalances that records state, none that is zero."""
     layout, found = case.prepared.layout, list[Trial]()
     if layout.base:
         return found

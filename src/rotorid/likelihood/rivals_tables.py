@@ -50,7 +50,6 @@ NONE = 1e-9
 
 
 def is_response(record: Observation) -> bool:
-    """Tell whether a record holds frequency responses."""
     return isinstance(record.lines.clock, SilentClock)
 
 
@@ -110,7 +109,6 @@ is off by so much and right in every parameter but for the one factor of time.""
 
 
 def is_table(record: Observation) -> bool:
-    """Tell whether a record is a table of phasors."""
     return isinstance(record.lines.clock, PhasorClock)
 
 

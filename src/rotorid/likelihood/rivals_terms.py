@@ -57,12 +57,10 @@ class Candidate:
 
     @property
     def rotating(self) -> bool:
-        """Whether it needs a rotor that turns."""
         return bool(self.loads) or any(power for _, power in self.matrices)
 
     @property
     def unknown(self) -> Missing:
-        """The term as something to be freed."""
         entries = tuple(
             Entry(int(r), int(c), order, float(matrix[r, c]), power)
             for (order, power), matrix in sorted(self.matrices.items())
@@ -209,7 +207,6 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> C
 def _term(
     structure: Structure, name: str, unit: str, matrices: Mapping[tuple[int, int], Floats]
 ) -> Candidate:
-    """Return a term from matrices of the coordinates."""
     return Candidate(name, unit, {at: structure.in_rows(m) for at, m in matrices.items()})
 
 

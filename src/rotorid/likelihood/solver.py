@@ -139,7 +139,6 @@ class _Walk:
 
 
 def evaluated(problem: Problem, unknowns: Floats, relaxation: float = 0.0) -> Point | None:
-    """Evaluate, or return None where the point has no finite cost."""
     if not np.abs(unknowns).max(initial=0.0) < 1e150:
         return None
     try:

@@ -64,7 +64,6 @@ class Turn:
     coordinates: tuple[str, ...] = ()
 
     def of(self, values: Floats) -> Floats:
-        """Return unknowns with their signs turned."""
         turned = values.copy()
         turned[list(self.unknowns)] *= -1
         return turned
@@ -79,7 +78,6 @@ class Exchange:
     coordinates: tuple[tuple[str, str], ...]
 
     def of(self, values: Floats) -> Floats:
-        """Return unknowns that have changed places."""
         moved = values.copy()
         moved[list(self.places)] = values * self.factors
         return moved

@@ -160,7 +160,6 @@ class Transient:
 
     @classmethod
     def of(cls, orders: Integers, omega: Floats) -> Transient:
-        """Build from the order of the polynomial of each row, -1 for none."""
         pairs = [(row, p) for row, order in enumerate(orders) for p in range(order + 1)]
         row, power = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         reach = omega / max(float(omega.max(initial=0.0)), 1e-300)
@@ -188,7 +187,6 @@ class Ends:
 
     @classmethod
     def of(cls, columns: Floats) -> Ends:
-        """Build from whitened columns, shape (real equation, term)."""
         size = np.sqrt((columns**2).sum(axis=0))
         scale = 1 / np.where(size > 0, size, 1.0)
         orthogonal, triangle = np.linalg.qr(columns * scale)
@@ -234,13 +232,11 @@ class Reflections:
 
     @classmethod
     def of(cls, stiffness: Complexes, hidden: Floats) -> Reflections:
-        """Factor P H."""
         basis, triangle = np.linalg.qr(stiffness @ hidden, mode="complete")
         adjoint, count = basis.conj().transpose(0, 2, 1), hidden.shape[1]
         return cls(adjoint[:, count:], adjoint[:, :count], triangle[:, :count], hidden)
 
     def motion(self, left: Complexes) -> Complexes:
-        """Return q = H w with ``P q + left = 0``."""
         found = np.linalg.solve(self.triangle, self.adjoint @ left[:, :, None])[:, :, 0]
         return _complex(-found @ self.basis.T)
 
@@ -255,7 +251,6 @@ class Reflectors:
 
     @classmethod
     def of(cls, stiffness: Complexes, hidden: Floats) -> Reflectors:
-        """Factor P H."""
         from scipy.linalg.lapack import zgeqrf, zunmqr  # where it is needed: it takes its time
 
         rows, count = stiffness.shape[1], hidden.shape[1]
@@ -273,7 +268,6 @@ class Reflectors:
         return cls(np.conj(null_h, out=null_h), tuple(factors), hidden)
 
     def motion(self, left: Complexes) -> Complexes:
-        """Return q = H w with ``P q + left = 0``."""
         from scipy.linalg.lapack import ztrtrs, zunmqr
 
         count = self.basis.shape[1]

@@ -43,7 +43,6 @@ cut-off that moves a parameter by the second turns the answer away too: the bias
 
 
 def filtered_records(records: Sequence[Observation]) -> bool:
-    """Tell whether records are filtered ones; refuse some of each kind."""
     found = [record.filtered is not None for record in records]
     if any(found) and not all(found):
         raise InputError(

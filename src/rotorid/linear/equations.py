@@ -147,7 +147,6 @@ class Equations(ABC):
 
     @property
     def model(self) -> Model:
-        """The model that the record is bound to."""
         return self.observation.model
 
     @cached_property
@@ -202,7 +201,6 @@ class Equations(ABC):
 
     @cached_property
     def target(self) -> Any:
-        """B u less the terms without parameters, shape (line or sample, row)."""
         return self.counting(self.forces - self.signals @ self.model.coefficients[1])
 
     def residual(self, base: Floats) -> Any:
@@ -230,7 +228,6 @@ class Regression(Equations):
 
     @cached_property
     def record(self) -> PeriodicRecord:
-        """The periods; an `InputError` where the record has none."""
         lines = self.observation.lines
         if self.observation.periodic is not None:
             return self.observation.periodic
@@ -256,7 +253,6 @@ class Regression(Equations):
 
     @cached_property
     def inputs(self) -> Complexes:
-        """Lines of every input, shape (period, line, input)."""
         self.check_forces()
         return self.record.spectra[slice(*self.kept)][..., list(self.observation.input_columns)]
 
@@ -286,17 +282,14 @@ class Regression(Equations):
         return np.asarray(self.period_forces.mean(axis=0))
 
     def period_residual(self, base: Floats) -> Complexes:
-        """Return the lines of ``Phi base + known - B u`` of each period, (period, line, row)."""
         coefficients, known = self.model.coefficients
         return np.asarray(self.period_signals @ (coefficients @ base + known) - self.period_forces)
 
     def predicted(self, base: Floats) -> Predicted:
-        """Predict the lines of the inputs."""
         return self._predicted(base, self.inputs.mean(axis=0), self.record.multiplicity)
 
     @property
     def rows(self) -> int:
-        """Number of equations."""
         return len(self.model.texts)
 
 
@@ -313,7 +306,6 @@ class SampledRegression(Equations):
 
     @property
     def record(self) -> FilteredRecord:
-        """The filtered record."""
         assert self.observation.filtered is not None
         return self.observation.filtered
 
@@ -365,12 +357,10 @@ class SampledRegression(Equations):
 
     @cached_property
     def signals(self) -> Floats:
-        """The filtered signals of the model, shape (sample, signal)."""
         return self._joined(stretch.signals() for stretch in self.stretches)
 
     @cached_property
     def inputs(self) -> Floats:
-        """The filtered inputs, shape (sample, input)."""
         return self._joined(stretch.inputs() for stretch in self.stretches)
 
     @property
@@ -385,7 +375,6 @@ class SampledRegression(Equations):
         return np.asarray(self.counting(rates @ self.model.input_matrix.T))
 
     def predicted(self, base: Floats) -> Predicted:
-        """Predict the filtered inputs."""
         driven = self.model.input_matrix.any(axis=1)
         counts = self.told[self.kept][:, driven].all(axis=1, keepdims=True)
         ones, samples = np.ones(len(self.inputs)), self.record.used[self.kept]
@@ -461,7 +450,6 @@ class Stretch:
         return np.asarray(((weight(rest) > SPILLED) | rest)[self.picked])
 
     def inputs(self, order: int = 0) -> Floats:
-        """Return the filtered inputs or their derivative, shape (used, input)."""
         seen, record = self.regression.observation, self._record
         if not seen.inputs:
             return np.zeros((len(self.picked), 0))
@@ -480,7 +468,6 @@ class Stretch:
         return Motion(q, velocity, acceleration, time, angle, speed)
 
     def signals(self) -> Floats:
-        """Return the filtered signals of the model, shape (used, signal)."""
         model, record = self.regression.model, self._record
         found = np.empty((len(self.picked), len(model.signals)))
         exact: dict[int, Floats] = {}

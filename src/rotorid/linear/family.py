@@ -62,7 +62,6 @@ class Posed:
         given: Mapping[str, float | str],
         constraints: Sequence[Constraint],
     ) -> Self:
-        """Substitute what is fixed, and eliminate what is constrained."""
         model = records[0].model
         fixed = in_si(given, model)
         reduced = model.substitute(fixed)
@@ -93,7 +92,6 @@ class Posed:
 
     @property
     def names(self) -> list[str]:
-        """Names of the free unknowns: base parameters that no constraint eliminates."""
         return [self.model.base.names[i] for i in self.elimination.kept]
 
     @property
@@ -122,7 +120,6 @@ class Posed:
         return values
 
     def base(self, free: Floats) -> Floats:
-        """Return the base parameters, shape (base,), NaN where a free one is."""
         known = np.isfinite(free)
         values = self.elimination.origin + self.elimination.basis[:, known] @ free[known]
         values[self.elimination.basis[:, ~known].any(axis=1)] = np.nan

@@ -204,7 +204,6 @@ class Scatter:
 
     @property
     def blocks(self) -> int:
-        """The number of blocks."""
         return len(self.shifts)
 
     def halves(self) -> tuple[Floats, Floats]:

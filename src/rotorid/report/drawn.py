@@ -43,7 +43,6 @@ ROOM = 1.25
 
 
 def corrections(found: Balance) -> list[Panel]:
-    """Return each plane, seen along the shaft: what to add, and where the right correction lies."""
     pairs = zip(found.corrections, found.residual, strict=True)
     return [_plane(one, left) for one, left in list(pairs)[:MOST_PANELS]]
 
@@ -119,7 +118,6 @@ HERTZ = Axis("frequency in Hz")
 
 
 def waves(record: Shown) -> list[Panel]:
-    """Return each predicted channel over time, measured and predicted, with the band of noise."""
     return _over_time(record, wave)
 
 
@@ -226,7 +224,6 @@ def _line_curves(channel: Any, x: Floats, factor: float) -> list[Curve]:
 
 
 def residual(record: Shown) -> list[Panel]:
-    """Return the difference of every predicted channel on every line, over its noise."""
     x, axis = _over(record.frequency_hz, turning=record.kind == "phasors")
     shown = [c for c in record.channels if c.difference and c.noise][:MOST_PANELS]
     if not shown or len(x) < 2:
@@ -271,14 +268,12 @@ def misfit(
 
 
 def correlation(names: Sequence[str], matrix: Floats) -> Panel:
-    """Return a correlation matrix, shape (name, name)."""
     short = tuple(label(name) for name in names)
     shown = Matrix(short, short, matrix, -1.0, 1.0, "correlation", written=len(short) <= 20)
     return Panel(matrix=shown, height=min(max(3.0, 0.28 * len(short) + 1.8), 12.0))
 
 
 def deviations(names: Sequence[str], percent: Floats) -> Panel:
-    """Return the deviations of parameters in percent."""
     seen = np.where(percent > 0, percent, np.nan)
     curve = Curve(seen, np.arange(len(names), dtype=float), "", BLUE, "dots")
     return Panel(
@@ -338,7 +333,6 @@ def campbell(found: Diagram) -> Panel:
 
 
 def _highest(frequency: Floats, turning: float) -> float:
-    """Return the frequency up to which a diagram is drawn."""
     tops = np.where(np.isfinite(frequency), frequency, 0.0).max(axis=0, initial=0.0)
     near = tops[tops <= HIGHEST * turning]
     return 1.08 * float(max([turning, *(near if len(near) else np.sort(tops)[:1])]))
@@ -549,7 +543,6 @@ def _spectrum(record: Periods, c: int) -> Panel:
 
 
 def rows(record: Whole, *, turning: bool) -> list[Panel]:
-    """Return every channel of a table, by its speed or its frequency, and the noise."""
     axis = Axis("speed in rpm") if turning else HERTZ
     x = 30 / np.pi * record.speed if turning else record.frequency
     drawn = []
@@ -574,7 +567,6 @@ def rows(record: Whole, *, turning: bool) -> list[Panel]:
 def line_filter(
     record: Record, periods: Periods, channel: str, band: tuple[float, float] | None = None
 ) -> Panel:
-    """Return the lines of the whole record and those that the line filter keeps."""
     count = periods.periods * periods.samples
     first = round(float(periods.time[0, 0]) * record.sample_rate)
     amplitude = 2 * np.abs(
@@ -651,7 +643,6 @@ widest section: names of marks at one place stand above each other."""
 
 
 def drawing(rotor: Rotor) -> Panel:
-    """Return a rotor seen from the side; what stands on it is marked above, bores are left open."""
     widest = 1e3 * max(section.outer for section in rotor.sections) / 2
     curves = [_edge(rotor, 1.0, "shaft"), _edge(rotor, -1.0, "shaft")]
     for key, word, colour, height in MARKS:

@@ -46,7 +46,6 @@ class Verdict:
 
 
 def verdict_of(estimate: Estimate) -> Verdict:
-    """Return what an estimate comes to."""
     warnings = tuple(estimate.warnings)
     if estimate.status == "ok":
         return Verdict(_accepted(estimate), warnings)
@@ -115,7 +114,6 @@ def channel_ratios(estimate: Estimate) -> Iterator[tuple[int, str, float]]:
 
 
 def _rejected(estimate: Estimate) -> str:
-    """Say what stands out."""
     text = "Rejected: the values below do not explain the records"
     if estimate.misfit is not None and estimate.misfit.expected > 0:
         times = estimate.misfit.cost / estimate.misfit.expected
@@ -215,7 +213,6 @@ def any_known(estimate: Estimate) -> bool:
 
 
 def fixed(estimate: Estimate) -> list[str]:
-    """Return what was held, in words."""
     return [f"{v.name} = {v.value:.6g}{_unit(v.unit)}" for v in estimate.parameters if v.fixed]
 
 
@@ -306,7 +303,6 @@ def _bar(value: Value, prior: Prior) -> Bar | None:
 
 
 def figures(value: float, half: float) -> str:
-    """Return a number with as many digits as its half-width leaves."""
     if not math.isfinite(value):
         return ""
     if value == 0 or not (math.isfinite(half) and half > 0):
@@ -319,7 +315,6 @@ def figures(value: float, half: float) -> str:
 
 
 def two_digits(number: float) -> str:
-    """Return a number with two digits; nothing for none."""
     if not math.isfinite(number):
         return ""
     if 10 <= abs(number) < PLAIN[1]:
@@ -350,7 +345,6 @@ WITHOUT = (
 
 
 def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
-    """Return the report of an estimate as HTML, from what it holds itself."""
     model, lacking = model_of(estimate)
     records = estimate.evidence.records if estimate.evidence else ()
     told = [*remarks, *lacking, *([] if estimate.evidence else [WITHOUT])]
@@ -498,7 +492,6 @@ def record_pictures(
 
 
 def _of_waves(record: RecordEvidence) -> str:
-    """Say what the pictures over time show."""
     if record.kind == "samples":
         return (
             "The samples that were used, filtered. The prediction lays what the equations of "
@@ -523,7 +516,6 @@ def _of_waves(record: RecordEvidence) -> str:
 
 
 def _of_lines(record: RecordEvidence) -> str:
-    """Say what the pictures on the lines show."""
     what = "rows of 1x phasors" if record.kind == "phasors" else "spectral lines"
     told = f"Amplitudes of {record.lines} {what}"
     if record.lines_per_point > 1:
@@ -556,7 +548,6 @@ def _against_noise(channel: ChannelEvidence) -> tuple[str, ...]:
 
 
 def records_table(records: Sequence[RecordEvidence]) -> Table | None:
-    """Return a row per record: how it was recorded and used; nothing where there are none."""
     first = ("record", "used as", "periods", "samples per period", "sample rate in Hz")
     headings = (*first, "lines", "speed in rpm", "channels")
     rows = [

@@ -127,7 +127,6 @@ def _handles(panels: Sequence[Panel]) -> list[Line2D]:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw one panel on axes."""
     axes.set_title(label(panel.title, 48), loc="left")
     axes.set_xlabel(panel.x.title)
     axes.set_ylabel(panel.y.title)

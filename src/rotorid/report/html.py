@@ -29,7 +29,6 @@ class Picture:
 
     @property
     def key(self) -> list[Curve]:
-        """What the curves are."""
         return key_of(self.panels)
 
 

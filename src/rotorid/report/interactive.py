@@ -35,7 +35,6 @@ _SHARP = 5
 
 
 def spec(panel: Panel) -> dict[str, Any]:
-    """Return data and layout of a panel."""
     drawn = [_trace(curve, panel.x.ends) for curve in panel.curves]
     if panel.matrix is not None:
         drawn.append(_heatmap(panel.matrix))

@@ -23,7 +23,6 @@ RPM = 30 / np.pi
 
 
 def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
-    """Return the page of a balance."""
     speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
     page: list[str | Table] = [
         f"{found.model} at {speeds} rpm: add in each plane, angles in the rotor from x to y, "
@@ -40,7 +39,6 @@ def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
 
 
 def balance_sentence(found: Balance) -> str:
-    """Return what a balance comes to."""
     if found.share > POOR:
         return (
             f"These planes cannot do away with the unbalance: {100 * found.share:.2g} % of the "
@@ -58,7 +56,6 @@ def balance_sentence(found: Balance) -> str:
 
 
 def correction_table(found: Balance) -> Table:
-    """Return a row per plane: what to add."""
     rows = [
         (
             each.plane,
@@ -73,7 +70,6 @@ def correction_table(found: Balance) -> Table:
 
 
 def mass_table(found: Balance) -> Table:
-    """Return a row per mass to be mounted."""
     rows = [
         (each.plane, f"{1e3 * mass:.4g}", f"{np.degrees(angle) % 360:.1f}")
         for each in found.corrections
@@ -83,7 +79,6 @@ def mass_table(found: Balance) -> Table:
 
 
 def residual_table(found: Balance) -> Table:
-    """Return a row per plane: what is left."""
     rows = [
         (
             each.plane,
@@ -165,7 +160,6 @@ def modes_page(
     response: UnbalanceResponse | None,
     model: Model,
 ) -> Page:
-    """Return the page of a machine's modes at a speed, and up to a speed."""
     free = ", ".join(model.inputs)
     whose = f"without forces at its inputs ({free})" if free else "without inputs"
     page: list[str | Table] = [
@@ -210,7 +204,6 @@ def ringing_curves(found: Campbell) -> Campbell:
 
 
 def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
-    """Return what matters of modes and critical speeds, in one sentence."""
     rpm = RPM * found.speed
     where = f"At {rpm:.5g} rpm" if found.speed else "At standstill"
     growing = [mode for mode in found.modes if mode.damping_ratio < -NOTHING]
@@ -244,7 +237,6 @@ def _nearest(rpm: float, diagram: Campbell) -> str:
 
 
 def mode_table(found: Modes) -> Table:
-    """Return a row per natural frequency."""
     rows = [
         (
             f"{number}{'~' if mode.close else ''}",
@@ -290,7 +282,6 @@ def summary(found: Modes) -> list[str]:
 
 
 def critical_table(found: Campbell) -> Table:
-    """Return a row per critical speed."""
     rows = [
         (
             str(number),
@@ -326,7 +317,6 @@ def campbell_table(found: Campbell) -> Table:
 
 
 def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
-    """Return amplitude and angle of each coordinate at the first speed of a response."""
     every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
     named = [row for row in every if len(every) <= MOST_PLACES or not _NODE.search(row[0])]
     rows = []
@@ -351,12 +341,10 @@ def _ratio(value: float) -> str:
 
 
 def sensitivity_page(found: Sequence[AxisSensitivity]) -> Page:
-    """Return the zone of the machine, and a row per axis."""
     return [sensitivity_sentence(found), sensitivity_table(found)]
 
 
 def sensitivity_table(found: Sequence[AxisSensitivity]) -> Table:
-    """Return a row per axis: its peak, the interval of this, its zone."""
     rows = [
         (
             each.axis,
@@ -372,7 +360,6 @@ def sensitivity_table(found: Sequence[AxisSensitivity]) -> Table:
 
 
 def sensitivity_sentence(found: Sequence[AxisSensitivity]) -> str:
-    """Return the zone of a machine, and the peak that makes it."""
     worst = max(found, key=lambda each: each.interval[1])
     low, high = worst.interval
     verdict = worst_of(found)

@@ -57,7 +57,6 @@ class Part:
 
 
 def machine_part(source: Estimate | Model, speed: float) -> Part:
-    """Return the modes of a machine at a speed, and what lies up to half as much again."""
     title = f"Modes at {RPM * speed:.5g} rpm" if speed else "Modes at standstill"
     try:
         found = modes(source, speed=speed)
@@ -152,7 +151,6 @@ def modes_report(
     diagram: Campbell | None,
     notes: Sequence[str],
 ) -> str:
-    """Return the page of a machine's modes at a speed and, where asked for, up to a speed."""
     end = diagram.speed[-1] if diagram is not None else 0.0
     response = _response(source, float(end)) if end else None
     title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
@@ -170,7 +168,6 @@ def balance_report(
     model: Model,
     done: Sequence[str] = (),
 ) -> str:
-    """Return the page of a balance: what to mount, where, and what is left then."""
     tables: list[tuple[str, str, Table]] = [
         (
             "What to add",
@@ -219,7 +216,6 @@ def balance_report(
 def sensitivity_report(
     found: Sequence[AxisSensitivity], name: str, done: Sequence[str] = ()
 ) -> str:
-    """Return the page of the sensitivity of loops: zone, peaks, curves."""
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
     table = (
         "Axis by axis",

@@ -28,8 +28,6 @@ MOST_PANELS = 24
 
 @frozen
 class Curve:
-    """Numbers over numbers, drawn one way."""
-
     # (point,): naN leaves a gap
     x: Floats
     y: Floats
@@ -66,8 +64,6 @@ class Axis:
 
 @frozen
 class Panel:
-    """One pair of axes."""
-
     title: str = ""
     x: Axis = Axis()
     y: Axis = Axis()
@@ -102,7 +98,6 @@ def time_unit(longest: float) -> tuple[str, float]:
 
 
 def thinned(panel: Panel, most: int) -> Panel:
-    """Return a panel whose curves have at most so many points: extremes are kept."""
     return replace(panel, curves=tuple(_thinned(curve, most) for curve in panel.curves))
 
 

@@ -65,7 +65,6 @@ KINDS = (
 
 
 def rotor_page(model: RotorModel) -> Page:
-    """Return a rotor in words and tables."""
     rotor = model.rotor
     nominal = [
         (p.name, p.unit, "" if p.nominal is None else f"{p.nominal:.6g}") for p in model.parameters
@@ -153,7 +152,6 @@ _MATRICES = (("M", "''"), ("D", "'"), ("G", "'"), ("K", ""))
 
 
 def model_list(models: Iterable[Model]) -> Table:
-    """Return one line per model."""
     rows = [
         (m.name, str(len(m.coordinates)), str(len(m.inputs)), str(len(m.base.names)), m.title)
         for m in models

@@ -27,7 +27,6 @@ _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
 
 
 def inspection_page(found: Inspection | LineInspection) -> Page:
-    """Return verdict, checks and channels of a record or a table."""
     graver = [check for check in found.checks if check.severity != "passes"]
     fine = [check.about for check in found.checks if check.severity == "passes"]
     return [
@@ -199,7 +198,6 @@ def validation_report(
     records: Sequence[RecordEvidence],
     notes: Sequence[str] = (),
 ) -> str:
-    """Return what a validation shows as HTML: its verdict, and every record as it is predicted."""
     reached = verdict_of(found)
     return render(
         "validation.html",

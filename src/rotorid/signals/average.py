@@ -200,7 +200,6 @@ def average_blocks(
 
 
 def _whole_periods(blocks: _Blocks, first: int, size: int) -> Iterator[Floats]:
-    """Yield whole periods after the first sample, shape (period, sample, channel)."""
     names = [channel.name for channel in blocks.channels]
     passed, rest = 0, np.empty((0, len(names)))
     for block in blocks.read():
@@ -384,7 +383,6 @@ class PeriodSums:
         self.count += len(periods)
 
     def _add_moments(self, part: Floats) -> None:
-        """Add what differs from the first periods' mean, and its squares, in one buffer."""
         if self._centre is None:
             self._centre = part.mean(axis=0)
         if len(self._apart) < len(part):

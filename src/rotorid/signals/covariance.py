@@ -50,7 +50,6 @@ class LineCovariance(Arrays):
     shared: int = 1  # how many lines have their covariance from one estimate, of as many together
 
     def times(self, factors: Complexes) -> LineCovariance:
-        """Return the covariance of lines with a factor each, (line, channel)."""
         products = factors[:, :, None] * factors[:, None, :].conj()
         return replace(self, matrices=self.matrices * products)
 

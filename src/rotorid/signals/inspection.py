@@ -131,8 +131,6 @@ NO_PERIOD = "no period found: see docs/inspect.md for records that do not repeat
 
 @frozen
 class ChannelFacts:
-    """What one channel holds."""
-
     name: str
     unit: str
     # extremes, and root mean square about the mean, in SI
@@ -150,8 +148,6 @@ class ChannelFacts:
 
 
 class Judged:
-    """What was looked at, and what its checks come to."""
-
     checks: tuple[Note, ...]
 
     @property

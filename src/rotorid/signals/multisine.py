@@ -76,7 +76,6 @@ class Multisine:
 
     @property
     def rms(self) -> Floats:
-        """Root mean square of each signal, shape (signal,)."""
         return np.asarray(np.sqrt((np.abs(self.amplitudes) ** 2).sum(axis=0) / 2))
 
     @property
@@ -86,7 +85,6 @@ class Multisine:
         return np.asarray(peak / np.where(self.rms > 0, self.rms, np.inf))
 
     def scaled(self, factors: ArrayLike, unit: str | None = None) -> Multisine:
-        """Return the signals times a factor each, in another unit if one is given."""
         return replace(
             self, amplitudes=self.amplitudes * np.asarray(factors), unit=unit or self.unit
         )
@@ -112,7 +110,6 @@ def _fine(harmonics: Integers) -> int:
 
 
 def odd_harmonics(highest: int, lowest: int = 1) -> Integers:
-    """Return the odd harmonics in a range: even distortion stays off them."""
     return np.arange(lowest + (lowest + 1) % 2, highest + 1, 2, dtype=np.int64)
 
 

@@ -166,7 +166,6 @@ def _floor(readings: Readings) -> float:
 def _least_squares(
     readings: Readings, values: Floats, weights: Floats, inner: Floats, degree: int
 ) -> BSpline:
-    """Return the weighted least-squares spline (FITPACK: Givens rotations)."""
     # Values relative to a straight line, so that thousands of radians cost no figures.
     line = np.polynomial.Polynomial.fit(readings.time, readings.middle, 1)
     rest = values - line(readings.time)

@@ -61,12 +61,10 @@ KINDS: tuple[type[Unknown], ...] = (
 
 
 def asked_unknowns(records: Sequence[Observation], wanted: Nuisances) -> tuple[Unknown, ...]:
-    """Return the nuisances that settings and channels ask for."""
     return tuple(n for kind in KINDS for n in kind.asked(records, wanted))
 
 
 def every_unknown(records: Sequence[Observation]) -> tuple[Unknown, ...]:
-    """Return all nuisances that these records could have."""
     return tuple(n for kind in KINDS for n in kind.every(records))
 
 

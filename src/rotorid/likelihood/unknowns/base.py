@@ -140,7 +140,6 @@ class Unknown(ABC):
 
     @property
     def unit(self) -> str:
-        """The unit of its size."""
         return self.scalars[0].unit
 
     def size(self, values: Floats) -> float:
@@ -164,15 +163,12 @@ def amount(value: float | None, unit: str) -> str:
 
 
 def all_inputs(records: Sequence[Observation]) -> dict[str, Channel]:
-    """Return the channels of inputs of all records by name."""
     return {c.name: c for record in records for c in record.inputs}
 
 
 def all_sensors(records: Sequence[Observation]) -> dict[str, Channel]:
-    """Return the channels of sensors of all records by name."""
     return {s.channel.name: s.channel for record in records for s in record.sensors}
 
 
 def all_channels(records: Sequence[Observation]) -> list[Channel]:
-    """Return inputs, then sensors of all records."""
     return list({**all_inputs(records), **all_sensors(records)}.values())

@@ -71,7 +71,6 @@ class Factor(Unknown):
     cure: str = field(default="check the channel, or declare it unknown", kw_only=True)
 
     def effects(self) -> Sequence[Effect]:
-        """Scale the lines."""
         return (Scales(self.on, self.factor, self.slopes),)
 
     @abstractmethod
@@ -99,7 +98,6 @@ class Gain(Factor):
 
     @classmethod
     def of(cls, channel: Channel, std: float | None) -> Self:
-        """Return the gain of one channel, known to `std`."""
         unknown = Scalar(
             f"gain[{channel.name}]", "1", 1.0, std, 1.0, nuisance=True, positive=True, anchored=True
         )
@@ -107,20 +105,16 @@ class Gain(Factor):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return the gains that are known with a deviation."""
         return [cls.of(c, c.gain_std) for c in all_channels(records) if c.gain_std > 0]
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return the gain of each channel."""
         return [cls.of(c, None) for c in all_channels(records)]
 
     def factor(self, values: Floats, omega: Floats) -> Complexes:
-        """1 / g."""
         return np.full(len(omega), 1 / values[0], dtype=np.complex128)
 
     def slopes(self, values: Floats, omega: Floats) -> Complexes:
-        """-1 / g."""
         return np.full((len(omega), 1), -1 / values[0], dtype=np.complex128)
 
 
@@ -129,26 +123,21 @@ class Multiplier(Factor):
 
     @classmethod
     def of(cls, name: str, channels: Iterable[str], start: float = 1.0) -> Self:
-        """Return the common factor of some channels, under the name of their gain."""
         unknown = Scalar(f"gain[{name}]", "1", start, nuisance=True, additive=True)
         cure = "check the unit, the sign and the calibration of the channel"
         return cls((unknown,), frozenset(channels), cure=cure)
 
     def size(self, values: Floats) -> float:
-        """Return the gain, which is 1 / s."""
         return float(1 / values[0]) if values[0] else np.nan
 
     def told(self, value: float | None) -> tuple[str, str]:
-        """Say the gain, and whose factor it is near to."""
         said, cure = super().told(value)
         return said + ("" if value is None else factor_name(value)), cure
 
     def factor(self, values: Floats, omega: Floats) -> Complexes:
-        """S."""
         return np.full(len(omega), values[0], dtype=np.complex128)
 
     def slopes(self, values: Floats, omega: Floats) -> Complexes:
-        """1 / s."""
         return np.full((len(omega), 1), 1 / (values[0] or 1e-300), dtype=np.complex128)
 
 
@@ -177,25 +166,20 @@ class Delay(Factor):
 
     @classmethod
     def of(cls, channel: Channel, std: float | None) -> Self:
-        """Return the delay of one channel, known to `std`."""
         return cls._late(channel.name, frozenset([channel.name]), channel.delay, std)
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return the delays that are known with a deviation."""
         return [cls.of(c, c.delay_std) for c in all_channels(records) if c.delay_std > 0]
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return the delay of each channel."""
         return [cls.of(c, None) for c in all_channels(records)]
 
     def factor(self, values: Floats, omega: Floats) -> Complexes:
-        """``exp(i omega (tau - known))``."""
         return np.asarray(np.exp(1j * omega * (values[0] - self.known)))
 
     def slopes(self, values: Floats, omega: Floats) -> Complexes:
-        """``i omega``."""
         return np.asarray(1j * omega[:, None])
 
     def instead(self, value: float, inputs: Collection[str]) -> Unknown | None:
@@ -221,12 +205,10 @@ class CommonDelay(Delay):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return those of the settings."""
         return [cls.common(kind, records) for kind in wanted.delays]
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return both."""
         return [cls.common(kind, records) for kind in ("force", "position")]
 
 
@@ -245,7 +227,6 @@ class Response(Factor):
 
     @classmethod
     def of(cls, channels: Sequence[Channel], dynamics: Dynamics) -> Self:
-        """Return the constants that some channels share."""
         label = dynamics.shared or channels[0].name
         unknowns = tuple(
             Scalar(
@@ -263,7 +244,6 @@ class Response(Factor):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return the dynamics with a constant that is not known exactly."""
         groups: dict[str, list[Channel]] = {}
         for channel in all_channels(records):
             dynamics = channel.dynamics
@@ -277,7 +257,6 @@ class Response(Factor):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return the dynamics that channels have, their constants free."""
         return [
             replace(found, scalars=tuple(replace(u, std=None) for u in found.scalars))
             for found in cls.asked(records, Nuisances())
@@ -302,6 +281,5 @@ class Response(Factor):
         return np.asarray(ratio if self.dynamics.actuator else 1 / ratio)
 
     def slopes(self, values: Floats, omega: Floats) -> Complexes:
-        """D ln H, its sign turned for a sensor."""
         slopes = self.dynamics.slopes(omega, values)
         return np.asarray(slopes if self.dynamics.actuator else -slopes)

@@ -35,7 +35,6 @@ class Scale(Unknown):
 
     @classmethod
     def of(cls, records: Sequence[Observation], std: float | None) -> Self:
-        """Return the scale of all inputs, known to `std`."""
         unknown = Scalar(
             "scale[force]", "1", 1.0, std, 1.0, nuisance=True, positive=True, anchored=True
         )
@@ -43,16 +42,13 @@ class Scale(Unknown):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return it where its deviation is given."""
         return [cls.of(records, wanted.force_scale_std)] if wanted.force_scale_std else []
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return it."""
         return [cls.of(records, None)]
 
     def effects(self) -> Sequence[Effect]:
-        """Multiply what the inputs do."""
         return (Drives(self.on, "force"),)
 
 
@@ -63,12 +59,10 @@ class CurrentGain(Unknown):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return that of every input, where it is asked for."""
         return cls.every(records) if "ki" in wanted.gains else []
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of every input."""
         return [
             cls(
                 (
@@ -86,7 +80,6 @@ class CurrentGain(Unknown):
         ]
 
     def effects(self) -> Sequence[Effect]:
-        """Stand for ki."""
         return (Drives(self.on, "ki"),)
 
 
@@ -103,7 +96,6 @@ class DisplacementGain(Unknown):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return what the settings ask for."""
         if not {"ks", "ks*"} & set(wanted.gains):
             return []
         if not _driven(records):
@@ -117,7 +109,6 @@ class DisplacementGain(Unknown):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return the common one and the single ones."""
         return [*cls._common(records), *cls._single(records)] if _driven(records) else []
 
     @classmethod
@@ -141,7 +132,6 @@ class DisplacementGain(Unknown):
         ]
 
     def effects(self) -> Sequence[Effect]:
-        """Stand for ks."""
         return (Drives(self.on, "ks"),)
 
 
@@ -156,7 +146,6 @@ class LawConstant(Unknown):
     origin: float  # the value of the unknown at which the forces are as they were read
 
     def effects(self) -> Sequence[Effect]:
-        """Send the samples through the laws again."""
         return (Rereads(self.on, self.changes),)
 
     def changes(self, value: complex) -> Mapping[str, complex]:
@@ -165,7 +154,6 @@ class LawConstant(Unknown):
 
     @classmethod
     def of(cls, constant: str, label: str, channels: Sequence[Channel], std: float | None) -> Self:
-        """Return a constant that some inputs have in common, about the mean of what is stated."""
         stated = [_law(channel).constants[constant] for channel in channels]
         mean = float(np.mean([found.value for found in stated]))
         unknown = Scalar(
@@ -182,13 +170,11 @@ class LawConstant(Unknown):
         return cls((unknown,), frozenset(c.name for c in channels), constant, mean)
 
     def told(self, value: float | None) -> tuple[str, str]:
-        """Say the constant of which laws, and that it may be estimated."""
         said = f"{self.term} of the force laws{amount(value, self.unit)}"
         return said, f"give its value, or have it estimated: {self.term} = {{ start = ... }}"
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return the constants that are not known exactly."""
         groups: dict[tuple[str, str], list[Channel]] = {}
         for channel in _bent(records):
             for name, found in _law(channel).constants.items():
@@ -203,7 +189,6 @@ class LawConstant(Unknown):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return those that are asked for, free, and each common to all inputs."""
         bent = _bent(records)
         found = [
             cls.of(n.constant, n.scalars[0].name.partition("[")[2][:-1], channels, None)
@@ -240,7 +225,6 @@ class Knee(LawConstant):
         return [cls((unknown,), frozenset(names), KNEE_CONSTANT, 0.0)] if names else []
 
     def size(self, values: Floats) -> float:
-        """Return b_s / b_0."""
         return self.saturation(float(values[0]))
 
 

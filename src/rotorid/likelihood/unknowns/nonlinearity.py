@@ -30,7 +30,6 @@ class Bend(Unknown):
     cure: str = field(default="calibrate what bends over its range, or excite less", kw_only=True)
 
     def effects(self) -> Sequence[Effect]:
-        """Add to each channel what its samples are bent into."""
         return tuple(Adds(name, lines=partial(self._lines, name)) for name in self.on)
 
     def _lines(self, name: str, record: Observation) -> Complexes | None:
@@ -60,12 +59,10 @@ class Cubic(Bend):
 
     @staticmethod
     def shape(samples: Floats) -> Floats:
-        """Return the cube."""
         return np.asarray(samples**3)
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of each sensor of positions, and of all of a unit."""
         found = []
         for unit, channels in _sensors(records).items():
             found += [cls._of("nonlinear", c.name, _per_square(unit), [c]) for c in channels]
@@ -80,12 +77,10 @@ class Loop(Bend):
 
     @staticmethod
     def shape(samples: Floats) -> Floats:
-        """Return the sign of the slope."""
         return np.asarray(np.sign(np.roll(samples, -1) - np.roll(samples, 1)))
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of each input, and of all."""
         channels = list(all_inputs(_with_samples(records)).values())
         found = [cls._of("hysteresis", c.name, c.unit, [c]) for c in channels]
         if len(channels) > 1:
@@ -98,7 +93,6 @@ def _with_samples(records: Sequence[Observation]) -> list[Observation]:
 
 
 def _sensors(records: Sequence[Observation]) -> dict[str, list[Channel]]:
-    """Return the sensors of positions by their unit."""
     there = {s.channel.name: s.channel for r in _with_samples(records) for s in r.direct}
     found: dict[str, list[Channel]] = {}
     for channel in there.values():

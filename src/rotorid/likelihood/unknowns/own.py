@@ -26,12 +26,10 @@ class Own(Unknown):
     alone: bool  # every record has a value of its own: none is shared
 
     def effects(self) -> Sequence[Effect]:
-        """Stand for the parameter."""
         return (Replaces(self.parameter, self.alone),)
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return those of parameters that every record has to itself, or that a record states."""
         given = [own_in_si(record) for record in records]
         found = []
         parameters = records[0].model.parameters if records else ()

@@ -43,22 +43,18 @@ class Phase(Unknown):
     record: int = field(kw_only=True)
 
     def effects(self) -> Sequence[Effect]:
-        """Turn the rotor."""
         return (Turns(),)
 
     def size(self, values: Floats) -> float:
-        """Return the angle between -pi and pi."""
         return float(np.angle(np.exp(1j * values[0])))
 
     @classmethod
     def of(cls, number: int, std: float | None = None, start: float = 0.0) -> Self:
-        """Return the phase of one record, known to `std`."""
         unknown = Scalar(f"phase[{number}]", "rad", start, std, nuisance=True, additive=True)
         return cls((unknown,), frozenset(), record=number)
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return that of every record whose phase is not known, or known with a deviation."""
         found = []
         for number, record in enumerate(records):
             if not record.lines.phase_known:
@@ -69,7 +65,6 @@ class Phase(Unknown):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of every record."""
         return [cls.of(k) for k in range(len(records))]
 
     @classmethod
@@ -134,12 +129,10 @@ class Runout(Unknown):
     order: int = 1  # n
 
     def effects(self) -> Sequence[Effect]:
-        """Add to the sensor."""
         return tuple(Adds(name, self.order) for name in self.on)
 
     @classmethod
     def of(cls, channel: Channel, order: int = 1) -> Self:
-        """Return that of a sensor, so many times per revolution."""
         times = "" if order == 1 else f", order {order}"
         name = f"runout[{channel.name}{times}]"
         cos, sin = (
@@ -155,12 +148,10 @@ class Runout(Unknown):
 
     @classmethod
     def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
-        """Return that of every position sensor, where it is asked for."""
         return cls.every(records) if wanted.runout else []
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        """Return that of every position sensor."""
         return [cls.of(channel) for channel in _position_sensors(records)]
 
     @classmethod

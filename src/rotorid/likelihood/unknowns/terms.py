@@ -25,12 +25,10 @@ class Missing(Unknown):
     loads: tuple[RowLoad, ...] = ()
 
     def effects(self) -> Sequence[Effect]:
-        """Add the term."""
         return Terms(self.entries), Loads(self.loads)
 
     @property
     def term(self) -> str:
-        """Its name."""
         return self.name or self.scalars[0].name
 
     def size(self, values: Floats) -> float:
@@ -47,7 +45,6 @@ class Lever(Unknown):
     arms: Mapping[int, tuple[int, float]]
 
     def effects(self) -> Sequence[Effect]:
-        """Let the forces act on the slope."""
         return (Drives(self.on, "lever", self.arms),)
 
 
@@ -69,19 +66,15 @@ class Share(Unknown):
         shares: Mapping[str, tuple[int, float]],
         given: float = 0.0,
     ) -> Self:
-        """Return a share of coordinates with coefficients, by the sensors that read them."""
         scalar = Scalar(term, unit, 0.0, nuisance=True, additive=True)
         reads = tuple(Reads(name, *more) for name, more in shares.items())
         return cls((scalar,), frozenset(shares), said, reads, given)
 
     def effects(self) -> Sequence[Effect]:
-        """Let the sensors read them."""
         return self.reads
 
     def size(self, values: Floats) -> float:
-        """Return all that the sensors read of it."""
         return self.given + float(values[0])
 
     def told(self, value: float | None) -> tuple[str, str]:
-        """Say what the sensors read."""
         return f"{self.phrase}{amount(value, self.unit)}", self.cure

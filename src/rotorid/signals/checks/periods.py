@@ -88,7 +88,6 @@ def detect_settling(periods: PeriodicRecord) -> Settling:
 
 
 def _deviation(spectra: Complexes) -> Floats:
-    """Return each period's deviation from the second half, over its scatter."""
     count = len(spectra)
     spectra = _without_drift(spectra)
     settled = spectra[count // 2 :]
@@ -373,7 +372,6 @@ def check_knocks(seen: SeenPeriods) -> list[Note]:
 
 
 def _without_trend(spectra: Complexes) -> Floats:
-    """Return the size of each period's deviation in units of the scatter: (period, channel)."""
     level = np.sqrt((np.abs(spectra.mean(axis=0)) ** 2).mean(axis=0))
     floor = np.maximum((NO_SCATTER * level) ** 2, 1e-300)[:, None]
     size = np.empty((2, spectra.shape[2], len(spectra)))

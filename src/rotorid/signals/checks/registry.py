@@ -44,19 +44,16 @@ _ENTERED: defaultdict[type, dict[str, Check]] = defaultdict(dict)
 
 
 def record_check(name: str, in_order: str, arguments: Arguments) -> Callable[[F], F]:
-    """Enter a check of the samples of a record."""
     return _entering(SeenRecord, name, in_order, arguments)
 
 
 def period_check(
     name: str, in_order: str, arguments: Arguments = lambda seen: (seen.periods,)
 ) -> Callable[[F], F]:
-    """Enter a check of the periods of a record."""
     return _entering(SeenPeriods, name, in_order, arguments)
 
 
 def whole_check(name: str, arguments: Arguments) -> Callable[[F], F]:
-    """Enter a check of a record that is used as a whole, without periods."""
     return _entering(SeenWhole, name, "", arguments)
 
 
@@ -70,7 +67,6 @@ def _entering(of: type, name: str, in_order: str, arguments: Arguments) -> Calla
 
 @cache
 def _checks() -> dict[type, dict[str, Check]]:
-    """Return what every module of this package has entered."""
     package = __name__.rpartition(".")[0]
     for module in pkgutil.iter_modules(import_module(package).__path__, f"{package}."):
         import_module(module.name)

@@ -363,7 +363,6 @@ def _orbits(record: Record, periods: PeriodicRecord | None, tone: Tone) -> bool:
 
 
 def _amplitude(record: Record, periods: PeriodicRecord | None, c: int, frequency: float) -> complex:
-    """Return the complex amplitude of a tone in a channel, the excitation taken away."""
     rest, length = _rest(record, periods, c)[0], 0 if periods is None else periods.samples
     wave = np.exp(-2j * np.pi * frequency / record.sample_rate * np.arange(len(rest)))
     found = complex((_window(len(rest)) * rest) @ wave) / len(rest) * 2
