@@ -10,7 +10,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.core.errors import InputError
-from rotorid.experiment.names import dynamics_of
+from rotorid.experiment.channels import dynamics_of
 from rotorid.experiment.schema import DynamicsEntry
 
 MODEL = rid.load_model("jeffcott")

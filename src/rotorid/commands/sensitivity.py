@@ -14,7 +14,8 @@ from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.experiment import Experiment, load_experiment
-from rotorid.experiment.read import Recording, measured, periods_of, reference_name
+from rotorid.experiment.channels import Recording
+from rotorid.experiment.read import measured, periods_of, reference_name
 from rotorid.force.laws import Linear
 from rotorid.io.record import Source
 from rotorid.report.machine_tables import sensitivity_page

@@ -14,7 +14,7 @@ same but a hundred times as large is one in another unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from hashlib import blake2b
 from itertools import combinations
 from pathlib import Path
@@ -29,8 +29,9 @@ from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.tables import SAME, multiple_of
-from rotorid.experiment.read import Recording, is_reference
-from rotorid.experiment.schema import ChannelEntry, ModeEntry, RecordEntry
+from rotorid.experiment.channels import Entries, columns_of
+from rotorid.experiment.read import is_reference
+from rotorid.experiment.schema import ModeEntry, RecordEntry
 from rotorid.models import Model
 
 Words = npt.NDArray[np.uint64]
@@ -191,47 +192,6 @@ _SHARE = 0.05  # of the shorter record: less of it twice makes no deviation 3 % 
 _ROWS = 3  # of phasors, within a twentieth of their noise: three are by a chance of 1e-9 or less
 _DIGITS = 1e-6  # by which a frequency or a speed may differ and be the same
 _COMPARED = 60  # records of which each is held against each: 1800 pairs take a second
-Entries = Mapping[str, ChannelEntry]
-
-
-def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
-    """Return what a channel is read from: a column, the two of a phasor, or each of its law's."""
-    if entry.law is not None:
-        return tuple((column.column.strip("/"),) for column in entry.columns)
-    if entry.column is not None:
-        return ((entry.column.strip("/"),),)
-    parts = (entry.amplitude, entry.phase) if entry.polar else (entry.real, entry.imag)
-    return (tuple(str(part) for part in parts),)
-
-
-def check_columns(entries: Entries) -> None:
-    """Refuse one column for two channels; force laws may share a current: coils in series."""
-    taken: dict[tuple[str, ...], str] = {}
-    for name, entry in entries.items():
-        for column in columns_of(entry):
-            other = taken.setdefault(column, name)
-            series = entry.law is not None and entries[other].law is not None and other != name
-            if (other != name or columns_of(entry).count(column) > 1) and not series:
-                raise InputError(
-                    f"{' and '.join(map(repr, column))} for {other} and for {name}",
-                    "a column of its own for each channel",
-                    "write the name of the right column; a sensor that sees several coordinates is "
-                    "one channel with reads, a force that acts on several one input of the model",
-                    place=f"channels.{name}",
-                )
-
-
-def shared_currents(plan: Recording) -> tuple[str, ...]:
-    """Say which currents feed several force laws."""
-    users: dict[str, list[str]] = {}
-    for name, law in plan.laws.items():
-        for source in law.sources:
-            users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
-    return tuple(
-        f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
-        for column, names in users.items()
-        if len(names) > 1
-    )
 
 
 def check_records(

@@ -20,6 +20,7 @@ from rotorid.data.line_inspection import LineInspection, inspect_lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
+from rotorid.experiment.channels import Recording, check_shared, plan_record, shared_currents
 from rotorid.experiment.duplicates import (
     Overlaps,
     Wave,
@@ -29,19 +30,16 @@ from rotorid.experiment.duplicates import (
     check_rotation,
     check_tables,
     check_told,
-    shared_currents,
     wave_of,
 )
-from rotorid.experiment.kinds import check_own, check_shared, own_entries, plan_record, read_table
-from rotorid.experiment.methods import build_estimator, default_method
-from rotorid.experiment.names import check_once, constraints, fixed_values, own_values
+from rotorid.experiment.priors import Priors, build_estimator, default_method, own_values
 from rotorid.experiment.read import (
-    Recording,
     averaged,
     filtered_of,
     lines_of,
     measured,
     quiet_record,
+    read_table,
 )
 from rotorid.experiment.schema import (
     OPEN,
@@ -73,9 +71,8 @@ class Experiment:
     model : Model
     channels : sequence of Recording
         Where the channels of each record come from.
-    fixed : mapping of str to float
-        Fixed parameters in SI.
-    constraints : sequence of Constraint
+    priors : Priors
+        What is known beforehand.
     """
 
     file: str
@@ -83,8 +80,16 @@ class Experiment:
     entry: ExperimentFile
     model: Model
     channels: tuple[Recording, ...]
-    fixed: dict[str, float]
-    constraints: tuple[Constraint, ...]
+    priors: Priors
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Fixed parameters in SI."""
+        return self.priors.stated("fixed")
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        return self.priors.constraints
 
     @property
     def files(self) -> list[Path]:
@@ -254,9 +259,8 @@ class Experiment:
             For a method that cannot honour what the file says.
         """
         with naming(self.file):
-            return build_estimator(
-                self.entry, self.method(method), self.fixed, self.constraints, self.model, effort
-            )
+            method = self.method(method)
+            return build_estimator(self.entry, method, self.priors, self.model, effort)
 
     def identify(self, method: Method | None = None) -> Estimate:
         """Read the records and estimate, as ``rotorid identify`` does.
@@ -347,16 +351,12 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
         channels = []
         check_shared(entry.records, entry.channels)
         for number, record in enumerate(entry.records):
-            with naming(place=f"records.{number}"):
-                check_own(record, entry.channels, model, where)
             _check_lines(record, model, f"records.{number}.band")
-            channels.append(plan_record(record, entry.channels, model, where))
+            channels.append(plan_record(record, entry.channels, model, where, f"records.{number}"))
             own_values(record.parameters, model, f"records.{number}.parameters")
-        every = [own_entries(record, entry.channels) for record in entry.records]
-        check_records(entry.records, every, model.inputs, where)
+        check_records(entry.records, [each.entries for each in channels], model.inputs, where)
         check_modes(entry.modes)
-        known = constraints(entry.constraints, model)
-        check_once(entry.parameters, entry.constraints, model)
+        priors = Priors.of(entry, model)
         if entry.estimator.runout:
             check_told(entry.records)
         return Experiment(
@@ -365,8 +365,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             entry=entry,
             model=model,
             channels=tuple(channels),
-            fixed=fixed_values(entry.parameters, model),
-            constraints=known,
+            priors=priors,
         )
 
 

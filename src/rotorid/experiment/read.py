@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
-from rotorid.core.frozen import frozen
+from rotorid.core.errors import naming
 from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord, filtered
 from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment.names import as_recorded, combination_of, dynamics_of, source
-from rotorid.experiment.schema import ChannelEntry, DynamicsEntry, RecordEntry
-from rotorid.force.channel_dynamics import Dynamics
-from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.experiment.channels import Recording
+from rotorid.experiment.schema import RecordEntry
+from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.io import Source, read_record
 from rotorid.io.record import RecordBlocks, open_blocks
 from rotorid.models import Model
-from rotorid.models.equations import sensor_terms
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average, average_blocks
 from rotorid.signals.checks.periods import detect_settling
@@ -33,127 +30,6 @@ from rotorid.signals.checks.rotation import rotation_warnings
 
 _MARK = "the mark of the rotor angle"
 _REFERENCE = "reference "
-
-
-@frozen
-class InputLaw:
-    """How an input's force follows from columns."""
-
-    law: Linear | Differential | Flux
-    sources: tuple[str, ...]  # its columns, among the sources of the `Recording`
-    # displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law
-    position: Mapping[str, float]
-    shared: Mapping[str, str]  # names under which constants of the law are shared with other inputs
-
-
-@frozen
-class Recording:
-    """Where the columns of a record come from, and what is made of them."""
-
-    sources: dict[str, Source]
-    laws: dict[str, InputLaw]
-    # the channels of a record that is a table: it is read by its kind
-    table: Mapping[str, ChannelEntry] = field(default_factory=dict)
-
-
-def recording(
-    entries: Mapping[str, ChannelEntry],
-    model: Model,
-    others: Mapping[str, ChannelEntry] | None = None,
-    folder: Path = Path(),
-) -> Recording:
-    """Return where the channels of a record come from; tables are looked for in `folder`."""
-    sources: dict[str, Source] = {}
-    laws: dict[str, InputLaw] = {}
-    for name, entry in entries.items():
-        if entry.law is None:
-            sources[name] = source(name, entry, model, folder)
-            continue
-        place = f"channels.{name}"
-        if name not in model.inputs:
-            raise InputError(
-                f"a force law for {name}",
-                f"an input of the model ({', '.join(model.inputs)})",
-                "give laws to inputs only",
-                place=place,
-            )
-        with naming(place=place):
-            law = _law(entry)
-            position = _position(entry, {**(others or {}), **entries}, model)
-        columns = entry.recorded
-        labels = (
-            [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
-        )
-        unit = "T" if isinstance(law, Flux) else "A"
-        for label, column in zip(labels, columns, strict=True):
-            dynamics = _law_dynamics(law, column.dynamics, folder, place)
-            sources[label] = as_recorded(column, unit, dynamics)
-        laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
-    return Recording(sources, laws)
-
-
-def _law_dynamics(
-    law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
-) -> Dynamics | None:
-    """Return the dynamics of a law's column: of a current; known, where the law bends."""
-    bends = not isinstance(law, Linear)
-    if entry is not None and (isinstance(law, Flux) or (bends and entry.uncertain)):
-        raise InputError(
-            "dynamics of a flux" if isinstance(law, Flux) else "unknown dynamics in a bent law",
-            "known dynamics of a current",
-            "take the linear law, measure the current behind the amplifier, or its response",
-            place=f"{place}.dynamics",
-        )
-    return dynamics_of(entry, actuator=True, folder=folder)
-
-
-def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
-    law = entry.build()
-    if isinstance(law, Linear) and law.ks_std:
-        raise InputError(
-            "a deviation of ks",
-            "ks as it is, or as an unknown",
-            'leave std out, or estimate it: gains = ["ks"]',
-            place="ks",
-        )
-    return law
-
-
-def _position(
-    entry: ChannelEntry, entries: Mapping[str, ChannelEntry], model: Model
-) -> dict[str, float]:
-    """Return the displacement in an actuator as a combination of coordinates."""
-    if entry.position is None:
-        return {}
-    reads = {
-        name: combination_of(sensor.reads, model, place=f"channels.{name}.reads")
-        for name, sensor in entries.items()
-        if sensor.reads is not None
-    }
-    known = (*model.coordinates, *(name for name in reads if name not in model.coordinates))
-    total: dict[str, float] = {}
-    for levers, name, factor in _levers(entry.position, known, model):
-        for coordinate, share in reads.get(name, {name: 1.0}).items():
-            text = "*".join([*levers, coordinate])
-            total[text] = total.get(text, 0.0) + factor * share
-    return {name: value for name, value in total.items() if value}
-
-
-def _levers(
-    text: str, known: Sequence[str], model: Model
-) -> Iterator[tuple[list[str], str, float]]:
-    """Yield the terms of a displacement: parameters, name, coefficient."""
-    for t in sensor_terms(text, known, model.parameter_names, place="position"):
-        if t.order:
-            raise InputError(
-                f"{text[:60]!r}, which holds a derivative",
-                "a combination of positions here",
-                "leave the derivative out",
-                place="position",
-            )
-        powers = zip(model.parameter_names, t.powers, strict=True)
-        levers = [name for name, power in powers for _ in range(power)]
-        yield levers, known[t.coordinate], t.coefficient
 
 
 def measured(
@@ -397,6 +273,14 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
             position = as_channels(sensors, law.position) if law.position else {}
         found[name] = ForceReading(law.law, law.sources, position, law.shared)
     return found
+
+
+def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Sequence[Lines]:
+    """Read a record that is a table; responses to several inputs are several."""
+    from rotorid.experiment import tables  # which few records need
+
+    read = tables.read_phasors if entry.kind == "phasors" else tables.read_responses
+    return read(folder, entry, plan.entries, model)
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:

@@ -152,6 +152,13 @@ class Recorded(Schema):
     gain_std: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     dynamics: DynamicsEntry | None = None
 
+    @property
+    def deviations(self) -> list[str]:
+        """Keys of what is known with a deviation."""
+        bent = self.dynamics is not None and self.dynamics.uncertain
+        stds = {"gain_std": self.gain_std, "delay.std": self.delay.std, "dynamics": bent}
+        return [key for key, std in stds.items() if std]
+
 
 class ColumnEntry(Recorded):
     """A column of a force law."""
@@ -265,6 +272,11 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
     @property
     def columns(self) -> tuple[ColumnEntry, ...]:
         return tuple(self.flux or (() if self.current is None else (self.current,)))
+
+    @property
+    def deviations(self) -> list[str]:
+        columns = [f"{column.column}.{key}" for column in self.columns for key in column.deviations]
+        return [*super().deviations, *self.uncertain, *columns]
 
     @property
     def recorded(self) -> tuple[ColumnEntry, ...]:
@@ -540,7 +552,7 @@ class RecordEntry(Schema):
         return list(self.files or ()) if self.file is None else [self.file]
 
 
-class _Knowledge(Schema):
+class Knowledge(Schema):
     """What a parameter and a combination of parameters have in common."""
 
     value: Quantity | None = None
@@ -553,7 +565,7 @@ class _Knowledge(Schema):
         return self.min is not None or self.max is not None
 
 
-class ParameterEntry(_Knowledge):
+class ParameterEntry(Knowledge):
     """What is known of a parameter beforehand."""
 
     fixed: Quantity | None = None
@@ -576,7 +588,7 @@ class ParameterEntry(_Knowledge):
         return self
 
 
-class ConstraintEntry(_Knowledge):
+class ConstraintEntry(Knowledge):
     """A combination of parameters that is known."""
 
     expression: str

@@ -16,7 +16,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.tables import phasor_lines, response_lines
-from rotorid.experiment.names import source, unknown
+from rotorid.experiment.channels import Entries, source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables, universal
 from rotorid.io.record import check_magnitude, check_stated, largest_of
@@ -129,9 +129,7 @@ def check_lengths(one: Floats, other: Floats | Complexes, place: str) -> None:
         )
 
 
-def check_phasors(
-    entries: Mapping[str, ChannelEntry], model: Model, folder: Path
-) -> dict[str, Channel]:
+def check_phasors(entries: Entries, model: Model, folder: Path) -> dict[str, Channel]:
     """Return the channels of a table, names and what they read checked against the model."""
     found = {}
     for name, entry in entries.items():
@@ -147,9 +145,7 @@ def check_phasors(
     return found
 
 
-def read_phasors(
-    folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
-) -> list[Lines]:
+def read_phasors(folder: Path, entry: RecordEntry, entries: Entries, model: Model) -> list[Lines]:
     """Read a table of phasors, its files relative to a folder.
 
     Raises
@@ -182,7 +178,7 @@ def read_phasors(
         return [lines]
 
 
-def _speeds(rows: Columns, entry: RecordEntry, entries: Mapping[str, ChannelEntry]) -> Floats:
+def _speeds(rows: Columns, entry: RecordEntry, entries: Entries) -> Floats:
     if entry.speed.column is not None:
         return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
     name, first = next(iter(entries.items()))
@@ -236,9 +232,7 @@ class _Response:
     coherence: Floats | None = None
 
 
-def check_responses(
-    entries: Mapping[str, ChannelEntry], model: Model, folder: Path
-) -> dict[str, Channel]:
+def check_responses(entries: Entries, model: Model, folder: Path) -> dict[str, Channel]:
     """Return the sensors of responses, names, inputs and units checked against the model."""
     found = {}
     for name, entry in entries.items():
@@ -298,9 +292,7 @@ def _reading_factor(
         raise error.at(place=place) from None
 
 
-def read_responses(
-    folder: Path, entry: RecordEntry, entries: Mapping[str, ChannelEntry], model: Model
-) -> list[Lines]:
+def read_responses(folder: Path, entry: RecordEntry, entries: Entries, model: Model) -> list[Lines]:
     """Read frequency responses: those to one input, on one grid of frequencies, share their lines.
 
     Raises
@@ -330,7 +322,7 @@ def read_responses(
 def _of_table(
     table: Table,
     entry: RecordEntry,
-    entries: Mapping[str, ChannelEntry],
+    entries: Entries,
     channels: Mapping[str, Channel],
     model: Model,
 ) -> list[_Response]:
@@ -372,7 +364,7 @@ def _of_table(
 def _of_universal(
     paths: Sequence[Path],
     entry: RecordEntry,
-    entries: Mapping[str, ChannelEntry],
+    entries: Entries,
     channels: Mapping[str, Channel],
     model: Model,
 ) -> list[_Response]:

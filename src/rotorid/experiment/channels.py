@@ -1,0 +1,352 @@
+"""Where the channels of a record come from, names and units checked against the model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorid.core.errors import InputError, naming, nearest
+from rotorid.core.frozen import frozen
+from rotorid.core.units import si_factor
+from rotorid.core.values import Complexes, Floats
+from rotorid.experiment.schema import (
+    ChannelEntry,
+    DynamicsEntry,
+    Kind,
+    Recorded,
+    RecordEntry,
+)
+from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
+from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.io import Source, open_table
+from rotorid.io.table import Column
+from rotorid.models import Model
+from rotorid.models.equations import DERIVATIVES, SensorTerm, sensor_terms
+
+Entries = Mapping[str, ChannelEntry]
+_ANGLES = ("deg", "rad")
+_POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
+
+
+@frozen
+class InputLaw:
+    """How an input's force follows from columns."""
+
+    law: Linear | Differential | Flux
+    sources: tuple[str, ...]  # its columns, among the sources of the `Recording`
+    # displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law
+    position: Mapping[str, float]
+    shared: Mapping[str, str]  # names under which constants of the law are shared with other inputs
+
+
+@frozen
+class Recording:
+    """The channels of a record: of samples, where columns come from and what is made of them."""
+
+    entries: Entries
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    laws: Mapping[str, InputLaw] = field(default_factory=dict)
+
+
+def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
+    """Refuse channels in `[channels]` of a kind that no record is of."""
+    kinds = {record.channel_kind for record in records}
+    for name, entry in common.items():
+        if entry.kind not in kinds:
+            raise InputError(
+                f"a channel of {entry.kind} that no record takes",
+                f"a channel of {' or '.join(sorted(kinds))}",
+                "leave the channel out, or give a record its kind",
+                place=f"channels.{name}",
+            )
+
+
+def plan_record(
+    record: RecordEntry, common: Entries, model: Model, folder: Path, place: str
+) -> Recording:
+    """Return where the channels of a record come from, everything checked but the files.
+
+    Of the channels that all records share, those of another kind are not this record's.
+    """
+    kind = record.channel_kind
+    common = {name: entry for name, entry in common.items() if entry.kind == kind}
+    with naming(place=place):
+        for name, entry in record.channels.items():
+            if entry.kind != kind:
+                raise InputError(
+                    f"a channel of {entry.kind} in a record of {kind}",
+                    f"a channel of {kind}",
+                    "move the channel to a record of its kind, or give this record that kind",
+                    place=f"channels.{name}",
+                )
+        _planned(kind, record.channels, model, common, folder)
+    entries = {**common, **record.channels}
+    check_columns(entries)
+    if not entries and kind != "samples":
+        raise InputError(f"no channel of {kind}", "one or more", "add them", place="channels")
+    return _planned(kind, entries, model, {}, folder)
+
+
+def _planned(
+    kind: Kind, entries: Entries, model: Model, others: Entries, folder: Path
+) -> Recording:
+    if kind == "samples":
+        return _of_samples(entries, model, others, folder)
+    from rotorid.experiment import tables  # which few records need
+
+    check = tables.check_phasors if kind == "phasors" else tables.check_responses
+    check(entries, model, folder)
+    return Recording(entries)
+
+
+def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
+    """Return the error for a name that the model does not have, with the nearest that it has."""
+    there = list(known)
+    return InputError(
+        f"{name[:60]!r}, which is no {what} of the model",
+        f"one of {', '.join(there)}",
+        nearest(name, there),
+        place=place,
+    )
+
+
+def source(name: str, entry: ChannelEntry, model: Model, folder: Path = Path()) -> Source:
+    """Return where a channel without force law comes from; a table is looked for in `folder`."""
+    place = f"channels.{name}"
+    quantities = (*model.inputs, *model.coordinates)
+    reads = expected = None
+    if entry.reads is None:
+        if name not in quantities:
+            raise unknown(name, quantities, "input or coordinate", place)
+        expected = model.units[name]
+    elif name in quantities:
+        raise InputError(
+            f"reads in the channel of {name}",
+            "a name of its own for a sensor of a combination",
+            "rename the channel",
+            place=place,
+        )
+    else:
+        reads = _combination(entry.reads, model, f"{place}.reads")
+        if entry.unit is None:
+            raise InputError("no unit", "the unit of the sensor", "write it", place=f"{place}.unit")
+    dynamics = dynamics_of(entry.dynamics, actuator=name in model.inputs, folder=folder)
+    return replace(_as_recorded(entry, expected, dynamics), reads=reads, alone=True)
+
+
+def _as_recorded(entry: Recorded, expected: str | None, dynamics: Dynamics | None) -> Source:
+    """Return a column as the file says that it was recorded, to be read in a unit."""
+    return Source(
+        column=entry.column or "",
+        unit=entry.unit,
+        scale=entry.scale,
+        expected=expected,
+        hold=entry.hold == "zero-order",
+        delay=entry.delay.value,
+        delay_std=entry.delay.std or 0.0,
+        gain_std=entry.gain_std,
+        dynamics=dynamics,
+    )
+
+
+def _combination(text: str, model: Model, place: str) -> dict[str, float]:
+    """Return what a sensor reads, by dotted coordinates, or products of them with parameters."""
+    return {
+        "*".join([*factors, model.coordinates[t.coordinate] + DERIVATIVES[t.order]]): t.coefficient
+        for factors, t in _products(text, model.coordinates, model, place)
+    }
+
+
+def _products(
+    text: str, names: Sequence[str], model: Model, place: str
+) -> Iterator[tuple[list[str], SensorTerm]]:
+    """Yield the terms of a combination of names, each after the parameters that multiply it."""
+    for term in sensor_terms(text, names, model.parameter_names, place=place):
+        powers = zip(model.parameter_names, term.powers, strict=True)
+        yield [name for name, power in powers for _ in range(power)], term
+
+
+def dynamics_of(
+    entry: DynamicsEntry | None, *, actuator: bool, folder: Path = Path()
+) -> Dynamics | None:
+    """Return the dynamics of a channel; by default an input's are its actuator's."""
+    if entry is None:
+        return None
+    common: dict[str, Any] = {
+        "actuator": actuator if entry.of is None else entry.of == "actuator",
+        "shared": entry.shared,
+    }
+    if entry.table is not None:
+        table = open_table(folder / entry.table)
+        names = table.names
+        if len(names) != 3:
+            raise InputError(
+                f"{len(names)} columns",
+                "frequency in Hz, real part, imaginary part",
+                "write these three columns",
+                file=str(folder / entry.table),
+            )
+        columns = table.read(names)
+        with naming(str(folder / entry.table)):
+            hertz, measured = _response(list(names), [columns[name] for name in names])
+        return Measured(frequency=hertz, measured=measured, **common)
+    if entry.eddy is not None:
+        return EddyCurrents(eddy=entry.eddy, **common)
+    assert entry.bandwidth is not None  # the schema sees to it
+    if entry.damping is None:
+        return FirstOrder(bandwidth=entry.bandwidth, **common)
+    return SecondOrder(bandwidth=entry.bandwidth, damping=entry.damping, **common)
+
+
+def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, Complexes]:
+    """Return frequencies in Hz and the response, of two parts or of amplitude and phase.
+
+    The units are those in the head; without any, Hz, and parts.
+    """
+    units = [column.unit for column in columns]
+    first, second = columns[1].values, columns[2].values
+    hertz = columns[0].values * si_factor(units[0] or "Hz", "Hz")
+    polar = units[2] in _ANGLES or _POLAR.match(names[2]) is not None
+    if any("dB" in (text or "") for text in (*names, *units)) or (polar and units[2] is None):
+        shown = (
+            name if unit is None else f"{name} [{unit}]"
+            for name, unit in zip(names, units, strict=True)
+        )
+        raise InputError(
+            f"columns {', '.join(shown)}"[:200],
+            "frequency, then real and imaginary part, or amplitude and phase [deg]",
+            "write such columns, a phase with its unit",
+        )
+    if polar:
+        angle = second * si_factor(units[2] or "rad", "rad")
+        return hertz, np.asarray(first * np.exp(1j * angle))
+    return hertz, np.asarray(first + 1j * second)
+
+
+def _of_samples(entries: Entries, model: Model, others: Entries, folder: Path) -> Recording:
+    """Return where channels over time come from; `others` may be read by the law of an input."""
+    sources: dict[str, Source] = {}
+    laws: dict[str, InputLaw] = {}
+    for name, entry in entries.items():
+        if entry.law is None:
+            sources[name] = source(name, entry, model, folder)
+            continue
+        place = f"channels.{name}"
+        if name not in model.inputs:
+            raise InputError(
+                f"a force law for {name}",
+                f"an input of the model ({', '.join(model.inputs)})",
+                "give laws to inputs only",
+                place=place,
+            )
+        with naming(place=place):
+            law = _law(entry)
+            position = _position(entry, {**others, **entries}, model)
+        columns = entry.recorded
+        labels = (
+            [name] if isinstance(law, Linear) else [f"{name}[{i}]" for i in range(len(columns))]
+        )
+        unit = "T" if isinstance(law, Flux) else "A"
+        for label, column in zip(labels, columns, strict=True):
+            dynamics = _law_dynamics(law, column.dynamics, folder, place)
+            sources[label] = _as_recorded(column, unit, dynamics)
+        laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
+    return Recording(entries, sources, laws)
+
+
+def _law_dynamics(
+    law: Linear | Differential | Flux, entry: DynamicsEntry | None, folder: Path, place: str
+) -> Dynamics | None:
+    """Return the dynamics of a law's column: of a current; known, where the law bends."""
+    bends = not isinstance(law, Linear)
+    if entry is not None and (isinstance(law, Flux) or (bends and entry.uncertain)):
+        raise InputError(
+            "dynamics of a flux" if isinstance(law, Flux) else "unknown dynamics in a bent law",
+            "known dynamics of a current",
+            "take the linear law, measure the current behind the amplifier, or its response",
+            place=f"{place}.dynamics",
+        )
+    return dynamics_of(entry, actuator=True, folder=folder)
+
+
+def _law(entry: ChannelEntry) -> Linear | Differential | Flux:
+    law = entry.build()
+    if isinstance(law, Linear) and law.ks_std:
+        raise InputError(
+            "a deviation of ks",
+            "ks as it is, or as an unknown",
+            'leave std out, or estimate it: gains = ["ks"]',
+            place="ks",
+        )
+    return law
+
+
+def _position(entry: ChannelEntry, entries: Entries, model: Model) -> dict[str, float]:
+    """Return the displacement in an actuator as a combination of coordinates."""
+    if entry.position is None:
+        return {}
+    reads = {
+        name: _combination(sensor.reads, model, f"channels.{name}.reads")
+        for name, sensor in entries.items()
+        if sensor.reads is not None
+    }
+    known = list(dict.fromkeys((*model.coordinates, *reads)))
+    total: dict[str, float] = {}
+    for levers, term in _products(entry.position, known, model, "position"):
+        if term.order:
+            raise InputError(
+                f"{entry.position[:60]!r}, which holds a derivative",
+                "a combination of positions here",
+                "leave the derivative out",
+                place="position",
+            )
+        name = known[term.coordinate]
+        for coordinate, share in reads.get(name, {name: 1.0}).items():
+            text = "*".join([*levers, coordinate])
+            total[text] = total.get(text, 0.0) + term.coefficient * share
+    return {name: value for name, value in total.items() if value}
+
+
+def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
+    """Return what a channel is read from: a column, the two of a phasor, or each of its law's."""
+    if entry.law is not None:
+        return tuple((column.column.strip("/"),) for column in entry.columns)
+    if entry.column is not None:
+        return ((entry.column.strip("/"),),)
+    parts = (entry.amplitude, entry.phase) if entry.polar else (entry.real, entry.imag)
+    return (tuple(str(part) for part in parts),)
+
+
+def check_columns(entries: Entries) -> None:
+    """Refuse one column for two channels; force laws may share a current: coils in series."""
+    taken: dict[tuple[str, ...], str] = {}
+    for name, entry in entries.items():
+        for column in columns_of(entry):
+            other = taken.setdefault(column, name)
+            series = entry.law is not None and entries[other].law is not None and other != name
+            if (other != name or columns_of(entry).count(column) > 1) and not series:
+                raise InputError(
+                    f"{' and '.join(map(repr, column))} for {other} and for {name}",
+                    "a column of its own for each channel",
+                    "write the name of the right column; a sensor that sees several coordinates is "
+                    "one channel with reads, a force that acts on several one input of the model",
+                    place=f"channels.{name}",
+                )
+
+
+def shared_currents(plan: Recording) -> tuple[str, ...]:
+    """Say which currents feed several force laws."""
+    users: dict[str, list[str]] = {}
+    for name, law in plan.laws.items():
+        for source in law.sources:
+            users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
+    return tuple(
+        f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"
+        for column, names in users.items()
+        if len(names) > 1
+    )

@@ -1,0 +1,230 @@
+"""What an experiment file says of parameters, and the estimator that it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rotorid.answer.identify import Estimator
+from rotorid.core.errors import InputError, naming
+from rotorid.core.frozen import frozen
+from rotorid.core.units import to_si
+from rotorid.data.measured_modes import Mode, in_units_of
+from rotorid.experiment.channels import unknown
+from rotorid.experiment.schema import Effort, ExperimentFile, Knowledge, Method, OwnEntry
+from rotorid.models import Model
+from rotorid.models.equations import polynomial
+from rotorid.models.model import Parameter
+from rotorid.models.priors import Constraint, unit_of_expression
+
+
+@frozen
+class Priors:
+    """What is known of parameters and of expressions of them: of each, by keys, in SI."""
+
+    parameters: Mapping[str, Mapping[str, float]]
+    expressions: tuple[tuple[str, Mapping[str, float]], ...]
+
+    @classmethod
+    def of(cls, entry: ExperimentFile, model: Model) -> Priors:
+        """Return the priors of a file, its names and units checked against the model."""
+        expressions = []
+        for number, one in enumerate(entry.constraints):
+            place = f"constraints.{number}"
+            unit = unit_of_expression(one.expression, model, place)
+            expressions.append((one.expression, _in_si(one, unit, place)))
+        _check_once(entry, model)
+        parameters = {}
+        for name, knowledge in entry.parameters.items():
+            place = f"parameters.{name}"
+            parameter = _parameter(name, model, place)
+            parameters[name] = _in_si(knowledge, parameter.unit, place)
+            if parameter.positive:
+                _check_signs(parameters[name], place)
+        return cls(parameters, tuple(expressions))
+
+    def stated(self, key: str) -> dict[str, float]:
+        """Return what is stated of parameters under a key; those without it are left out."""
+        return {name: told[key] for name, told in self.parameters.items() if key in told}
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        return tuple(
+            Constraint(expression, told["value"], told.get("std", 0.0))
+            for expression, told in self.expressions
+            if "value" in told
+        )
+
+    @property
+    def bounds(self) -> dict[str, tuple[float | None, float | None]]:
+        """Lower and upper bounds of parameters and of expressions."""
+        return {
+            name: (told.get("min"), told.get("max"))
+            for name, told in (*self.parameters.items(), *self.expressions)
+            if "min" in told or "max" in told
+        }
+
+
+def own_values(
+    entries: Mapping[str, OwnEntry], model: Model, place: str
+) -> dict[str, tuple[float, float]]:
+    """Return the parameters that a record has to itself, value and deviation in SI."""
+    found = {}
+    for name, entry in entries.items():
+        where = f"{place}.{name}"
+        parameter = _parameter(name, model, where)
+        told = _in_si(entry, parameter.unit, where)
+        value = told.get("fixed", told.get("value", 0.0))
+        # A trial mass of none is 0, whatever the model says of those that are there.
+        if parameter.positive and value < 0:
+            _check_signs(told, where)
+        found[name] = (value, told.get("std", 0.0))
+    return found
+
+
+def _parameter(name: str, model: Model, place: str) -> Parameter:
+    known = {parameter.name: parameter for parameter in model.parameters}
+    if name not in known:
+        raise unknown(name, known, "parameter", place)
+    return known[name]
+
+
+def _in_si(entry: Knowledge | OwnEntry, unit: str, place: str) -> dict[str, float]:
+    """Return the quantities of an entry by their keys."""
+    found = {}
+    for key in ("fixed", "value", "std", "start", "min", "max"):
+        quantity = getattr(entry, key, None)
+        if quantity is not None:
+            found[key] = to_si(quantity, unit, place=f"{place}.{key}")
+    if found.get("std", 1.0) <= 0:
+        raise InputError(
+            f"{found['std']:g}",
+            "a deviation of more than 0",
+            "leave it out for an exact value",
+            place=f"{place}.std",
+        )
+    return found
+
+
+def _check_signs(told: Mapping[str, float], place: str) -> None:
+    for key in ("fixed", "value", "start"):
+        if told.get(key, 1.0) <= 0:
+            raise InputError(
+                f"{told[key]:g}",
+                "more than 0, since the model says positive = true",
+                "correct one of them",
+                place=f"{place}.{key}",
+            )
+
+
+def _check_once(entry: ExperimentFile, model: Model) -> None:
+    """Refuse a measurement stated twice: a multiple of what has value and deviation already."""
+    names = model.parameter_names
+    known = {
+        frozenset([(tuple(int(n == name) for n in names), 1.0)]): f"parameters.{name}"
+        for name, one in entry.parameters.items()
+        if one.value is not None and one.std is not None
+    }
+    for number, one in enumerate(entry.constraints):
+        if one.value is None or one.std is None:
+            continue
+        terms = {p: float(c) for p, c in polynomial(one.expression, names).items() if c}
+        largest = max(terms.items(), key=lambda term: (abs(term[1]), term[0]), default=((), 1.0))[1]
+        what = frozenset((tuple(p), round(c / largest, 12)) for p, c in terms.items())
+        place = f"constraints.{number}"
+        if (other := known.setdefault(what, place)) != place:
+            raise InputError(
+                f"{one.expression[:60]!r}, which is what {other} states, or a multiple of it",
+                "each measurement once: twice it counts as two",
+                "remove one; of two weighings state the mean, and its own std",
+                place=place,
+            )
+
+
+def default_method(model: Model, entry: ExperimentFile) -> Method:
+    """Return ml where the model is linear in its coordinates and there are lines, else batch."""
+    filtered = any(record.cutoff is not None for record in entry.records)
+    return "batch" if filtered or model.linear is None else "ml"
+
+
+def build_estimator(
+    entry: ExperimentFile, method: Method, priors: Priors, model: Model, effort: Effort | None
+) -> Estimator:
+    told: dict[str, Any] = {"fixed": priors.stated("fixed"), "constraints": priors.constraints}
+    if method == "ml":
+        from rotorid.likelihood.estimator import MaximumLikelihood
+
+        deviations = priors.stated("std")
+        return MaximumLikelihood(
+            **told,
+            known={name: (v, deviations[name]) for name, v in priors.stated("value").items()},
+            start=priors.stated("start"),
+            bounds=priors.bounds,
+            **entry.estimator.unknown,
+            each=tuple(name for name, p in entry.parameters.items() if p.each),
+            modes=_modes(entry, model),
+            effort=effort or entry.estimator.effort,
+        )
+    _refuse_deviations(entry)
+    from rotorid.linear.estimators import Batch, LeastSquares, Sequential
+
+    if method == "batch":
+        return Batch(free_weight=entry.estimator.free_weight, **told)
+    return (LeastSquares if method == "ls" else Sequential)(**told)
+
+
+def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
+    """Return the measured natural frequencies, what was otherwise in the test in SI."""
+    found = []
+    for number, one in enumerate(entry.modes):
+        place = f"modes.{number}"
+        for name in one.parameters:
+            _parameter(name, model, f"{place}.parameters.{name}")
+        damping = None if one.damping is None else (one.damping.value, one.damping.std)
+        said = {name: str(value) for name, value in one.parameters.items()}
+        with naming(place=place):
+            mode = Mode(one.frequency, one.std, damping, one.speed, said, one.mode)
+            found.append(in_units_of(model, mode))
+    return tuple(found)
+
+
+def _refuse_deviations(entry: ExperimentFile) -> None:
+    """Refuse what only a likelihood can weigh: knowledge with a deviation."""
+    if entry.modes:
+        raise InputError(
+            "measured natural frequencies", "records alone for this method", "use ml", place="modes"
+        )
+    for key, value in entry.estimator.unknown.items():
+        if value:
+            raise InputError(
+                f"{key} = {str(value).lower()}",
+                "a measurement without unknown constants for this method",
+                "use ml",
+                place=f"estimator.{key}",
+            )
+    for place, found in _inexact(entry):
+        raise InputError(
+            found, "exact values, the same in all records, for this method", "use ml", place=place
+        )
+
+
+def _inexact(entry: ExperimentFile) -> Iterator[tuple[str, str]]:
+    """Yield places of what is not known exactly, or not of all records, and what stands there."""
+    knowledge: dict[str, Knowledge] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
+    knowledge |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
+    channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}
+    for number, record in enumerate(entry.records):
+        channels |= {f"records.{number}.channels.{n}": c for n, c in record.channels.items()}
+        if record.parameters:
+            yield f"records.{number}.parameters", "parameters that differ between records"
+    for name, parameter in entry.parameters.items():
+        if parameter.each:
+            yield f"parameters.{name}.each", "parameters that differ between records"
+    for place, one in knowledge.items():
+        if one.std is not None:
+            yield f"{place}.std", "a deviation"
+        if one.bounded:
+            yield f"{place}.min, max", "a bound"
+    for place, channel in channels.items():
+        for key in channel.deviations:
+            yield f"{place}.{key}", "a deviation"
