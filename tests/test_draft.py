@@ -324,7 +324,7 @@ def test_planes_left_over_are_not_guessed() -> None:
     assert by_planes(model, [*four, *columns("Sum")], {}) == {}
     assert by_planes(MODEL, four, {}) == {}  # one plane, which has no name
     told = by_planes(model, columns("fxR", "fyR", "fxL", "fyL"), {})
-    assert told["F_x1"][1] == "taken R for 1, L for 3, by their order: check"
+    assert told["F_x1"].assumed == "taken R for 1, L for 3, by their order: check"
 
 
 @pytest.mark.parametrize(
@@ -345,12 +345,14 @@ def test_probes_at_right_angles_are_the_axes_of_the_model(names: list[str], assu
     coils = [Found(f"coil_{name}", np.zeros(2), "A", "channel") for name in names]
     told = by_planes(model, [*gaps, *coils], {})
     want = {"x1": gaps[x1], "y1": gaps[y1], "x3": gaps[2 + x1], "y3": gaps[2 + y1]}
-    assert {name: column for name, (column, _) in told.items()} == want
-    assert {note for _, note in told.values()} == {f"taken {assumed}, by their order: check"}
+    assert told == want
+    assert {column.assumed for column in told.values()} == {
+        f"taken {assumed}, by their order: check"
+    }
     flows = currents(model, [*gaps, *coils], {})
-    assert flows["F_y3"][0] is coils[2 + y1]
+    assert flows["F_y3"] == coils[2 + y1]
     rigid = sensors_at_inputs(rid.load_model("rigid"), gaps)
-    assert rigid["F_xb"][0] is gaps[2 + x1]
+    assert rigid["F_xb"] == gaps[2 + x1]
     assert by_planes(model, gaps[:3], {}) == {}
     assert by_planes(model, [*gaps[:3], replace(gaps[3], name="gap Z2")], {}) == {}
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import field, replace
 from difflib import SequenceMatcher
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
 
+_Table = tomlkit.TOMLDocument | tomlkit.items.Table
 _MARK = r"tach\w*|trig\w*|puls\w*|mark\w*|index"
 Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
 _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
@@ -57,7 +59,6 @@ H and V."""
 _MAGNETS = ("13", "24")
 """Figures of V13 and W24, the axes of a bearing by the numbers of their magnets."""
 _FIRST_OF_POSITION = ("p", "s", "d", "x")
-_LAW_UNIT = "A"
 _EXCITATION = re.compile(
     r"(ex|exc\w*|ref\w*|dist(urb\w*)?|noise|chirp|sweep|inj\w*|add\w*)(_|\d|\b)", re.I
 )
@@ -73,6 +74,7 @@ class Found:
     values: Floats  # (sample,)
     unit: str | None
     role: Role
+    assumed: str = field(default="", compare=False)  # of what it stands for
 
 
 def role_of(name: str, unit: str | None) -> Role:
@@ -121,13 +123,12 @@ def assign(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
 
 def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, str, int]]:
     """Return likeness, rank, quantity and place of what may belong together, the likest first."""
-    quantities = {name: model.units[name] for name in (*model.inputs, *model.coordinates)}
     places: dict[tuple[str, ...], list[int]] = {}
     for place, column in enumerate(columns):
         for marks in {_marks(option) for option in _options(column.name, is_input=False)}:
             places.setdefault(marks, []).append(place)
     found = []
-    for rank, (quantity, unit) in enumerate(quantities.items()):
+    for rank, (quantity, unit) in enumerate(_quantities(model).items()):
         for place in places.get(_marks(_plain(quantity)), ()):
             column = columns[place]
             if column.unit is None or converts(column.unit, unit):
@@ -139,14 +140,14 @@ def _ranked(model: Model, columns: Sequence[Found]) -> list[tuple[float, int, st
 
 def by_planes(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
-) -> dict[str, tuple[Found, str]]:
-    """Return columns of bearing planes that the model calls otherwise, with what was assumed.
+) -> dict[str, Found]:
+    """Return columns of bearing planes that the model calls otherwise.
 
     A logger's "Pos A X" and "Pos B X" are x1 and x3 of a model whose inputs are in the planes 1
     and 3: as many planes, in their order. Nothing is told where a plane or an axis is left over.
     """
-    planes = _planes({name: name for name in model.inputs})
-    found: dict[str, tuple[Found, str]] = {}
+    planes = _planes(model.inputs)
+    found: dict[str, Found] = {}
     free = [c for c in columns if c.unit and c not in taken.values()]
     for names in (model.inputs, model.coordinates):
         wanted = {key: name for name in names if (key := _place(name)) and key[0] in planes}
@@ -159,8 +160,8 @@ def by_planes(
 
 def _in_order(
     wanted: Mapping[tuple[str, str], str], like: Sequence[Found], planes: Sequence[str]
-) -> dict[str, tuple[Found, str]]:
-    """Return the columns of quantities by plane and axis, with what was assumed; all or none."""
+) -> dict[str, Found]:
+    """Return the columns of quantities by plane and axis; all or none."""
     for letters in _AXES:
         keys = [_place(c.name, letters) for c in like]
         places = {key: column for key, column in zip(keys, like, strict=True) if key}
@@ -172,17 +173,17 @@ def _in_order(
     order = dict(zip(planes, theirs, strict=True)) | dict(zip(_AXES[0], letters, strict=False))
     used = [part for part in (*_AXES[0], *planes) if any(part in key for key in wanted)]
     said = ", ".join(f"{order[m].upper()} for {m}" for m in used if order.get(m, m) != m)
-    note = said and f"taken {said}, by their order: check"
+    assumed = said and f"taken {said}, by their order: check"
     found = {
-        name: (column, note)
+        name: replace(column, assumed=assumed)
         for (plane, axis), name in wanted.items()
         if (column := places.get((order[plane], order.get(axis, ""))))
     }
     return found if len(found) == len(like) else {}
 
 
-def _planes(names: Mapping[str, str]) -> list[str]:
-    return list(dict.fromkeys(key[0] for name in names.values() if (key := _place(name))))
+def _planes(names: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(key[0] for name in names if (key := _place(name))))
 
 
 def _place(name: str, letters: str = _AXES[0]) -> tuple[str, str] | None:
@@ -214,37 +215,38 @@ def displacement(model: Model, name: str) -> str:
     return text
 
 
-def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, tuple[Found, str]]:
-    """Return columns of sensors in the planes of inputs that are not coordinates, by input.
-
-    Nothing for a model whose coordinates are in these planes, or where a plane is left over.
-    """
-    inputs = {key: name for name in model.inputs if (key := _place(name))}
-    told = [displacement(model, name) for name in model.inputs]
-    like = [c for c in columns if c.unit and converts(c.unit, "m")]
-    bare = set(told) <= set(model.coordinates)
-    if bare or not len(inputs) == len(model.inputs) == len(like):
+def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found]:
+    """Return columns of sensors in the planes of inputs that are not coordinates, by input."""
+    if {displacement(model, name) for name in model.inputs} <= set(model.coordinates):
         return {}
-    return _in_order(inputs, like, _planes({name: name for name in model.inputs}))
+    return _at_inputs(model, [c for c in columns if c.unit and converts(c.unit, "m")])
+
+
+def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
+    """Return the columns in the planes of the inputs; nothing where one is left over."""
+    inputs = {key: name for name in model.inputs if (key := _place(name))}
+    if not len(inputs) == len(model.inputs) == len(like):
+        return {}
+    return _in_order(inputs, like, _planes(model.inputs))
 
 
 def currents(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
-) -> dict[str, tuple[Found, str]]:
-    """Return the column of the current of each input that has no force, and what was assumed."""
-    free = [c for c in columns if c.unit and converts(c.unit, _LAW_UNIT)]
-    inputs = {key: name for name in model.inputs if (key := _place(name))}
-    if len(inputs) == len(model.inputs) == len(free) and not set(model.inputs) & set(taken):
-        planes = _planes({name: name for name in model.inputs})
-        if ordered := _in_order(inputs, free, planes):
-            return ordered
+) -> dict[str, Found]:
+    """Return the column of the current of each input that has no force."""
+    free = [c for c in columns if c.unit and converts(c.unit, "A")]
+    if not set(model.inputs) & set(taken) and (ordered := _at_inputs(model, free)):
+        return ordered
     found = {}
     for name in model.inputs:
         if name in taken or not free:
             continue
-        best = max(free, key=lambda c: likeness(name[1:], c.name.lstrip("iI"), False))
-        if likeness(name[1:], best.name.lstrip("iI"), False) >= _LIKE:
-            found[name] = best, ""
+        likest, best = max(
+            ((likeness(name[1:], c.name.lstrip("iI"), False), c) for c in free),
+            key=lambda pair: pair[0],
+        )
+        if likest >= _LIKE:
+            found[name] = best
             free.remove(best)
     return found
 
@@ -356,12 +358,13 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
     text = tomlkit.document()
-    text.add(tomlkit.comment("Draft by `rotorid new`. What it could not find is left open as"))
-    text.add(tomlkit.comment(f'"{OPEN}"; the file is refused until each of these is said.'))
+    _remark(text, "Draft by `rotorid new`. What it could not find is left open as")
+    _remark(text, f'"{OPEN}"; the file is refused until each of these is said.')
     text.add(tomlkit.nl())
-    text["model"] = OPEN if model is None else model
     if model is None:
-        text["model"].comment("rotorid models lists those that there are")
+        _say(text, "model", OPEN, "rotorid models lists those that there are")
+    else:
+        text["model"] = model
     records = tomlkit.aot()
     for run in runs:
         records.append(_record(run, loaded, folder, later=run is not runs[0]))
@@ -468,9 +471,8 @@ def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> tom
     _say_clock(entry, run.clock, len(run.columns[0].values))
     _say_rotation(entry, run, model)
     if later and "speed" in entry and (model is None or unbalanced(model)):
-        entry["phase"] = "unknown"
         told = "nothing tells how the rotor stood when this record began; not at standstill"
-        entry["phase"].comment(told)
+        _say(entry, "phase", "unknown", told)
     _say_lines(entry, run, model)
     return entry
 
@@ -484,39 +486,32 @@ def _relative(path: Path, folder: Path) -> str:
 
 def _say_clock(entry: tomlkit.items.Table, clock: _Clock, samples: int) -> None:
     if clock.column is not None:
-        entry["time"] = clock.column.name
-        if clock.unit:
-            entry["time"] = _inline({"column": clock.column.name, "unit": clock.unit})
-        told = clock.note
+        name, told = clock.column.name, clock.note
         if clock.rate is not None:
             told = f"{clock.rate.hertz:.6g} Hz, {samples / clock.rate.hertz:.4g} s" + (
                 f"; {told}" if told else ""
             )
-        if told:
-            entry["time"].comment(_printable(told))
+        _say(entry, "time", {"column": name, "unit": clock.unit} if clock.unit else name, told)
     elif clock.rate is not None:
-        entry.add(tomlkit.comment(_printable(f"the file states {clock.rate.hertz:.9g} Hz")))
+        _remark(entry, f"the file states {clock.rate.hertz:.9g} Hz")
     else:
-        entry["sample_rate"] = OPEN
-        entry["sample_rate"].comment('nothing in the file tells it; write it as "5 kHz"')
+        _say(entry, "sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"')
 
 
 def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
     by_role = {c.role: c for c in run.columns}
     if speed := by_role.get("speed"):
         unit = speed.unit or "rpm"
-        entry["speed"] = f"{np.mean(speed.values):.6g} {unit}"
-        spread = float(np.std(speed.values))
-        entry["speed"].comment(_printable(f"mean of {speed.name}, deviation {spread:.3g} {unit}"))
+        told = f"mean of {speed.name}, deviation {np.std(speed.values):.3g} {unit}"
+        _say(entry, "speed", f"{np.mean(speed.values):.6g} {unit}", told)
     elif mark := by_role.get("keyphasor"):
         entry["keyphasor"] = mark.name
     elif angle := by_role.get("angle"):
-        entry["angle"] = _inline({"column": angle.name, "unit": angle.unit or OPEN})
-        if not angle.unit:
-            entry["angle"].comment("deg or rad; of a counter, lines = 1024 in place of the unit")
+        told = "deg or rad; of a counter, lines = 1024 in place of the unit"
+        place = {"column": angle.name, "unit": angle.unit or OPEN}
+        _say(entry, "angle", place, "" if angle.unit else told)
     elif model is None or turns(model):
-        entry["speed"] = OPEN
-        entry["speed"].comment('of the rotation, "8400 rpm"; "0 rpm" at standstill')
+        _say(entry, "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill')
 
 
 def turns(model: Model) -> bool:
@@ -547,15 +542,12 @@ def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> No
     told = f"found in {column.name}, correlation {period.correlation:.3g}"
     frequency = None if rate is None else period.fundamental(rate)
     if frequency is not None:
-        entry["fundamental"] = f"{frequency:.{_digits(frequency)}g} Hz"
-        entry["fundamental"].comment(_printable(told))
+        _say(entry, "fundamental", f"{frequency:.12g} Hz", told)
     else:
-        entry["period_samples"] = round(period.samples)
-        entry["period_samples"].comment(_printable(told))
+        _say(entry, "period_samples", round(period.samples), told)
     lines = _lines([c.values for c, _ in found], period)
     if len(lines) <= _MOST_LINES:
-        entry["harmonics"] = lines
-        entry["harmonics"].comment("with that of the rotation, if the rotor turns")
+        _say(entry, "harmonics", lines, "with that of the rotation, if the rotor turns")
     else:
         entry["band"] = _band(lines, period, rate)
 
@@ -565,29 +557,25 @@ def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None)
     channels = run.channels()
     driving = run.driving()
     forces = [c for c in channels if c.unit and any(converts(c.unit, u) for u in _DRIVES)]
-    entry["band"] = [OPEN, OPEN]
     looked_at = [c for c in driving or forces or channels if np.ptp(c.values) > 0]
     if rate is not None and looked_at:
         column = max(looked_at, key=lambda c: float(np.ptp(c.values)))
-        entry["band"] = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
-        entry["band"].comment(
-            _printable(f"no period found: the whole record, where {column.name} is large")
-        )
-    if driving:
-        entry["references"] = [c.name for c in driving]
-        entry["references"].comment("what was added to the commands, free of noise")
+        band = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
+        told = f"no period found: the whole record, where {column.name} is large"
+        _say(entry, "band", band, told)
     else:
-        entry.add(
-            tomlkit.comment("references = [..]: columns of the excitation that was added; or")
-        )
-        entry.add(
-            tomlkit.comment('quiet = "..": a record without it; else the inputs hold no noise')
-        )
+        entry["band"] = [OPEN, OPEN]
+    if driving:
+        names = [c.name for c in driving]
+        _say(entry, "references", names, "what was added to the commands, free of noise")
+    else:
+        _remark(entry, "references = [..]: columns of the excitation that was added; or")
+        _remark(entry, 'quiet = "..": a record without it; else the inputs hold no noise')
 
 
 def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
     """Write the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
-    entry["cutoff"] = OPEN
+    cutoff = OPEN
     told = (
         "no period found, and the model is not linear: five to ten times the motion's frequencies"
     )
@@ -596,9 +584,9 @@ def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> No
     if rate is not None and moving:
         column = max(moving, key=lambda c: float(np.ptp(c.values)))
         highest = _excited_band(column.values, rate)[1]
-        entry["cutoff"] = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"
+        cutoff = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"
         told += f", {highest:.3g} Hz in {column.name}"
-    entry["cutoff"].comment(_printable(told))
+    _say(entry, "cutoff", cutoff, told)
 
 
 def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
@@ -608,10 +596,6 @@ def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
     above = np.flatnonzero(stripes > _POWER * np.sort(stripes)[-3:].mean())
     spacing = rate / len(signal)
     return max(above[0] * width, 2) * spacing, (above[-1] + 1) * width * spacing
-
-
-def _digits(number: float) -> int:
-    return max(len(f"{number:.12g}".replace(".", "").lstrip("0")), 1)
 
 
 def _lines(signals: Sequence[Floats], period: Period) -> list[int]:
@@ -639,51 +623,45 @@ def _channels(run: _Run, model: Model | None, named: Collection[str]) -> tomlkit
     columns = run.channels()
     used = set(named)
     if model is not None:
-        table.add(tomlkit.comment(_HELD))
+        _remark(table, _HELD)
         measured = [c for c in columns if not is_excitation(c)]
         used |= _say_channels(table, model, measured)
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
             level = f"{column.values.min():.4g} to {column.values.max():.4g}"
-            table.add(tomlkit.comment(_printable(f"not used: {column.name}{unit_text}, {level}")))
+            _remark(table, f"not used: {column.name}{unit_text}, {level}")
     return table
 
 
 def _say_channels(table: tomlkit.items.Table, model: Model, measured: Sequence[Found]) -> set[str]:
     """Write the channels of a model, and return the names of the columns that they have."""
     taken = assign(model, measured)
-    guessed = by_planes(model, measured, taken)
-    taken |= {name: column for name, (column, _) in guessed.items()}
+    taken |= by_planes(model, measured, taken)
     sensors = sensors_at_inputs(model, measured)
-    own = [column for column, _ in sensors.values()]
-    taken = {name: column for name, column in taken.items() if column not in own}
+    taken = {name: column for name, column in taken.items() if column not in sensors.values()}
     laws = currents(model, measured, taken)
-    used = [*taken.values(), *own, *(column for column, _ in laws.values())]
+    used = [*taken.values(), *sensors.values(), *laws.values()]
     free = [c for c in measured if c not in used]
     hidden = []
-    for name, unit in _quantities(model):
+    for name, unit in _quantities(model).items():
         if name in taken:
-            table[name] = _column(taken[name], unit)
-            if name in guessed and guessed[name][1]:
-                table[name].comment(_printable(guessed[name][1]))
+            _say(table, name, _column(taken[name]), taken[name].assumed)
         elif name in model.inputs:
-            column, assumed = laws.get(name, (None, ""))
             position = displacement(model, name) or (_sensor_name(name) if name in sensors else "")
-            table[name], told = _input(unit, column, position or OPEN, free)
-            table[name].comment(_printable(f"{told}; {assumed}" if assumed else told))
+            channel, told = _input(unit, laws.get(name), position or OPEN, free)
+            _say(table, name, channel, told)
         else:
             hidden.append(f"{name} [{unit}]")
-    for name, (column, assumed) in sensors.items():
-        reads = {"reads": displacement(model, name)}
-        table[_sensor_name(name)] = _inline({**reads, **_column(column, "m")})
+    for name, column in sensors.items():
         told = "taken to be where the force acts; else write its own distance for the lever"
-        table[_sensor_name(name)].comment(_printable(f"{told}; {assumed}" if assumed else told))
+        sensor = {"reads": displacement(model, name), **_column(column)}
+        _say(table, _sensor_name(name), sensor, _and(told, column.assumed))
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
-        table.add(tomlkit.comment(_printable(f"{told} coordinate needs one")))
+        _remark(table, f"{told} coordinate needs one")
     if hidden and not sensors and (shown := _as_sensor(model, free)):
-        table.add(tomlkit.comment(_printable(shown)))
+        _remark(table, shown)
     return {column.name for column in used}
 
 
@@ -694,35 +672,39 @@ def _as_sensor(model: Model, free: Sequence[Found]) -> str:
     if not left or not reads:
         return ""
     name, text = reads[0]
-    channel = _inline({"reads": text, **_column(left[0], "m")})
+    channel = _inline({"reads": text, **_column(left[0])})
     return f"a sensor beside a magnet: {_sensor_name(name)} = {channel.as_string()}"
 
 
 def _input(
     unit: str, column: Found | None, position: str, free: Sequence[Found]
-) -> tuple[tomlkit.items.InlineTable, str]:
+) -> tuple[dict[str, Any], str]:
     """Return the channel of an input without a column of forces, and what is said of it.
 
     Where currents are there and nothing in the unit of the input, it is a force law's.
     """
     told = "F = ki i + ks x; docs/experiments.md has the other laws"
     if column is not None:
-        return _law(column.name, column.unit or OPEN, position), told
+        return _law(_column(column), position), _and(told, column.assumed)
     alike = [c for c in free if c.unit and converts(c.unit, unit)]
     flows = [c for c in free if c.unit and converts(c.unit, "A")]
     names = ", ".join(c.name for c in (alike or flows)[:_MOST_NAMES])
     which = f"which column is it? {names}" if names else "no column looks like it"
     if flows and not alike:
-        return _law(OPEN, flows[0].unit or OPEN, position), f"{which}; {told}"
-    return _inline({"column": OPEN, "unit": unit}), which
+        return _law({"column": OPEN, "unit": flows[0].unit}, position), _and(which, told)
+    return {"column": OPEN, "unit": unit}, which
 
 
-def _quantities(model: Model) -> list[tuple[str, str]]:
-    return [(name, model.units[name]) for name in (*model.inputs, *model.coordinates)]
+def _law(current: Mapping[str, Any], position: str) -> dict[str, Any]:
+    return {"law": "linear", "current": current, "position": position, "ki": OPEN, "ks": OPEN}
 
 
-def _column(column: Found, unit: str) -> tomlkit.items.InlineTable:
-    return _inline({"column": column.name, "unit": column.unit or OPEN})
+def _quantities(model: Model) -> dict[str, str]:
+    return {name: model.units[name] for name in (*model.inputs, *model.coordinates)}
+
+
+def _column(column: Found) -> dict[str, str]:
+    return {"column": column.name, "unit": column.unit or OPEN}
 
 
 def _sensor_name(name: str) -> str:
@@ -730,29 +712,36 @@ def _sensor_name(name: str) -> str:
     return f"s_{name.removeprefix('F_')}"
 
 
-def _law(column: str, unit: str, position: str) -> tomlkit.items.InlineTable:
-    current = {"column": column, "unit": unit}
-    law = {"law": "linear", "current": current, "position": position, "ki": OPEN, "ks": OPEN}
-    return _inline(law)
-
-
 def _parameters(model: Model) -> tomlkit.items.Table:
     table = tomlkit.table()
-    table.add(tomlkit.comment("what is known beforehand, such as"))
+    _remark(table, "what is known beforehand, such as")
     for parameter in model.parameters:
         if converts(parameter.unit, "m"):
-            table.add(tomlkit.comment(_printable(f'{parameter.name} = {{ fixed = "300 mm" }}')))
+            _remark(table, f'{parameter.name} = {{ fixed = "300 mm" }}')
             break
     for parameter in model.parameters:
         if parameter.nominal is not None and converts(parameter.unit, "kg"):
             start = f'{parameter.name} = {{ start = "{parameter.nominal:g} {parameter.unit}" }}'
-            table.add(
-                tomlkit.comment(_printable(f"{start}, where yours is more than 40 % off this"))
-            )
+            _remark(table, f"{start}, where yours is more than 40 % off this")
             break
     names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
-    table.add(tomlkit.comment(_printable(f"parameters: {names}")))
+    _remark(table, f"parameters: {names}")
     return table
+
+
+def _say(table: _Table, key: str, value: Any, told: str = "") -> None:
+    """Write a key, and what is told of it behind it."""
+    table[key] = _inline(value) if isinstance(value, Mapping) else value
+    if told:
+        table[key].comment(_printable(told))
+
+
+def _remark(table: _Table, told: str) -> None:
+    table.add(tomlkit.comment(_printable(told)))
+
+
+def _and(told: str, more: str) -> str:
+    return f"{told}; {more}" if more else told
 
 
 def _printable(text: str) -> str:
