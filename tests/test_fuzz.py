@@ -87,7 +87,7 @@ def corpus(
     return {outcome["name"]: outcome for outcome in json.loads(target.read_text())}
 
 
-@pytest.mark.sampled(63)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", CASES)
 def test_corpus(name: str, corpus: dict[str, dict[str, Any]]) -> None:
     assert not corpus[name]["faults"], corpus[name]
@@ -122,6 +122,7 @@ def outcomes(*cases: Case) -> list[tuple[str, ...]]:
     return [o.faults for o in harness.run_cases(builds, workers=1)]
 
 
+@pytest.mark.slow
 def test_what_is_done_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A harness that finds nothing must find what there is: a signal, a hang, memory, files."""
     monkeypatch.setattr(harness, "SECONDS", 0.3)

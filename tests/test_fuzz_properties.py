@@ -144,6 +144,7 @@ def lay(path: Path, layout: dict) -> tuple[np.ndarray, bool]:
     return values, layout["missing"] is None or layout["missing"] >= layout["parts"]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(layouts())
 def test_samples_are_read_as_they_are_or_not_at_all(layout: dict) -> None:

@@ -261,6 +261,7 @@ def test_samples_per_revolution(rate: float, refused: bool) -> None:
         assert len(rid.phasors(record).speed) > 20
 
 
+@pytest.mark.slow
 def test_a_table_has_twenty_speeds_at_least() -> None:
     """597 turns: nine segments of 64, eighteen of 32, 37 of 16."""
     table = rid.phasors(turning(2.0, noise=0.1))

@@ -115,6 +115,7 @@ def test_files_that_are_no_hdf5(tmp_path: Path, path: Path) -> None:
         open_hdf5(tmp_path / "none.h5")
 
 
+@pytest.mark.slow
 def test_damage_inside(path: Path) -> None:
     """Bytes that changed make a wrong number or a ReadError, nothing else."""
     whole = path.read_bytes()

@@ -285,6 +285,7 @@ def test_zeros_that_pack_without_bound(path: Path) -> None:
         opened.read([f"x{i}" for i in range(12)])
 
 
+@pytest.mark.slow
 def test_many_data_sets(path: Path) -> None:
     """One that is named whole is found among any number; a search has its bounds."""
     with h5py.File(path, "w", libver="latest") as data:

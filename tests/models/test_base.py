@@ -301,6 +301,7 @@ def test_what_was_substituted_last_is_kept():
     assert model.substitute({"L1": 0.3}) == first
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-3, 3), min_size=6, max_size=6), st.data())
 def test_identities_are_found_whatever_the_order(weights, data):

@@ -65,6 +65,7 @@ def test_a_sign_that_the_model_forbids_is_looked_for_in_the_channels(record):
     assert estimate.suspects[0].term == "sign[F_x, F_y]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "likely"), [(2e5 / 1.49, True), (2e5 / 1.51, False)])
 def test_a_bound_far_from_what_it_forbids_is_not_the_likeliest_mistake(record, limit, likely):
     """A force in other units would keep it, and explain as much."""

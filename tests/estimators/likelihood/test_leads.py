@@ -71,6 +71,7 @@ def test_mistakes_are_named(demo, record, change, term, value):
     assert "first suspect" in estimate.warnings[0]
 
 
+@pytest.mark.slow
 def test_a_gain_is_said_as_unit_and_sign(demo, record):
     changed = with_spectra(record, scale(-1 / 25.4, "x1"))
     estimate = identify(demo.model, changed, MaximumLikelihood())

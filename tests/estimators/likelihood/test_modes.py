@@ -231,6 +231,7 @@ class TestMistakes:
         assert estimate.suspects[0].term == str(replace(given[3], mode=1))
         assert estimate.suspects[0].value == pytest.approx(modes()[3].frequency, rel=1e-3)
 
+    @pytest.mark.slow
     def test_radians_per_second_for_hertz(self) -> None:
         given = [
             replace(m, frequency=2 * np.pi * m.frequency, std=2 * np.pi * m.std) for m in modes()

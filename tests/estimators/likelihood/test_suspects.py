@@ -38,6 +38,7 @@ def test_damping(demo, faults, bearings, sensors):
     assert set(found) <= {"damping k1, k2", "damping k1", "damping k2"}
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("sensors", [None, "bearings"])
 def test_rotating_damping(demo, faults, bearings, sensors):
