@@ -30,7 +30,6 @@ class Passed:
 
     @classmethod
     def of(cls, lines: Lines, column: int, law: ForceLaw) -> Passed:
-        """Find it for a channel; at rest where the record keeps no samples."""
         shares = np.array([law.position.get(name, 0.0) for name in lines.names])
         if lines.samples is None:
             return cls(column, law, shares, np.zeros(1), np.zeros(1))

@@ -61,7 +61,6 @@ class Dynamics(ABC):
 
     @property
     def values(self) -> Array:
-        """Values of the constants, shape (constant,)."""
         return np.array([constant.value for constant in self.constants])
 
     @property
@@ -83,15 +82,12 @@ class FirstOrder(Dynamics):
 
     @property
     def constants(self) -> tuple[Constant, ...]:
-        """The bandwidth."""
         return (self.bandwidth,)
 
     def response(self, omega: Array, values: Array) -> Array:
-        """``1 / (1 + i omega / omega_b)``."""
         return np.asarray(1 / (1 + 1j * omega / (2 * np.pi * values[0])))
 
     def slopes(self, omega: Array, values: Array) -> Array:
-        """``(1 - H) / bandwidth``."""
         return np.asarray((1 - self.response(omega, values)) / values[0])[:, None]
 
 
@@ -104,16 +100,13 @@ class SecondOrder(Dynamics):
 
     @property
     def constants(self) -> tuple[Constant, ...]:
-        """Bandwidth and damping."""
         return self.bandwidth, self.damping
 
     def response(self, omega: Array, values: Array) -> Array:
-        """``1 / (1 + 2 i zeta s - s^2)``."""
         s = omega / (2 * np.pi * values[0])
         return np.asarray(1 / (1 + 2j * values[1] * s - s**2))
 
     def slopes(self, omega: Array, values: Array) -> Array:
-        """D ln H = H (2 i zeta s - 2 s^2) / bandwidth, and -2 i s H."""
         s, response = omega / (2 * np.pi * values[0]), self.response(omega, values)
         by_bandwidth = response * (2j * values[1] * s - 2 * s**2) / values[0]
         return np.stack([by_bandwidth, -2j * s * response], axis=1)
@@ -127,15 +120,12 @@ class EddyCurrents(Dynamics):
 
     @property
     def constants(self) -> tuple[Constant, ...]:
-        """Tau."""
         return (self.eddy,)
 
     def response(self, omega: Array, values: Array) -> Array:
-        """``1 / (1 + sqrt(i omega tau))``."""
         return np.asarray(1 / (1 + np.sqrt(1j * omega * values[0])))
 
     def slopes(self, omega: Array, values: Array) -> Array:
-        """``-(1 - H) / (2 tau)``."""
         return np.asarray(-(1 - self.response(omega, values)) / (2 * values[0]))[:, None]
 
 
@@ -172,7 +162,6 @@ class Measured(ByContent, Dynamics):
 
     @property
     def band(self) -> tuple[float, float]:
-        """That of the table."""
         return float(self.frequency[0]), float(self.frequency[-1])
 
     def response(self, omega: Array, values: Array) -> Array:

@@ -114,7 +114,6 @@ class LawEntry(Schema):
                 )
 
     def build(self) -> Linear | Differential | Flux:
-        """Return the law."""
         self._refuse_unknown()
         needed, more = _KEYS[self.law]
         for key in needed:

@@ -159,7 +159,6 @@ class Linear:
         return self.ki * current + self.ks * position
 
     def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the force in N, broadcast over current (A) and position (m)."""
         return np.asarray(self._force(np.asarray(current, float), np.asarray(position, float)))
 
     def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
@@ -316,7 +315,6 @@ class Differential:
         return self.constant * np.cos(self.angle) * (ahead * ahead - behind * behind)
 
     def fluxes(self, current: Any, position: Any) -> tuple[Any, Any]:
-        """Return the bent currents over the gaps in A/m, which the flux densities follow."""
         ahead, behind = magnet_fluxes(current, position, *self.constants[1:])
         return ahead, behind
 

@@ -73,7 +73,6 @@ class ForceSource:
 
     @property
     def constants(self) -> dict[str, LawConstant]:
-        """Constants by their names in files."""
         table = _FLUX if isinstance(self.law, Flux) else _MAGNET
         return {
             name: LawConstant(

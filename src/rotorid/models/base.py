@@ -138,7 +138,6 @@ def _holds_function(factor: Factor) -> bool:
 
 
 def _times(one: Expression, other: Expression) -> Expression:
-    """Return the product of expressions that share no base."""
     return product([*one.factors, *other.factors])
 
 

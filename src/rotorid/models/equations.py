@@ -68,7 +68,6 @@ def split_equations(texts: Sequence[str], names: Names) -> Equations:
 
 
 def _split(texts: Sequence[str], names: Names) -> Equations:
-    """Do the work of `split_equations`, within its bound."""
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):
@@ -168,7 +167,6 @@ def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
 
 
 def _polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
-    """Do the work of `polynomial`, within its bound."""
     known = frozenset(names)
     tree = read(text)
     value = expanded(tree, known, known)

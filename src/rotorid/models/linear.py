@@ -152,7 +152,6 @@ class StiffnessTable:
 
     @classmethod
     def of(cls, terms: Sequence[StiffnessTerm]) -> StiffnessTable:
-        """Build from terms one by one."""
         kinds: dict[Kind, int] = {}
         places = [
             (
@@ -178,7 +177,6 @@ class StiffnessTable:
 
     @cached_property
     def monomials(self) -> tuple[int, ...]:
-        """The monomials that some term holds."""
         return tuple(np.unique(self.monomial).tolist())
 
 

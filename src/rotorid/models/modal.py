@@ -116,7 +116,6 @@ class _Scaled:
     def of(
         cls, mass: Floats | Complexes, damping: Floats | Complexes, stiffness: Floats | Complexes
     ) -> _Scaled:
-        """Scale; refuse what is beyond all bounds."""
         matrices = [stiffness, damping, mass]
         if not all(np.abs(m).max(initial=0.0) < 1e150 for m in matrices):
             raise np.linalg.LinAlgError("a machine beyond all bounds")
@@ -171,7 +170,6 @@ class _Scaled:
         return _free_motions(self.stiffness, self.damping)
 
     def told_apart(self, values: Complexes) -> tuple[Integers, Integers, int]:
-        """Return which poles oscillate, ascending, which do not, and how many are at zero."""
         finite, size = np.isfinite(values), np.abs(values)
         moving = finite.copy()
         free, held = self.free

@@ -60,7 +60,6 @@ def symbol(name: str) -> Symbolic:
 
 
 def from_sympy(value: Symbolic) -> Expression:
-    """Return a symbolic expression as what a model keeps."""
     if value.is_Symbol:
         return plain_symbol(str(value))
     if value.is_Rational:
@@ -90,7 +89,6 @@ def _fraction(value: Symbolic) -> Fraction:
 
 
 def to_sympy(value: Expression) -> Symbolic:
-    """Return what a model keeps as a symbolic expression."""
     if value.kind == "name":
         return symbol(value.parts[0])
     if value.kind == "pi":
@@ -335,7 +333,6 @@ def _not_real(value: Symbolic) -> ModelError:
 
 
 def shown(value: Symbolic) -> str:
-    """Return an expression as text for a message, shortened."""
     text = str(value).replace("**", "^")
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -63,7 +63,6 @@ def read(text: str, start: Literal["sum", "equation"] = "sum") -> Node:
 
 
 def too_deep() -> ModelError:
-    """Return what a text is refused with that nests too deeply."""
     return ModelError(
         f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
     )
@@ -97,7 +96,6 @@ class _Reader:
         return _Token(str(match.lastgroup), match.group(), place)
 
     def taken(self) -> str:
-        """Take the next token."""
         cost.spend(1)
         self.last = self.next
         self.next = self._token(self.last.place + len(self.last.text))
@@ -166,7 +164,6 @@ class _Reader:
         return found
 
     def unexpected(self, token: _Token) -> ModelError:
-        """Return what the text is refused with for a token that does not belong there."""
         cure = "write a name or a number there, or take out what does not belong"
         if token.kind in ("name", "number") or token.text == "(":
             cure = "write an operator before it: * for a product"

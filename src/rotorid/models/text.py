@@ -57,7 +57,6 @@ class Expression:
 
     @cached_property
     def free_symbols(self) -> frozenset[Expression]:
-        """The names in it, as expressions."""
         if self.kind == "name":
             return frozenset((self,))
         inner = (part for part in self.parts if isinstance(part, Expression))
@@ -87,7 +86,6 @@ class Expression:
 
 
 def number(value: int | Fraction) -> Expression:
-    """Return a number."""
     return Expression("number", (Fraction(value),))
 
 
@@ -176,5 +174,4 @@ def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.
 
 
 def is_usable(value: ArrayLike) -> bool:
-    """Tell whether all numbers are finite, and far from where their squares are not."""
     return bool((np.abs(value) < MAX_VALUE).all())

@@ -322,7 +322,6 @@ def balance(
 
 
 def _speeds(speed: float | str | Sequence[float | str]) -> Floats:
-    """Return speeds in rad/s."""
     given = [speed] if isinstance(speed, str | float | int) else list(speed)
     found = np.array([finite_speed(each) for each in given])
     if not len(found) or (found == 0).any():

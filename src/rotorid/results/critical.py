@@ -401,7 +401,6 @@ def unbalance_response(
 
 
 def response_of(machine: Machine, speeds: Floats) -> UnbalanceResponse:
-    """Return the response of a machine."""
     if not machine.linear.load_terms:
         raise InputError(
             f"the model {machine.model.name!r} without unbalance",

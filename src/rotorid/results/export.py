@@ -72,7 +72,6 @@ class StateSpace(ByContent):
         return control.ss(self.A, self.B, self.C, self.D, remove_useless_states=False, **named)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         names = {
             kind: [{"name": name, "unit": unit} for name, unit in getattr(self, kind)]
             for kind in ("states", "inputs", "outputs")
@@ -140,7 +139,6 @@ def _unit(machine: Machine, shares: Floats) -> str:
 def _spaces(
     machine: Machine, speed: float, rows: Floats, named: tuple[tuple[str, str], ...]
 ) -> StateSpace:
-    """Build the matrices."""
     matrices = machine.matrices(speed)
     if np.iscomplexobj(matrices):
         raise InputError(

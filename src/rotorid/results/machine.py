@@ -139,7 +139,6 @@ class Machine:
         return self.pencil(speed).matrices(self.values)
 
     def inertia(self, speed: float = 0.0) -> Floats:
-        """Return that of each coordinate in its own equation, shape (coordinate,)."""
         mass = np.real(self.matrices(speed)[2])
         balance = force_balance(self.model, mass)
         return np.asarray(np.abs(np.diag(balance.forces(mass))))
@@ -215,7 +214,6 @@ class Machine:
 
     @property
     def spread(self) -> Floats:
-        """Deviation of each unknown; zeros where nothing is known of it."""
         if self.covariance is None:
             return np.zeros(len(self.values))
         return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))

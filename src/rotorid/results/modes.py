@@ -192,7 +192,6 @@ def modes(
 
 
 def finite_speed(speed: float | str, place: str = "speed") -> float:
-    """Return a speed in rad/s."""
     found = quantity(speed, "rad/s", place=place)
     if not np.isfinite(found):
         raise InputError(f"{speed}", "a finite speed", "give 0 at standstill", place=place)
@@ -200,7 +199,6 @@ def finite_speed(speed: float | str, place: str = "speed") -> float:
 
 
 def modes_at(machine: Machine, speed: float, rng: np.random.Generator | None = None) -> Modes:
-    """Return the natural frequencies of a machine at a speed."""
     eigen = eigen_at(machine, speed)
     spread, intervals = deviations(machine, speed, eigen, rng)
     whirls = whirls_of(machine, speed, eigen.found)
@@ -226,12 +224,10 @@ def pattern_of(machine: Machine, speed: float) -> tuple[int, ...]:
 
 
 def eigenmodes_at(machine: Machine, speed: float) -> Eigenmodes:
-    """Return the modes of a machine at a speed."""
     return _solved(eigenmodes, machine, speed)
 
 
 def eigenvalues_at(machine: Machine, speed: float) -> Complexes:
-    """Return lambda of the modes of a machine at a speed, ascending."""
     return _solved(eigenvalues, machine, speed)
 
 

@@ -94,7 +94,6 @@ class AxisSensitivity:
 
     @property
     def peak_db(self) -> float:
-        """The peak in dB."""
         return float(20 * np.log10(self.peak))
 
     @property
@@ -181,7 +180,6 @@ def worst_of(found: Sequence[AxisSensitivity]) -> str:
 
 
 def _told(low: str, high: str) -> str:
-    """Return the zones from one to another as a verdict."""
     said = _from_to(low, high, "and")
     return f"zone {said}" if low == high else f"undecided between {said}"
 
@@ -350,7 +348,6 @@ def _lines_of(places: Sequence[tuple[PeriodicRecord, int]], names: Sequence[str]
 
 
 def _noise(residual: Complexes, weights: Complexes) -> tuple[float, float]:
-    """Return the variance that periods give S, and its degrees of freedom."""
     variance, freedom = 0.0, 1.0
     for each, weight in zip(residual, weights, strict=True):
         if len(each) < 2:
@@ -469,7 +466,6 @@ def _windows(
 
 
 def _raw(rows: Sequence[tuple[float, complex, float, float]]) -> Raw:
-    """Return lines as arrays."""
     frequency, values, variance, freedom = np.array(rows, dtype=complex).reshape(-1, 4).T.copy()
     return frequency.real, values, variance.real, freedom.real
 

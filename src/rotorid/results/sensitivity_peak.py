@@ -59,7 +59,6 @@ class Part:
     weight: Floats  # (line,): one over the standard deviation of the noise, but for a factor
 
     def powers(self, order: int, first: int = 0) -> Floats:
-        """Return powers of the place."""
         return np.asarray(self.place[:, None] ** np.arange(first, order + 1))
 
     def columns(self, order: int, below: Complexes) -> Complexes:
@@ -70,7 +69,6 @@ class Part:
 
 
 def least_lines(axes: int, turning: int, poles: int) -> int:
-    """Return how many lines a curve takes."""
     return (order_of(poles) + 1) * (axes + 1) + turning + poles + 2 * BEYOND + 1 + LEAST
 
 
@@ -101,11 +99,9 @@ class Curve:
 
     @property
     def order(self) -> int:
-        """Order of N and T."""
         return order_of(self.poles)
 
     def _below(self, place: Floats) -> Complexes:
-        """Return A."""
         return 1 + (place[:, None] ** np.arange(1, self.poles + 1)) @ self.below
 
     @property
@@ -173,7 +169,6 @@ def _linear(part: Part, poles: int, below: Complexes) -> Curve:
 
 
 def fitted(part: Part, poles: int) -> Curve:
-    """Fit a curve."""
     below = np.zeros(poles, dtype=np.complex128)
     curve = _linear(part, poles, below)
     if not poles:
@@ -235,7 +230,6 @@ class Peak:
 
     @property
     def size(self) -> float:
-        """How high it is."""
         return abs(self.value)
 
 
@@ -376,7 +370,6 @@ class Found:
 
     @property
     def unsure(self) -> float:
-        """Deviation over size."""
         return self.peak.std / self.peak.size
 
     def beside(self, fewer: Found | None) -> Found:
@@ -398,7 +391,6 @@ class Found:
         return max(self.span * INNER / 2, 1.5 * self.width if np.isfinite(self.width) else 0.0)
 
     def interval(self, confidence: float) -> tuple[float, float]:
-        """Return what holds the peak."""
         times = scipy.stats.t.ppf((1 + confidence) / 2, self.peak.dof)
         factor = float(np.exp(times * self.unsure))
         return self.peak.size / factor, self.peak.size * factor

@@ -171,7 +171,6 @@ def _spoil(
 
 
 def _spoil_first(rig: Rig, change: Callable[[Floats, np.random.Generator], Floats]) -> Rig:
-    """Have the column of the first sensor changed."""
     return _spoil(rig, change, lambda name: name == rig.sensors[0].name)
 
 
@@ -190,7 +189,6 @@ def _turned(parts: Mapping[str, float], angle: float) -> dict[str, float]:
 
 
 def _work(rig: Rig) -> Floats:
-    """Return B as it stands."""
     if rig.work is not None:
         return rig.work
     return np.asarray(rig.model.require_linear().matrices(rig.parameters, rig.rotation.speed).B)

@@ -103,7 +103,6 @@ class Machine:
 
     @cached_property
     def parameters(self) -> Floats:
-        """Parameter values in the order of the model, shape (parameter,)."""
         return self.model.values(self.values)
 
     @property

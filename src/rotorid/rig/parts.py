@@ -140,7 +140,6 @@ class Actuator:
 
     @property
     def time_constant(self) -> float:
-        """Lag of the amplifier in s."""
         return 0.0 if self.bandwidth is None else 1 / (2 * np.pi * self.bandwidth)
 
     @property

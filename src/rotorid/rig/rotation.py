@@ -56,13 +56,11 @@ class Rotation:
         return self.acceleration == 0 and self.drift == 0
 
     def speed_at(self, time: ArrayLike) -> Floats:
-        """Return Omega in rad/s at times in s."""
         t = np.maximum(np.asarray(time, dtype=float), 0.0)
         rate = 2 * np.pi / self.drift_period
         return np.asarray(self.speed + self.acceleration * t + self.drift * np.sin(rate * t))
 
     def angle_at(self, time: ArrayLike) -> Floats:
-        """Return phi in rad at times in s: the integral of the speed plus the phase."""
         time = np.asarray(time, dtype=float)
         t = np.maximum(time, 0.0)
         rate = 2 * np.pi / self.drift_period

@@ -37,24 +37,20 @@ class Quantity:
 
     @classmethod
     def of(cls, number: float) -> Quantity:
-        """Return a number."""
         return cls((((), float(number)),) if number else ())
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters in it."""
         every = (name for factors, _ in self.terms for name, _ in factors if name != SPEED)
         return tuple(dict.fromkeys(every))
 
     @property
     def number(self) -> float | None:
-        """Its value where it is a number."""
         if any(factors for factors, _ in self.terms):
             return None
         return sum(coefficient for _, coefficient in self.terms)
 
     def times(self, other: Quantity) -> Quantity:
-        """Return the product."""
         found: dict[Factors, float] = {}
         for mine, a in self.terms:
             for yours, b in other.terms:
@@ -159,7 +155,6 @@ class Section:
     elements: int = 1
 
     def beam(self, length: float) -> Beam:
-        """Return an element of unit density."""
         return Beam(length, self.outer, self.inner, self.modulus, self.modulus / self.ratio, 1.0)
 
 
@@ -224,7 +219,6 @@ class Rotor:
 
     @property
     def length(self) -> float:
-        """Length in m."""
         return sum(section.length for section in self.sections)
 
     @cached_property
@@ -274,7 +268,6 @@ class Rotor:
         return np.array([node.position for node in self.nodes])
 
     def node(self, at: float) -> int:
-        """Return the number of the node at a position."""
         return int(np.abs(self.positions - at).argmin())
 
     def spans(self) -> Iterator[tuple[int, Section, Beam]]:

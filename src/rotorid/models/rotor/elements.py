@@ -30,7 +30,6 @@ class Beam:
 
     @property
     def area(self) -> float:
-        """Cross section in m^2."""
         return float(np.pi / 4 * (self.outer**2 - self.inner**2))
 
     @property

@@ -54,7 +54,6 @@ class _Gatherer:
             self.blocks[kept, order, power, structural].append((first, coefficient * block))
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return what was gathered."""
         return tuple(Piece(*key, self._matrix(blocks)) for key, blocks in self.blocks.items())
 
     def _matrix(self, blocks: list[tuple[int, Floats]]) -> scipy.sparse.csr_array:
@@ -143,7 +142,6 @@ def loads_of(rotor: Rotor) -> tuple[Load, ...]:
 
 
 def inputs_of(rotor: Rotor) -> Floats:
-    """Return B, shape (row, input)."""
     matrix = np.zeros((PLANES * len(rotor.nodes), 2 * len(rotor.actuators)))
     for k, at in enumerate(rotor.actuators.values()):
         first = PLANES * rotor.node(at)
@@ -152,7 +150,6 @@ def inputs_of(rotor: Rotor) -> Floats:
 
 
 def coordinates_of(rotor: Rotor) -> tuple[str, ...]:
-    """Return the names of the coordinates."""
     return tuple(name for node in rotor.nodes for name in node.coordinates)
 
 

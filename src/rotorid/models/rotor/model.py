@@ -95,7 +95,6 @@ class RotorModel(Model):
 
     @cached_property
     def input_terms(self) -> tuple[InputTerm, ...]:
-        """The right sides."""
         one = self._monomials.index((0,) * len(self.parameters))
         entries = np.argwhere(self.push).tolist()
         return tuple(InputTerm(r, c, one, float(self.push[r, c])) for r, c in entries)
@@ -134,7 +133,6 @@ class RotorModel(Model):
         return (*moving, *(replace(t, coefficient=-t.coefficient) for t in self._load_terms))
 
     def _signal(self, term: StiffnessTerm) -> Expression:
-        """Return what a term multiplies; what lags has no value at an instant."""
         moved = symbol(self.coordinates[term.column] + DERIVATIVES[term.order])
         held = Expression(LAGGING, (moved,)) if term.structural else moved
         return product([*term.factor.factors, (held, Fraction(1))])
@@ -167,7 +165,6 @@ class RotorModel(Model):
         return ()
 
     def require_linear(self) -> LinearForm:
-        """Return the linear form."""
         return LinearForm(
             rows=len(self.texts),
             coordinates=len(self.coordinates),
@@ -421,7 +418,6 @@ def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
 
 
 def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
-    """Return the structure of a drawing's model: pairs are those of its places and ends."""
     pairs: list[tuple[int, int]] = []
     slopes: dict[int, int] = {}
     for number, node in enumerate(model.rotor.nodes):

@@ -40,13 +40,11 @@ class Reduction:
     transform: Floats
 
     def of_pieces(self, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
-        """Return the matrices in the reduced coordinates."""
         basis = self.transform
         sparse = scipy.sparse.csr_array
         return tuple(replace(p, matrix=sparse(basis.T @ (p.matrix @ basis))) for p in pieces)
 
     def of_loads(self, loads: Sequence[Load]) -> tuple[Load, ...]:
-        """Return the loads on the reduced coordinates."""
         basis = self.transform.T
         return tuple(Load(x.factors, basis @ x.cosine, basis @ x.sine) for x in loads)
 
