@@ -98,7 +98,8 @@ def _read(
             place="records",
         )
     records = []
-    for number, (entry, channels) in enumerate(zip(entries, plan.channels, strict=True)):
+    for number, channels in enumerate(plan.channels):
+        entry = channels.entry
         if entry.channel_kind != "samples" or entry.is_cut or entry.cutoff is not None:
             raise InputError(
                 "a record that is no samples of an excitation",
@@ -108,7 +109,7 @@ def _read(
                 place=f"records.{number}",
             )
         beside = _beside(channels, pairs)
-        records.append(measured(plan.folder, entry, channels, currents=True, beside=beside))
+        records.append(measured(channels, currents=True, beside=beside))
     if entries[0].periodic:
         cut = [periods_of(record, entry) for record, entry in zip(records, entries, strict=True)]
         return cut, {}

@@ -17,7 +17,6 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.experiment.schema import (
     ChannelEntry,
     DynamicsEntry,
-    Kind,
     Recorded,
     RecordEntry,
 )
@@ -46,11 +45,17 @@ class InputLaw:
 
 @frozen
 class Recording:
-    """The channels of a record: of samples, where columns come from and what is made of them."""
+    """A record as the file has it: of samples, where columns come from and what is made of them."""
 
-    entries: Entries
+    entry: RecordEntry
+    folder: Path  # of its files
+    channels: Entries
     sources: Mapping[str, Source] = field(default_factory=dict)
     laws: Mapping[str, InputLaw] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> list[Path]:
+        return [self.folder / name for name in self.entry.paths]
 
 
 def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
@@ -84,24 +89,24 @@ def plan_record(
                     "move the channel to a record of its kind, or give this record that kind",
                     place=f"channels.{name}",
                 )
-        _planned(kind, record.channels, model, common, folder)
+        _planned(record, record.channels, model, common, folder)
     entries = {**common, **record.channels}
     check_columns(entries)
     if not entries and kind != "samples":
         raise InputError(f"no channel of {kind}", "one or more", "add them", place="channels")
-    return _planned(kind, entries, model, {}, folder)
+    return _planned(record, entries, model, {}, folder)
 
 
 def _planned(
-    kind: Kind, entries: Entries, model: Model, others: Entries, folder: Path
+    record: RecordEntry, entries: Entries, model: Model, others: Entries, folder: Path
 ) -> Recording:
-    if kind == "samples":
-        return _of_samples(entries, model, others, folder)
+    if record.channel_kind == "samples":
+        return Recording(record, folder, entries, *_of_samples(entries, model, others, folder))
     from rotorid.experiment import tables  # which few records need
 
-    check = tables.check_phasors if kind == "phasors" else tables.check_responses
+    check = tables.check_phasors if record.kind == "phasors" else tables.check_responses
     check(entries, model, folder)
-    return Recording(entries)
+    return Recording(record, folder, entries)
 
 
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
@@ -228,7 +233,9 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
     return hertz, np.asarray(first + 1j * second)
 
 
-def _of_samples(entries: Entries, model: Model, others: Entries, folder: Path) -> Recording:
+def _of_samples(
+    entries: Entries, model: Model, others: Entries, folder: Path
+) -> tuple[dict[str, Source], dict[str, InputLaw]]:
     """Return where channels over time come from; `others` may be read by the law of an input."""
     sources: dict[str, Source] = {}
     laws: dict[str, InputLaw] = {}
@@ -256,7 +263,7 @@ def _of_samples(entries: Entries, model: Model, others: Entries, folder: Path) -
             dynamics = _law_dynamics(law, column.dynamics, folder, place)
             sources[label] = _as_recorded(column, unit, dynamics)
         laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
-    return Recording(entries, sources, laws)
+    return sources, laws
 
 
 def _law_dynamics(

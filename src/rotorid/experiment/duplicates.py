@@ -243,6 +243,7 @@ class Overlaps:
         self.records, self.inputs = records, inputs
         self.taken: dict[int, tuple[tuple[str, ...], Printer]] = {}
         self.read: dict[int, tuple[str, float]] = {}
+        self.waves: list[Wave] = []
 
     def watch(self, number: int) -> Callable[[Sequence[str]], Callable[[Floats], None]] | None:
         """Return what takes the prints of a record while it is read; None where there is one."""

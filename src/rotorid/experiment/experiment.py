@@ -23,7 +23,6 @@ from rotorid.data.record import Record
 from rotorid.experiment.channels import Recording, check_shared, plan_record, shared_currents
 from rotorid.experiment.duplicates import (
     Overlaps,
-    Wave,
     alike,
     check_modes,
     check_records,
@@ -38,7 +37,7 @@ from rotorid.experiment.read import (
     filtered_of,
     lines_of,
     measured,
-    quiet_record,
+    period_of,
     read_table,
 )
 from rotorid.experiment.schema import (
@@ -105,7 +104,7 @@ class Experiment:
     @property
     def record_files(self) -> list[Path]:
         """The files of the records themselves."""
-        return [self.folder / name for entry in self.entry.records for name in entry.paths]
+        return [path for plan in self.channels for path in plan.paths]
 
     def measured(self, method: Method | None = None) -> list[Record]:
         """Read the samples of every record.
@@ -121,7 +120,17 @@ class Experiment:
         InputError
             For files, columns, units and samples that cannot be used.
         """
-        return self._measured(currents=self.method(method) == "ml")
+        for number, entry in enumerate(self.entry.records):
+            if entry.channel_kind != "samples":
+                raise InputError(
+                    f"a table of {entry.kind}",
+                    "samples over time",
+                    "take its lines, records(), or leave it out",
+                    file=self.file,
+                    place=f"records.{number}.kind",
+                )
+        currents = self.method(method) == "ml"
+        return [measured(plan, currents=currents) for plan in self.channels]
 
     def require_records(self) -> None:
         """Refuse an experiment of measured natural frequencies alone.
@@ -140,49 +149,19 @@ class Experiment:
                 place="records",
             )
 
-    def _measured(self, *, currents: bool) -> list[Record]:
-        for number, entry in enumerate(self.entry.records):
-            if entry.channel_kind != "samples":
-                raise InputError(
-                    f"a table of {entry.kind}",
-                    "samples over time",
-                    "take its lines, records(), or leave it out",
-                    file=self.file,
-                    place=f"records.{number}.kind",
-                )
-        return [
-            measured(self.folder, entry, plan, currents=currents)
-            for entry, plan in zip(self.entry.records, self.channels, strict=True)
-        ]
-
     def method(self, method: Method | None = None) -> Method:
         """Return the method to use: the one given, the file's, or what the model allows."""
         return method or self.entry.estimator.method or default_method(self.model, self.entry)
 
-    @cached_property
-    def _likelihood_records(self) -> list[Measured]:
-        return self._observed(currents=True)
-
-    @cached_property
-    def _force_records(self) -> list[Measured]:
-        """The records with forces; those read already, where they hold no current."""
-        if "_likelihood_records" in self.__dict__ and not any(p.laws for p in self.channels):
-            return self._likelihood_records
-        return self._observed(currents=False)
-
     def _observed(self, *, currents: bool) -> list[Measured]:
         """Read every record: cut into periods, as the lines of the whole, or filtered."""
         found: list[Measured] = []
-        so_far = _SoFar([], Overlaps(self.entry.records, self.model.inputs))
-        records = list(zip(self.entry.records, self.channels, strict=True))
-        for number, (entry, plan) in enumerate(counting(records, "reading records")):
+        seen = Overlaps(self.entry.records, self.model.inputs)
+        for number, plan in enumerate(counting(self.channels, "reading records")):
+            own = own_values(plan.entry.parameters, self.model, f"records.{number}.parameters")
+            told = shared_currents(plan)
             try:
-                several = self._one(number, entry, plan, so_far, currents=currents)
-                own = own_values(entry.parameters, self.model, f"records.{number}.parameters")
-                told = shared_currents(plan)
-                for one in several:
-                    said = replace(one, warnings=(*one.warnings, *told)) if told else one
-                    found.append(said.with_parameters(**own) if own else said)
+                several = self._one(number, plan, seen, currents=currents)
             except InputError as error:
                 if error.place not in KEYS:
                     raise
@@ -190,42 +169,41 @@ class Experiment:
                 raise InputError(
                     error.found, error.expected, error.cure, file=self.file, place=place
                 ) from None
-        so_far.overlaps.check()
+            for one in several:
+                said = replace(one, warnings=(*one.warnings, *told)) if told else one
+                found.append(said.with_parameters(**own) if own else said)
+        seen.check()
         check_tables(found, self.model.inputs)
         for number, text in alike(found, self.model.inputs).items():
             found[number] = replace(found[number], warnings=(*found[number].warnings, text))
         return found
 
     def _one(
-        self,
-        number: int,
-        entry: RecordEntry,
-        plan: Recording,
-        so_far: _SoFar,
-        *,
-        currents: bool,
+        self, number: int, plan: Recording, seen: Overlaps, *, currents: bool
     ) -> Sequence[Measured]:
         """Read one record by its kind; responses to several inputs are several."""
+        entry = plan.entry
         if entry.channel_kind != "samples":
-            return read_table(self.folder, entry, plan, self.model)
-        if entry.is_cut:
-            run = measured(self.folder, entry, plan, currents=currents)
-            so_far.overlaps.look(number, run)
-            return [phasors(run, entry.revolutions, skip=entry.skip or 0.0)]
-        if entry.periodic:
-            watch = so_far.overlaps.watch(number)
-            periods = averaged(self.folder, entry, plan, currents=currents, watch=watch)
-            so_far.overlaps.told(number, periods)
+            return read_table(plan, self.model)
+        if entry.periodic and not entry.is_cut:
+            periods = averaged(plan, currents=currents, watch=seen.watch(number))
+            seen.told(number, periods)
             return [periods]
-        record = measured(self.folder, entry, plan, currents=currents)
-        so_far.overlaps.look(number, record)
+        record = measured(plan, currents=currents)
+        seen.look(number, record)
+        if entry.is_cut:
+            return [phasors(record, entry.revolutions, skip=entry.skip or 0.0)]
         if entry.cutoff is not None:
             return [filtered_of(record, entry)]
         if (wave := wave_of(number, entry, record, self.model)) is not None:
-            so_far.waves.append(wave)
-            check_rotation(so_far.waves, self.file)
-        quiet = quiet_record(self.folder, entry, plan, currents=currents)
-        return [lines_of(record, quiet, entry, self.model)]
+            seen.waves.append(wave)
+            check_rotation(seen.waves, self.file)
+        return [lines_of(plan, record, self.model, currents=currents)]
+
+    @cached_property
+    def _read(self) -> dict[bool, list[Measured]]:
+        """What was read, with currents or with forces."""
+        return {}
 
     def records(self, method: Method | None = None) -> list[Measured]:
         """Read every record and cut it into periods, take the lines of the whole, or filter it.
@@ -240,8 +218,11 @@ class Experiment:
         InputError
             As `measured`, and for periods or lines that the record does not have.
         """
-        ml = self.method(method) == "ml"
-        return list(self._likelihood_records if ml else self._force_records)
+        # Without laws of force there is no current, and one reading serves both.
+        currents = self.method(method) == "ml" or not any(plan.laws for plan in self.channels)
+        if currents not in self._read:
+            self._read[currents] = self._observed(currents=currents)
+        return list(self._read[currents])
 
     def estimator(self, method: Method | None = None, effort: Effort | None = None) -> Estimator:
         """Return the estimator that the file asks for, or that of another method.
@@ -283,14 +264,6 @@ class Experiment:
 
         with naming(self.file):
             return identify(self.model, self.records(method), self.estimator(method))
-
-
-@frozen
-class _SoFar:
-    """What records that were read are held against."""
-
-    waves: list[Wave]
-    overlaps: Overlaps
 
 
 def _check_ending(path: Path) -> None:
@@ -354,7 +327,7 @@ def load_experiment(path: str | Path, *, folder: str | Path | None = None) -> Ex
             _check_lines(record, model, f"records.{number}.band")
             channels.append(plan_record(record, entry.channels, model, where, f"records.{number}"))
             own_values(record.parameters, model, f"records.{number}.parameters")
-        check_records(entry.records, [each.entries for each in channels], model.inputs, where)
+        check_records(entry.records, [plan.channels for plan in channels], model.inputs, where)
         check_modes(entry.modes)
         priors = Priors.of(entry, model)
         if entry.estimator.runout:
@@ -438,21 +411,16 @@ def named_files(path: Path) -> list[Path]:
 
 def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection]:
     """Inspect one record of a finished file."""
-    entry, channels = plan.entry.records[number], plan.channels[number]
+    one = plan.channels[number]
+    entry = one.entry
     if entry.channel_kind != "samples":
-        for lines in read_table(plan.folder, entry, channels, plan.model):
+        for lines in read_table(one, plan.model):
             named = lines.source or ", ".join(entry.paths)
             yield inspect_lines(replace(lines, source=named))
         return
-    currents = plan.method("ml") == "ml"
-    yield _inspect(measured(plan.folder, entry, channels, currents=currents), entry)
-
-
-def _inspect(record: Record, entry: RecordEntry) -> Inspection:
-    size = entry.period_samples
-    if size is None and entry.fundamental is not None:
-        size = round(record.sample_rate / entry.fundamental)
-    return inspect_record(
+    record = measured(one, currents=True)
+    size = period_of(record, entry)
+    yield inspect_record(
         record,
         period_samples=size,
         harmonics=entry.harmonics,

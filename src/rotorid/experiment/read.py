@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,14 +32,10 @@ _REFERENCE = "reference "
 
 
 def measured(
-    folder: Path,
-    entry: RecordEntry,
-    plan: Recording,
-    *,
-    currents: bool,
-    beside: Mapping[str, Source] | None = None,
+    plan: Recording, *, currents: bool, beside: Mapping[str, Source] | None = None
 ) -> Record:
-    """Read a record, its files relative to a folder, with other channels beside those it names."""
+    """Read the samples of a record, with other channels beside those that its file names."""
+    entry = plan.entry
     columns = dict(plan.sources)
     if entry.angle is not None:
         columns[_MARK] = Source(
@@ -51,16 +46,18 @@ def measured(
     columns |= {reference_name(name): Source(name) for name in entry.references or ()}
     columns |= beside or {}
     record = read_record(
-        [folder / name for name in entry.paths],
+        plan.paths,
         columns=columns,
         skip=entry.skip or 0.0,
         mask=entry.mask,
         highest=_highest(entry),
         **_said(entry),
     )
-    record = _with_drives(_with_angle(record, entry), plan)
+    record = _with_angle(record, entry)
+    if plan.laws:
+        record = replace(record, channels=_driven(record.channels, plan))
     return forces(
-        record, _readings(record, plan), drives=not currents, period=_period(record, entry)
+        record, _readings(record, plan), drives=not currents, period=period_of(record, entry)
     )
 
 
@@ -73,19 +70,13 @@ def is_reference(name: str) -> bool:
     return name.startswith(_REFERENCE)
 
 
-def quiet_record(
-    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
-) -> Record | None:
-    """Read the record without excitation that goes with another, if there is one."""
-    if entry.quiet is None:
-        return None
-    still = entry.model_copy(update={"file": entry.quiet, "files": None, "quiet": None})
-    return measured(folder, still, plan, currents=currents)
-
-
-def lines_of(record: Record, quiet: Record | None, entry: RecordEntry, model: Model) -> Lines:
+def lines_of(plan: Recording, record: Record, model: Model, *, currents: bool) -> Lines:
     """Return the lines of a whole record, its noise from what the file names."""
+    entry, quiet = plan.entry, None
     assert entry.band is not None  # the schema sees to it
+    if entry.quiet is not None:
+        still = entry.model_copy(update={"file": entry.quiet, "files": None, "quiet": None})
+        quiet = measured(replace(plan, entry=still), currents=currents)
     lines = spectra(
         record,
         entry.band,
@@ -127,18 +118,11 @@ Watch = Callable[[Sequence[str]], Callable[[Floats], None]]
 """Called with the names of the channels before a record is read; returns what looks at samples."""
 
 
-def averaged(
-    folder: Path,
-    entry: RecordEntry,
-    plan: Recording,
-    *,
-    currents: bool,
-    watch: Watch | None = None,
-) -> PeriodicRecord:
+def averaged(plan: Recording, *, currents: bool, watch: Watch | None = None) -> PeriodicRecord:
     """Read a record and cut it into periods; a large one in blocks."""
-    blocks = _blocks(folder, entry, plan, currents=currents)
+    entry, blocks = plan.entry, _blocks(plan, currents=currents)
     if blocks is None:
-        record = measured(folder, entry, plan, currents=currents)
+        record = measured(plan, currents=currents)
         if watch is not None:
             watch(record.names)(record.samples)
         return periods_of(record, entry)
@@ -164,26 +148,15 @@ def _watched(blocks: RecordBlocks, watch: Watch) -> Callable[[], Iterator[Floats
     return read
 
 
-def _blocks(
-    folder: Path, entry: RecordEntry, plan: Recording, *, currents: bool
-) -> RecordBlocks | None:
+def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
     """Return a record in blocks, where nothing needs its samples side by side."""
+    entry = plan.entry
     marked = entry.angle is not None or entry.keyphasor is not None
-    if marked or entry.mask is not None or _needs_samples(plan, currents=currents):
+    made = any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+    if marked or made or entry.mask is not None:
         return None
-    blocks = open_blocks(
-        [folder / name for name in entry.paths],
-        columns=plan.sources,
-        **_said(entry),
-    )
-    if blocks is None:
-        return None
-    return replace(blocks, channels=_driven(blocks.channels, plan))
-
-
-def _needs_samples(plan: Recording, *, currents: bool) -> bool:
-    """Tell whether forces are to be made of currents or fluxes, sample by sample."""
-    return any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
+    blocks = open_blocks(plan.paths, columns=plan.sources, **_said(entry))
+    return None if blocks is None else replace(blocks, channels=_driven(blocks.channels, plan))
 
 
 def _highest(entry: RecordEntry) -> float | None:
@@ -197,7 +170,7 @@ def _highest(entry: RecordEntry) -> float | None:
     return None
 
 
-def _period(record: Record, entry: RecordEntry) -> int | None:
+def period_of(record: Record, entry: RecordEntry) -> int | None:
     if entry.period_samples is not None or entry.fundamental is None:
         return entry.period_samples
     return round(record.sample_rate / entry.fundamental)
@@ -242,10 +215,6 @@ def _lag_std(record: Record, entry: RecordEntry) -> float:
     return float(1 / (record.sample_rate * np.sqrt(12)))
 
 
-def _with_drives(record: Record, plan: Recording) -> Record:
-    return replace(record, channels=_driven(record.channels, plan)) if plan.laws else record
-
-
 def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]:
     """Return the channels, those of linear laws with their drives."""
     found_channels = []
@@ -275,12 +244,12 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
     return found
 
 
-def read_table(folder: Path, entry: RecordEntry, plan: Recording, model: Model) -> Sequence[Lines]:
+def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
     """Read a record that is a table; responses to several inputs are several."""
     from rotorid.experiment import tables  # which few records need
 
-    read = tables.read_phasors if entry.kind == "phasors" else tables.read_responses
-    return read(folder, entry, plan.entries, model)
+    read = tables.read_phasors if plan.entry.kind == "phasors" else tables.read_responses
+    return read(plan, model)
 
 
 def periods_of(record: Record, entry: RecordEntry) -> PeriodicRecord:

@@ -16,7 +16,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
 from rotorid.data.tables import phasor_lines, response_lines
-from rotorid.experiment.channels import Entries, source, unknown
+from rotorid.experiment.channels import Entries, Recording, source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables, universal
 from rotorid.io.record import check_magnitude, check_stated, largest_of
@@ -145,18 +145,13 @@ def check_phasors(entries: Entries, model: Model, folder: Path) -> dict[str, Cha
     return found
 
 
-def read_phasors(folder: Path, entry: RecordEntry, entries: Entries, model: Model) -> list[Lines]:
-    """Read a table of phasors, its files relative to a folder.
-
-    Raises
-    ------
-    InputError
-        For files, columns, units and numbers that cannot be used.
-    """
-    table = open_tables([folder / name for name in entry.paths], header_row=entry.header_row)
+def read_phasors(plan: Recording, model: Model) -> list[Lines]:
+    """Read a table of phasors."""
+    entry, entries = plan.entry, plan.channels
+    table = open_tables(plan.paths, header_row=entry.header_row)
     rows = Columns(table, entry.overrule)
     with naming(table.file):
-        channels = check_phasors(entries, model, folder)
+        channels = check_phasors(entries, model, plan.folder)
         speed = _speeds(rows, entry, entries)
         units = {name: channels[name].unit for name in entries}
         read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
@@ -292,16 +287,10 @@ def _reading_factor(
         raise error.at(place=place) from None
 
 
-def read_responses(folder: Path, entry: RecordEntry, entries: Entries, model: Model) -> list[Lines]:
-    """Read frequency responses: those to one input, on one grid of frequencies, share their lines.
-
-    Raises
-    ------
-    InputError
-        For files, columns, units and numbers that cannot be used.
-    """
-    paths = [folder / name for name in entry.paths]
-    channels = check_responses(entries, model, folder)
+def read_responses(plan: Recording, model: Model) -> list[Lines]:
+    """Read frequency responses; those to one input, on one grid of frequencies, share lines."""
+    entry, entries, paths = plan.entry, plan.channels, plan.paths
+    channels = check_responses(entries, model, plan.folder)
     stored = [name for name, one in entries.items() if one.column is not None]
     if stored and len(stored) < len(entries):
         raise InputError(
