@@ -33,8 +33,8 @@ that runs. `help(rid.identify)` shows the same.
 """
 HEAD = """# Commands
 
-What `rotorid COMMAND --help` prints, for every command. Exit codes: 0 done; 1 no answer (or one
-that the data reject, with `--strict`), which is written all the same; 2 wrong usage or unreadable
+What `rotorid COMMAND --help` prints, for every command. Exit codes: 0 done; 1 no answer, 3 one
+that the data reject, both written all the same; 2 wrong usage or unreadable
 input, one line on the standard error, nothing written; 130 interrupted, but for `identify`, which
 ends with the best answer so far. What takes more than two seconds says on a terminal how far it is.
 """

@@ -34,7 +34,7 @@ PATIENCE = 60.0  # of the clock, after which a child is ended: much else may run
 BYTES = 1_000_000_000  # that a command may take in addition to what is loaded
 ADDRESSES = 2 * BYTES  # allocators reserve more than they use; what is used is held against BYTES
 LONGEST = 600  # characters of the one line of a refusal
-CODES = (0, 1, 2)
+CODES = (0, 1, 2, 3)
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
     *(f"rotorid.commands.{name}" for name in ("identify", "inspect", "new", "models", "validate")),

@@ -191,8 +191,8 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     [
         ("ok", [], 0),
         ("ok", ["--strict"], 0),
-        ("rejected", [], 0),
-        ("rejected", ["--strict"], 1),
+        ("rejected", [], 3),
+        ("rejected", ["--strict"], 3),
         ("not_identifiable", [], 1),
         ("not_converged", [], 1),
     ],

@@ -100,7 +100,7 @@ GOOD = "rotorid: run.csv: found nothing; expected numbers; write some\n"
 @pytest.mark.parametrize(
     ("code", "out", "told", "fault"),
     [
-        (3, "", "", "exit 3"),
+        (4, "", "", "exit 4"),
         (None, "", "Traceback (most recent call last)", "exit None"),
         (0, "", "Traceback (most recent call last)", "Traceback"),
         (1, "", "rotorid: internal error, KeyError: 1\n", "internal error"),

@@ -168,12 +168,13 @@ def inspect(**options: Any) -> int:
     help="In place of the file's; quick ends at the first minimum, and says so.",
 )
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
-@click.option("--strict", is_flag=True, help="Exit with 1 where the data reject the model.")
+@click.option("--strict", is_flag=True, help="Exit with 3 where the answer is doubtful, too.")
 @_output_options
 def identify(**options: Any) -> int:
     """Estimate the parameters of a machine from the records that EXPERIMENT names.
 
-    Ctrl-C ends a search that takes long with the best answer so far.
+    Ctrl-C ends a search that takes long with the best answer so far. The exit code is 0 where the
+    status is ok, 3 where it is rejected, and 1 where there is no answer.
     """
     return _work("identify", **options)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, Strict
 
-from rotorid.answer.judge import Status, ordered
+from rotorid.answer.judge import EFFORT, Status, ordered
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import VERDICTS, Note
@@ -409,6 +409,15 @@ class Answer(ByContent):
             for note in self.notes
             if note.drop is not None
         )
+
+    @property
+    def doubt(self) -> str:
+        """Why an answer that is ok is doubtful all the same; empty where it is not."""
+        if self.status == "ok" and any(note.about == EFFORT for note in self.notes):
+            return "little effort"
+        if self.status != "ok" or self.misfit is None or not self.misfit.p_value < DOUBTFUL:
+            return ""
+        return f"p = {self.misfit.p_value:.1g}"
 
     @property
     def free(self) -> tuple[Value, ...]:

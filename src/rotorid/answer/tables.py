@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.answer.judge import EFFORT
-from rotorid.answer.parts import DOUBTFUL, Answer, Prediction, Value
+from rotorid.answer.parts import Answer, Prediction, Value
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -28,17 +27,9 @@ _BY_HAND = {"kg m": ("g mm", 1e6), "kg m^2": ("g mm^2", 1e9)}  # units in which 
 
 def page(estimate: Answer, *, intervals: bool = False) -> Page:
     """Return all there is to read: status, tables, and notes on them."""
-    head = f"{estimate.model}, {estimate.method}: {estimate.status}{_doubt(estimate)}"
+    doubt = f", but doubtful ({estimate.doubt})" if estimate.doubt else ""
+    head = f"{estimate.model}, {estimate.method}: {estimate.status}{doubt}"
     return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
-
-
-def _doubt(estimate: Answer) -> str:
-    misfit = estimate.misfit
-    if estimate.status == "ok" and any(note.about == EFFORT for note in estimate.notes):
-        return ", but doubtful (little effort)"
-    if estimate.status != "ok" or misfit is None or not misfit.p_value < DOUBTFUL:
-        return ""
-    return f", but doubtful (p = {misfit.p_value:.1g})"
 
 
 def value_tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.answer.parts import Provenance
-from rotorid.commands import NO_ANSWER, OK
+from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import RESULT, Answer
 from rotorid.commands.provenance import environment, source_of
 from rotorid.core.errors import naming
@@ -54,8 +54,9 @@ def run(
 
     page = estimate.summary(intervals=intervals)
     answer.give(page, estimate.to_json, html)
-    answered = estimate.status == "ok" or (estimate.status == "rejected" and not strict)
-    return OK if answered else NO_ANSWER
+    if estimate.status == "rejected" or (strict and estimate.doubt):
+        return REJECTED
+    return OK if estimate.status == "ok" else NO_ANSWER
 
 
 @frozen
