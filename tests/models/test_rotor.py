@@ -42,6 +42,12 @@ def frequencies(model, speed=0.0):
     return np.sqrt(np.abs(scipy.linalg.eigh(*scaled, eigvals_only=True)))
 
 
+def test_a_drawing_that_windows_editors_saved_is_one():
+    """They put a mark of the byte order in front."""
+    found = rid.parse_model(b"\xef\xbb\xbf" + FLEXIBLE.read_bytes())
+    assert found.coordinates == rid.load_model("flexible").coordinates
+
+
 @pytest.mark.parametrize("number", range(20))
 def test_matrices_equal_those_of_ross(number):
     model = rid.parse_model(random_rotor(np.random.default_rng(number)))

@@ -19,20 +19,8 @@ _GAP = " ... "
 
 
 def printable(text: str, *, keep: str = "") -> str:
-    r"""Return a text with everything that is not printable written as Python writes it.
+    r"""Return a text, what is not printable and not to be kept written as Python writes it.
 
-    Parameters
-    ----------
-    text : str
-    keep : str
-        Characters to leave as they are, such as newlines.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
     >>> print(printable("a\x1b[2Jb\nc"))
     a\x1b[2Jb\nc
     """

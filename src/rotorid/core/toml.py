@@ -41,16 +41,6 @@ def read_bytes(path: str | Path) -> bytes:
     return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
 
 
-def holds_key(data: bytes, key: str) -> bool:
-    """Tell whether TOML text has a key at its top; text that is no TOML has none."""
-    if _LONG_KEY.search(data):
-        return False
-    try:
-        return key in tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError):
-        return False
-
-
 def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
     table = parse_table(data, file=file)
     try:
@@ -94,9 +84,9 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
     return table
 
 
-def table_within(text: str) -> dict[str, Any]:
+def table_within(text: str | bytes) -> dict[str, Any]:
     """Parse TOML text that another file holds; empty where it is none, or would take long."""
-    data = text.encode("utf-8", "replace")
+    data = text.encode("utf-8", "replace") if isinstance(text, str) else text
     try:
         return parse_table(data) if len(data) <= TOML_BYTES else {}
     except InputError:

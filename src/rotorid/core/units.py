@@ -376,26 +376,8 @@ def quantity(value: float | str | _WithUnits, expected: str, *, place: str = "")
 def to_si(value: object, expected: str, *, place: str = "") -> float:
     """Return a quantity, written as number and unit, as a number in the expected SI unit.
 
-    Parameters
-    ----------
-    value : str or number
-        ``"8400 rpm"``. A bare number is taken where `expected` is ``"1"`` only.
-    expected : str
-        SI unit.
-    place : str
-        Where the quantity stands, for the message.
+    A bare number is taken where "1" is expected only. The place is that of the message.
 
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InputError
-        For text that is no number with a unit, a missing unit, or a wrong one.
-
-    Examples
-    --------
     >>> to_si("0.5 mm", "m")
     0.0005
     >>> to_si("8400 rpm", "rad/s") == to_si("140 Hz", "rad/s")

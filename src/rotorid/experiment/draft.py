@@ -340,20 +340,7 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return the text of an experiment file for some records.
 
     Files without a common column, of one length, are taken for one record; others for a record
-    each.
-
-    Parameters
-    ----------
-    files : sequence of Path
-    model : str, optional
-        A shipped model, or the path of one.
-    folder : Path
-        Where the experiment file will lie; paths in it are relative to this.
-
-    Raises
-    ------
-    InputError
-        For files and models that cannot be read.
+    each. Paths in the text are relative to the folder, in which it will lie.
     """
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
@@ -379,17 +366,17 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
 def _runs(files: Sequence[Path]) -> list[_Run]:
     if not files:
         raise InputError("no file", "the files of one record or several", "name them")
-    read = [_columns(open_table(path)) for path in files]
+    tables = [open_table(path) for path in files]
+    read = [_columns(table) for table in tables]
     lengths = {len(c.values) for columns in read for c in columns}
     names = [{c.name for c in columns if c.role != "time"} for columns in read]
     disjoint = len(set().union(*names)) == sum(map(len, names))
     if len(files) > 1 and disjoint and len(lengths) == 1:
         every = [c for columns in read for c in columns]
         kept = [c for i, c in enumerate(every) if c.name not in {e.name for e in every[:i]}]
-        return [_run(tuple(files), kept, open_table(files[0]))]
-    return [
-        _run((path,), columns, open_table(path)) for path, columns in zip(files, read, strict=True)
-    ]
+        return [_run(tuple(files), kept, tables[0])]
+    runs = zip(files, read, tables, strict=True)
+    return [_run((path,), columns, table) for path, columns, table in runs]
 
 
 def _columns(table: Table) -> list[Found]:

@@ -220,7 +220,12 @@ def check_records(
     for path, numbers in by_file.items():
         for first, second in combinations(numbers, 2):
             if _overlap(records[first], records[second]) and sensors[first] & sensors[second]:
-                raise _again(first, second, path.name)
+                raise InputError(
+                    f"the samples of records.{first} again ({path.name[:120]})",
+                    "each sample once: twice it counts as two measurements",
+                    "remove one of the two, or give each its own times by skip and until",
+                    place=f"records.{second}",
+                )
 
 
 def check_modes(modes: Sequence[ModeEntry]) -> None:
@@ -412,15 +417,6 @@ def _by_lag(one: PeriodicRecord, other: PeriodicRecord, name: str) -> Floats | N
     return np.asarray(product / np.sqrt(np.maximum(shared, np.finfo(float).tiny)))
 
 
-def _again(first: int, second: int, name: str) -> InputError:
-    return InputError(
-        f"the samples of records.{first} again ({name[:120]})",
-        "each sample once: twice it counts as two measurements",
-        "remove one of the two, or give each its own times by skip and until",
-        place=f"records.{second}",
-    )
-
-
 def _sensors(entries: Entries, inputs: Collection[str]) -> set[tuple[str, ...]]:
     """Return the columns that sensors are read from; of responses, all."""
     return {
@@ -442,15 +438,15 @@ def _lines_overlap(first: RecordEntry, second: RecordEntry) -> bool:
     """Tell whether two records of the same samples may use the same of them, and a same line."""
     if first.mask != second.mask and None not in (first.mask, second.mask):
         return False
-    if first.harmonics and second.harmonics and _period(first) == _period(second):
+    same_period = (first.fundamental, first.period_samples) == (
+        second.fundamental,
+        second.period_samples,
+    )
+    if first.harmonics and second.harmonics and same_period:
         return not set(first.harmonics).isdisjoint(second.harmonics)
     if first.band is not None and second.band is not None:
         return max(first.band[0], second.band[0]) <= min(first.band[1], second.band[1])
     return True
-
-
-def _period(entry: RecordEntry) -> tuple[float | None, int | None]:
-    return entry.fundamental, entry.period_samples
 
 
 def _resolved(path: Path) -> Path:

@@ -364,19 +364,9 @@ _KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
 
 
 def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
-    """Inspect every record of an experiment file.
+    """Inspect every record of an experiment file; say why it was read as a draft, if it was.
 
-    Returns
-    -------
-    inspections : list of Inspection or LineInspection
-        The latter for tables of phasors and responses; those to several inputs are several.
-    told : str
-        Why the file was read as a draft; empty where it is finished.
-
-    Raises
-    ------
-    InputError
-        For files that cannot be read.
+    Responses to several inputs are several inspections.
     """
     try:
         plan = load_experiment(path)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from rotorid.core.errors import ModelError, ReadError, naming
-from rotorid.core.toml import Schema, holds_key, parse_toml, read_bytes
+from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
 from rotorid.core.units import check_unit
 from rotorid.models.equations import Names
 from rotorid.models.linear import runs_by_time
@@ -126,7 +126,7 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     (('m', 'k'), ('kg', 'N/m'))
     """
     raw = data.encode() if isinstance(data, str) else data
-    if holds_key(raw, "sections"):
+    if "sections" in table_within(raw):
         return replace(_build_rotor(raw, name, file), file_text=raw.decode())
     return _build(raw, name, file)
 
