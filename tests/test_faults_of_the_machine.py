@@ -295,3 +295,25 @@ def test_a_file_that_only_its_owner_reads_stays_so(here: Path) -> None:
     assert cli.run(["identify", "run.toml", "--json", "own.json", "-q"]) == 0
     assert stat.S_IMODE((here / "own.json").stat().st_mode) == 0o600
     (here / "own.json").unlink()
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+    place = tmp_path / "gone"
+    place.mkdir()
+    told = run("new", "run.csv", limit=lambda: (os.chdir(place), place.rmdir()))
+    assert (told.returncode, told.stdout) == (2, "")
+    assert told.stderr.startswith("rotorid: found no working folder")
+    assert told.stderr.count("\n") == 1
+
+
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path: Path) -> None:
+    """The first module that the command line imports is where Ctrl-C falls."""
+    (tmp_path / "click.py").write_text("raise KeyboardInterrupt")
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    told = subprocess.run(
+        [*PROGRAM, "models"],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert (told.returncode, told.stderr) == (130, "rotorid: interrupted\n")

@@ -41,7 +41,18 @@ def test_a_key_of_32_parts_is_read_and_of_33_is_not() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("title = ", "Invalid value.*write key = value there"),
+        ("title = ", "no value in 'title ='.*write key = value"),
+        (
+            "title = a.csv",
+            "line 1, column 9: found no value in 'title = a.csv'.*put texts in quotes",
+        ),
+        ('title = "a', "a text that does not end"),
+        ("zzz = 1\nzzz = 2\n", "line 2.*a key that is there twice in 'zzz = 2'"),
+        ("[rows", r"a table that is not closed in '\[rows'"),
+        ("title", "a key without a value in 'title'"),
+        (r'title = "C:\data"', "a backslash in .*write paths with /"),
+        ("rows = [1, 2", "end of document: found a list that is not closed.*close it with"),
+        ("title = 'a' 'b'", "more behind the value"),
         (
             "rows = [{ nuber = 1 }]",
             r"rows\.0\.nuber: found the unknown key 'nuber'; .*did you mean",

@@ -330,6 +330,9 @@ def _explained(error: Exception) -> tuple[str, int]:
         return str(error), NO_ANSWER
     if isinstance(error, OSError) and error.filename is not None:
         return f"{one_line(str(error.filename))}: {error.strerror}", WRONG_INPUT
+    if isinstance(error, FileNotFoundError):  # without a name: where relative paths begin
+        found = "found no working folder, as it was deleted; expected one that is there"
+        return f"{found}; change to another folder (cd)", WRONG_INPUT
     if isinstance(error, OSError):
         return error.strerror or str(error), WRONG_INPUT
     if isinstance(error, MemoryError):

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rotorid.core.errors import InputError, ReadError, nearest
+from rotorid.core.errors import InputError, ReadError, nearest, shortened
 from rotorid.core.files import read_regular
 from rotorid.core.limits import DIGITS, TOML_BYTES, TOML_VALUES
 
@@ -21,6 +21,22 @@ _LONG_KEY = re.compile(rb"(?<![\w-])(?:(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]
 _LONG_NUMBER = re.compile(rb"[0-9A-Fa-f_]{%d}" % (DIGITS + 1))
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
+_QUOTES = "put texts in quotes, and close them on the same line"
+_FAULTS = {
+    "Invalid value": ("no value", f"write key = value; {_QUOTES}"),
+    "Invalid statement": ("no key = value", "write key = value, or a table such as [channels]"),
+    "Expected '='": ("a key without a value", "write key = value"),
+    "Expected newline": ("more behind the value", f"one key on a line; {_QUOTES}"),
+    "Expected ']": ("a table that is not closed", "close it: [channels], or [[records]]"),
+    "Illegal character": ("a text that does not end", _QUOTES),
+    "Unterminated string": ("a text that does not end", _QUOTES),
+    "Unescaped": ("a backslash", "write paths with / or in single quotes"),
+    "Unclosed array": ("a list that is not closed", "close it with ]"),
+    "Unclosed inline": ("a table that is not closed", "close it with }, all on one line"),
+    "Cannot": ("a key that is there twice", "keep one of the two"),
+    "Duplicate": ("a key that is there twice", "keep one of the two"),
+}
+"""What messages of the parser begin with: what is wrong, and what to do about it."""
 S = TypeVar("S", bound="Schema")
 
 
@@ -70,14 +86,7 @@ def parse_table(data: bytes, *, file: str = "") -> dict[str, Any]:
             f"byte {error.start} that is no UTF-8", "TOML text", "save it as UTF-8", file=file
         ) from None
     except tomllib.TOMLDecodeError as error:
-        message, _, place = str(error).partition(" (at ")
-        raise ReadError(
-            f"{message.rstrip('.')}",
-            "TOML",
-            "write key = value there, texts in quotes, tables in [ ] or { }",
-            file=file,
-            place=place.rstrip(")"),
-        ) from None
+        raise _not_toml(str(error), data.decode("utf-8"), file) from None
     except RecursionError:
         raise _too_deep(file) from None
     _check_values(table, file)
@@ -91,6 +100,20 @@ def table_within(text: str | bytes) -> dict[str, Any]:
         return parse_table(data) if len(data) <= TOML_BYTES else {}
     except InputError:
         return {}
+
+
+def _not_toml(message: str, text: str, file: str) -> ReadError:
+    """Return the fault that the parser found, in words for people and with the line it is in."""
+    message, _, place = message.partition(" (at ")
+    place = place.rstrip(")")
+    known = (told for begin, told in _FAULTS.items() if message.startswith(begin))
+    found, cure = next(known, (message.rstrip("."), "write key = value there"))
+    lines, number = text.splitlines(), re.match(r"line (\d+)", place)
+    at = int(number[1]) - 1 if number else len(lines) - 1
+    line = shortened(lines[at].strip(), 60) if 0 <= at < len(lines) else ""
+    return ReadError(
+        f"{found} in {line!r}" if line else found, "TOML", cure, file=file, place=place
+    )
 
 
 def _too_deep(file: str) -> ReadError:
