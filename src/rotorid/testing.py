@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.models import Model
@@ -128,13 +128,8 @@ def line_record(
 def _channels(model: Model, sensors: Sequence[Channel | str]) -> tuple[Channel, ...]:
     read = [Channel(s, model.units.get(s, "")) if isinstance(s, str) else s for s in sensors]
     for channel in read:
-        strange = [name for name in channel.combination if name not in model.coordinates]
-        if strange:
-            raise InputError(
-                f"a sensor of {strange[0]!r}",
-                f"one of {', '.join(model.coordinates)}",
-                "write the combination in these coordinates",
-            )
+        cure = "write the combination in these coordinates"
+        require_names(channel.combination, model.coordinates, "a sensor of {}", cure)
     return (*(Channel(name, model.units[name]) for name in model.inputs), *read)
 
 

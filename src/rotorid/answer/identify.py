@@ -13,7 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import of_data
 from rotorid.answer.parts import Provenance, Value
 from rotorid.answer.unbalance import unbalance_of, unbalance_untold
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.notes import Note
 from rotorid.data.lines import PhasorClock
 from rotorid.data.observation import Data, Observation
@@ -40,10 +40,7 @@ METHODS = {
 
 def by_name(method: str) -> Estimator:
     """Return an estimator with its default settings by the name of its method."""
-    if method not in METHODS:
-        raise InputError(
-            f"the method {method!r}", f"one of {', '.join(METHODS)}", "name one of these methods"
-        )
+    require_names([method], METHODS, "the method {}", "name one of these methods")
     estimator: Estimator = getattr(import_module("rotorid"), METHODS[method])()
     return estimator
 

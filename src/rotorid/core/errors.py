@@ -7,7 +7,7 @@ the direction of writing, and any length.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Self
 
@@ -94,6 +94,23 @@ class InputError(ValueError):
         """Return the same error with the file and the outer place that the caller knows."""
         inner = ": ".join(part for part in (place, self.place) if part)
         return type(self)(self.found, self.expected, self.cure, file=self.file or file, place=inner)
+
+
+def require_names(
+    names: Iterable[str],
+    there: Iterable[str],
+    found: str = "{}",
+    cure: str = "take a name from there",
+    *,
+    file: str = "",
+    place: str = "",
+) -> None:
+    """Refuse a name that is none of those that are there; `found` has a place for it."""
+    known = list(there)
+    for name in names:
+        if name not in known:
+            told = found.format(shortened(repr(name), 62))
+            raise InputError(told, f"one of {', '.join(known)}", cure, file=file, place=place)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.models import Model
@@ -107,14 +107,8 @@ def _positive(value: float, unit: str, place: str) -> None:
 
 def in_units_of(model: Model, mode: Mode) -> Mode:
     """Return a mode with the parameters of its test in the units of a model."""
-    for name in mode.parameters:
-        if name not in model.parameter_names:
-            raise InputError(
-                f"{name!r} in the parameters of a mode",
-                f"one of {', '.join(model.parameter_names)}",
-                "take a name from there",
-                place="modes",
-            )
+    found = "{} in the parameters of a mode"
+    require_names(mode.parameters, model.parameter_names, found, place="modes")
     return replace(mode, parameters=in_si(mode.parameters, model))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.units import quantity
@@ -153,12 +153,7 @@ class WithChannels(Arrays):
         InputError
             Where there is no such channel.
         """
-        if name not in self.names:
-            raise InputError(
-                f"no channel {name!r}",
-                f"one of {', '.join(self.names)}",
-                "name a channel of the record",
-            )
+        require_names([name], self.names, "no channel {}", "name a channel of the record")
         return self.names.index(name)
 
 

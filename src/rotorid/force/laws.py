@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 
@@ -106,11 +106,7 @@ def require_angle(angle: float) -> None:
 def with_std(law: L, **stds: float) -> L:
     """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``."""
     names = [name[:-4] for name in vars(law) if name.endswith("_std")]
-    for name in stds:
-        if name not in names:
-            raise InputError(
-                f"{name!r}", f"one of {', '.join(names)}", "name a constant of the force law"
-            )
+    require_names(stds, names, cure="name a constant of the force law")
     changed: dict[str, Any] = {f"{name}_std": value for name, value in stds.items()}
     return cast(L, replace(cast(Any, law), **changed))
 

@@ -12,7 +12,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import page_html, table
 from rotorid.core.units import Dimension
@@ -250,13 +250,7 @@ class Model:
         InputError
             For names that are no parameters, and values that are not finite or too large.
         """
-        unknown = [name for name in fixed if name not in self.parameter_names]
-        if unknown:
-            raise InputError(
-                f"no parameter {unknown[0]!r}",
-                f"one of {', '.join(self.parameter_names)}",
-                "take a name from there",
-            )
+        require_names(fixed, self.parameter_names, "no parameter {}")
         for name, value in fixed.items():
             if not np.isfinite(value):
                 raise InputError(

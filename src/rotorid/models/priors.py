@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, ModelError, naming
+from rotorid.core.errors import InputError, ModelError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units, quantity, to_si
 from rotorid.core.values import Floats
@@ -34,14 +34,8 @@ def own_in_si(record: Observation) -> dict[str, tuple[float, float]]:
     found = {}
     for name, known in record.own.items():
         place, file = f"parameters.{name}", record.lines.source
-        if name not in units:
-            raise InputError(
-                f"{name[:60]!r}, which is no parameter of the model",
-                f"one of {', '.join(units)}",
-                "take a name from there",
-                file=file,
-                place="parameters",
-            )
+        said = "{}, which is no parameter of the model"
+        require_names([name], units, said, file=file, place="parameters")
         given = known if isinstance(known, tuple) else (known, 0.0)
         value, std = (quantity(number, units[name], place=place) for number in given)
         if not np.isfinite([value, std]).all() or std < 0:

@@ -18,7 +18,7 @@ import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.parts import Value
-from rotorid.core.errors import InputError, one_line, printable
+from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import Kind, write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import ByContent, Floats, Integers
@@ -304,13 +304,8 @@ def kind_of(path: str | Path) -> Kind:
 
 def _known_ending(path: str | Path, ending: str | None = None) -> str:
     ending = (ending or Path(path).suffix).lower()
-    if ending not in _WRITERS:
-        raise InputError(
-            f"the ending {ending!r}",
-            f"one of {', '.join(_WRITERS)}",
-            "name the file so, for example result.csv",
-            file=str(path),
-        )
+    cure = "name the file so, for example result.csv"
+    require_names([ending], _WRITERS, "the ending {}", cure, file=str(path))
     return ending
 
 

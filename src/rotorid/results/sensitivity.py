@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
@@ -278,14 +278,7 @@ Raw = tuple[Floats, Complexes, Floats, Floats]
 def _check(record: PeriodicRecord | Record, pairs: Mapping[str, str]) -> None:
     """Refuse channels that are not there."""
     names = [channel.name for channel in record.channels]
-    for name in (*pairs, *pairs.values()):
-        if name not in names:
-            raise InputError(
-                f"no channel {name[:60]!r}",
-                f"one of {', '.join(names)}",
-                "take a name from there",
-                file=record.source,
-            )
+    require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
 
 
 def _not_excited(axis: str) -> InputError:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rotorid.core.errors import InputError, naming
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
 from rotorid.core.values import Floats
@@ -91,14 +91,9 @@ def find_fault(text: str) -> tuple[Fault, float]:
     ('runout-1', 3.0)
     """
     name, _, size = text.partition("=")
-    fault = FAULTS.get(name.strip())
-    if fault is None:
-        raise InputError(
-            f"the fault {name[:60]!r}",
-            f"one of {', '.join(FAULTS)}",
-            "see rotorid simulate --faults",
-            place="--fault",
-        )
+    cure = "see rotorid simulate --faults"
+    require_names([name.strip()], FAULTS, "the fault {}", cure, place="--fault")
+    fault = FAULTS[name.strip()]
     if not size.strip():
         return fault, fault.size
     try:

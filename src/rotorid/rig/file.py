@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from rotorid.core.errors import InputError, ReadError, naming, nearest
+from rotorid.core.errors import InputError, ReadError, naming, nearest, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.toml import parse_toml, read_bytes
@@ -448,13 +448,8 @@ def _feedback(
     """Return the sensor of an input: the one given, or the one that reads its displacement."""
     names = [sensor.name for sensor in sensors]
     if name in entry.feedback:
-        if entry.feedback[name] not in names:
-            raise InputError(
-                repr(entry.feedback[name][:60]),
-                f"one of {', '.join(names)}",
-                "take a sensor from there",
-                place=f"feedback.{name}",
-            )
+        cure = "take a sensor from there"
+        require_names([entry.feedback[name]], names, cure=cure, place=f"feedback.{name}")
         return entry.feedback[name]
     column = model.require_linear().matrices(model.values(values)).B[:, index]
     position = {c: float(b) for c, b in zip(model.coordinates, column, strict=True) if b}

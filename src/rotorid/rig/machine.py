@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from functools import cached_property
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.models.model import Model
@@ -73,15 +73,15 @@ class Machine:
             raise InputError(
                 f"no actuator of {missing[0]}", "one for each input", "add it", place="actuators"
             )
-        _known("actuators", self.actuators, inputs)
-        _known("feedback", self.feedback, [sensor.name for sensor in self.sensors])
+        require_names(self.actuators, inputs, place="actuators")
+        require_names(self.feedback, [sensor.name for sensor in self.sensors], place="feedback")
         for part in self.disturbances:
-            _known("disturbances", part.on, inputs + coordinates)
-        _known("process_noise", self.process_noise.std, inputs + coordinates)
+            require_names(part.on, inputs + coordinates, place="disturbances")
+        require_names(self.process_noise.std, inputs + coordinates, place="process_noise")
         for sensor in self.sensors:
-            _known(f"sensors.{sensor.name}", sensor.combination, coordinates)
+            require_names(sensor.combination, coordinates, place=f"sensors.{sensor.name}")
         if self.excitation is not None:
-            _known("excitation", self.excitation.names, inputs)
+            require_names(self.excitation.names, inputs, place="excitation")
         sizes = (self.controller.positions, self.controller.commands)
         if sizes != (len(self.feedback), len(inputs)):
             raise InputError(
@@ -123,12 +123,3 @@ class Machine:
         if self.cross:
             plant = plant.with_stiffness(self.cross * quarter_turn(self.model.inputs))
         return plant
-
-
-def _known(place: str, names: Iterable[str], known: Iterable[str]) -> None:
-    known = list(known)
-    for name in names:
-        if name not in known:
-            raise InputError(
-                f"{name!r}", f"one of {', '.join(known)}", "take a name from there", place=place
-            )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, Record
@@ -224,9 +224,5 @@ def _deviations(names: Sequence[str], noise: Mapping[str, float]) -> Floats:
             "a standard deviation",
             "give a finite number, 0 or more, for each channel",
         )
-    unknown = [name for name in noise if name not in names]
-    if unknown:
-        raise InputError(
-            f"noise of {unknown[0]!r}", f"one of {', '.join(names)}", "take a name from there"
-        )
+    require_names(noise, names, "noise of {}")
     return np.array([noise.get(name, 0.0) for name in names])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, worst
 from rotorid.core.values import Complexes, Floats, Integers
@@ -42,12 +42,7 @@ class Distortion:
 
     def relative(self, channel: str) -> tuple[float, float, float]:
         """Return odd and even distortion and noise of a channel, over its excited lines."""
-        if channel not in self.channels:
-            raise InputError(
-                f"no channel {channel!r}",
-                f"one of {', '.join(self.channels)}",
-                "take a name from there",
-            )
+        require_names([channel], self.channels, "no channel {}")
         j = self.channels.index(channel)
         odd, even, noise = (
             float(part[j] / self.level[j]) for part in (self.odd_level, self.even_level, self.noise)

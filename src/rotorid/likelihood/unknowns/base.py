@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, Self
 
 import numpy as np
 
-from rotorid.core.errors import InputError
+from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
@@ -68,14 +68,7 @@ class Nuisances:
             (self.gains, ("ki", "ks", "ks*"), "gains"),
             (self.delays, ("force", "position"), "delays"),
         ):
-            for name in given:
-                if name not in allowed:
-                    raise InputError(
-                        repr(name),
-                        f"one of {', '.join(allowed)}",
-                        "name one of these, or leave it out",
-                        place=key,
-                    )
+            require_names(given, allowed, cure="name one of these, or leave it out", place=key)
         if not 0 <= self.force_scale_std < 1:
             raise InputError(
                 f"{self.force_scale_std}",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, Integers
@@ -285,13 +285,8 @@ class RotorModel(Model):
         InputError
             For names that are no parameters, and values that are not finite.
         """
+        require_names(fixed, self.parameter_names, "no parameter {}")
         for name, value in fixed.items():
-            if name not in self.parameter_names:
-                raise InputError(
-                    f"no parameter {name!r}",
-                    f"one of {', '.join(self.parameter_names)}",
-                    "take a name from there",
-                )
             if not np.isfinite(value):
                 raise InputError(
                     f"{value} for {name}", "a finite number", "give its value, or leave it out"

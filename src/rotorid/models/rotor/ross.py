@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.models.model import Parameter
 from rotorid.models.rotor.drawing import Disc, Quantity, Rotor, Section, Support
 from rotorid.models.rotor.model import RotorModel, rotor_model
@@ -151,14 +151,8 @@ def _support(
 
 def _only(model: RotorModel, unknown: Sequence[str]) -> RotorModel:
     """Return the model with some of its parameters, the others put in."""
-    strange = [name for name in unknown if name not in model.parameter_names]
-    if strange:
-        raise InputError(
-            f"no parameter {strange[0]!r}",
-            f"one of {', '.join(model.parameter_names)}",
-            "take names from there",
-            place="unknown",
-        )
+    cure = "take names from there"
+    require_names(unknown, model.parameter_names, "no parameter {}", cure, place="unknown")
     return model.substitute({n: v for n, v in model.nominal.items() if n not in unknown})
 
 
