@@ -17,13 +17,10 @@ import numpy as np
 from rotor_bank import PAPER
 
 import rotorid as rid
-from rotorid.answer.estimate import Estimate
-from rotorid.core.errors import InputError
+from rotorid import Channel, Estimate, InputError, Model, Record, load_model
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.record import Channel, Record
 from rotorid.likelihood import summary as result
 from rotorid.likelihood.rivals import Tried
-from rotorid.models import Model, load_model
 
 TURN = 2 * np.pi
 WRONG = 5.0

@@ -15,9 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from rotorid.data.record import Channel, PeriodicRecord, Record
-from rotorid.models import Model, load_model, parse_model
-from rotorid.signals.average import average
+from rotorid import Channel, Model, PeriodicRecord, Record, average, load_model, parse_model
 
 Columns = Mapping[str, np.ndarray]
 

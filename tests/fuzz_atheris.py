@@ -41,7 +41,7 @@ from corpus.texts import EXPRESSIONS, named
 from fuzz_files import FORMATS
 from fuzz_harness import BYTES, SECONDS
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 
 LOADED = 700  # MB of what is imported, with the counters of the coverage
 LONGEST = 20_000  # bytes of a file that is tried: what is wrong shows in small ones

@@ -29,9 +29,8 @@ from rotor_bank import (
 )
 
 import rotorid as rid
+from rotorid import Model, PeriodicRecord
 from rotorid.core.values import Complexes
-from rotorid.data.record import PeriodicRecord
-from rotorid.models import Model
 from rotorid.rig.file import load_rig
 from rotorid.rig.rig import Rig
 

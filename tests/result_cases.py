@@ -16,9 +16,9 @@ from linear_machines import SUPPORTED
 from rotor_bank import RATE, noisy_record
 
 import rotorid as rid
+from rotorid import Drive
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import bind_all
-from rotorid.data.record import Drive
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.preparation import prepare

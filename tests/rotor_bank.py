@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorid import Channel, Model, PeriodicRecord, load_model, parse_model
 from rotorid.core.values import Complexes, Floats
-from rotorid.data.record import Channel, PeriodicRecord
-from rotorid.models import Model, load_model, parse_model
 
 PERIODS = 260
 SAMPLES = 250

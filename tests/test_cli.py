@@ -17,8 +17,8 @@ from working_folder import EXPERIMENT, write_record
 import rotorid as rid
 import rotorid.commands.demo
 import rotorid.commands.identify
-from rotorid import cli, commands
-from rotorid.answer.parts import SourceFile, Value
+from rotorid import Value, cli, commands
+from rotorid.answer.parts import SourceFile
 from rotorid.commands.console import show
 from rotorid.commands.provenance import source_of
 from rotorid.core.limits import HASHED_BYTES

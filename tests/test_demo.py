@@ -7,15 +7,12 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import InputError, average, identify, load_model
 from rotorid.core.watch import watched
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.findings import bias_share, ratio_of_errors
 from rotorid.demo.paper import COLUMNS, TABLE, printed_error
 from rotorid.demo.run import ESTIMATORS, FUNDAMENTAL, HARMONICS, SPEED, excitation, simulate_record
-from rotorid.models import load_model
-from rotorid.signals.average import average
 
 # rms error in %, 60 runs, in the order of the paper's table: found by scripts that share no code
 # with this package; docs/theory.md, section 5. Each is known to about 10 %.

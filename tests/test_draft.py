@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import InputError
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.experiment import draft as columns_module
 from rotorid.experiment import draft as draft_module
 from rotorid.experiment.draft import (

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import rotorid as rid
-from rotorid.answer.predict import predict
+from rotorid import predict
 from rotorid.cli import run
 
 ROOT = Path(__file__).parents[1]

@@ -16,21 +16,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from severities import causes
 
-from rotorid import Batch, LeastSquares, Sequential
-from rotorid.answer.estimate import Estimate, check_units
-from rotorid.answer.parts import (
+from rotorid import (
     Alternative,
+    Batch,
+    Estimate,
+    InputError,
+    LeastSquares,
     LineMisfit,
     Misfit,
+    Note,
     Prediction,
     Provenance,
-    SourceFile,
+    ReadError,
+    Sequential,
     Suspect,
     Value,
+    load_estimate,
 )
-from rotorid.answer.result_file import load_estimate
-from rotorid.core.errors import InputError, ReadError
-from rotorid.core.notes import Note, Severity
+from rotorid.answer.estimate import check_units
+from rotorid.answer.parts import SourceFile
+from rotorid.core.notes import Severity
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)

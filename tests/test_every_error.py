@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from working_folder import make
 
-from rotorid import cli
+from rotorid import InputError, cli
 from rotorid.commands import NO_ANSWER, OK, WRONG_INPUT
-from rotorid.core.errors import InputError
 
 OUTPUTS = ["--json", "new.json", "--report", "new.html"]
 COMMANDS = {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.experiment.channels import dynamics_of
 from rotorid.experiment.schema import DynamicsEntry
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import rotorid as rid
+from rotorid import InputError, ReadError
 from rotorid.cli import run
-from rotorid.core.errors import InputError, ReadError
 from rotorid.core.files import check_beside, check_regular, open_regular, read_regular
 from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES, TOML_BYTES, TOML_VALUES
 from rotorid.core.toml import parse_toml

@@ -18,7 +18,7 @@ from sampled_bank import (
 )
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.data.filtered import SPILLED
 from rotorid.data.observation import bind
 from rotorid.linear.by_samples import CLEAR, DOUBTFUL, LOWER, MOVED, SURE

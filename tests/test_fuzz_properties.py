@@ -22,10 +22,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import rotorid as rid
+from rotorid import InputError, parse_model
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.io.table import READERS
-from rotorid.models import parse_model
 
 
 @contextmanager

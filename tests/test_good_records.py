@@ -5,8 +5,7 @@ import pytest
 from good_records import ROTORS, informs, listed, rotor_bound
 from rotor_bank import SETTINGS, rotor_case
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
+from rotorid import MaximumLikelihood, identify
 
 
 @pytest.mark.parametrize(

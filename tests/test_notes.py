@@ -12,8 +12,9 @@ from typing import get_args
 import pytest
 
 import rotorid
+from rotorid import Note
 from rotorid.answer.judge import Status, judge, ordered
-from rotorid.core.notes import Note, Severity, worst
+from rotorid.core.notes import Severity, worst
 
 SOURCE = Path(rotorid.__file__).parent
 TAKES_APART = {"startswith", "endswith", "partition", "rpartition", "removeprefix", "removesuffix"}

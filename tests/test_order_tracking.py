@@ -8,7 +8,7 @@ import pytest
 from coast_down import MODEL, TRUTH, run_down
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.data.order_tracking import BENT
 
 JEFFCOTT = rid.parse_model(MODEL)

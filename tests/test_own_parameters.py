@@ -7,7 +7,7 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, write
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.data.tables import phasor_lines
 
 TRIAL = 5e-5 + 2e-5j

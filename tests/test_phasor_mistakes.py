@@ -10,7 +10,7 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, load, write
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.likelihood import solver
 from rotorid.likelihood.rivals_tables import FAR, NEAR
 

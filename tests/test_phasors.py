@@ -9,8 +9,8 @@ import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
 
 import rotorid as rid
+from rotorid import InputError
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.data.tables import phasor_lines
 
 

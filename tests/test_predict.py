@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.answer.predict import predict
-from rotorid.core.errors import InputError
+from rotorid import InputError, predict, with_evidence
 from rotorid.linear.family import information
 from rotorid.report.estimate import verdict_of
-from rotorid.results.evidence import with_evidence
 from rotorid.rig.file import load_rig
 from rotorid.testing import line_record
 

@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import rotorid as rid
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
-from rotorid.signals.average import average
+from rotorid import Channel, Drive, InputError, PeriodicRecord, Record, average
 
 TWO = (Channel("a", "N"), Channel("b", "m"))
 

@@ -8,8 +8,8 @@ import pytest
 from io_writers import write_responses
 
 import rotorid as rid
+from rotorid import InputError
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.data.lines import SilentClock
 from rotorid.data.tables import FAINT, POOLED
 from rotorid.likelihood.doubts import MISFIT

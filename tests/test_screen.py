@@ -10,17 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from working_folder import make
 
-from rotorid import cli
-from rotorid.core.errors import (
-    CELL,
-    LINE,
-    PART,
-    SENTENCE,
-    InputError,
-    one_line,
-    printable,
-    shortened,
-)
+from rotorid import InputError, cli
+from rotorid.core.errors import CELL, LINE, PART, SENTENCE, one_line, printable, shortened
 from rotorid.core.tables import page_text, table
 
 EVIL = "\nevil = 1\n#\x1b[2J\u202e"

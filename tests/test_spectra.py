@@ -12,11 +12,8 @@ import pytest
 from scipy.linalg import expm
 
 import rotorid as rid
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
-from rotorid.data.whole_record import TRANSIENT, spectra
+from rotorid import Channel, InputError, MaximumLikelihood, Record, identify, spectra
+from rotorid.data.whole_record import TRANSIENT
 from rotorid.likelihood import fit
 from rotorid.signals import local_polynomial
 from rotorid.signals.checks.rotation import MUCH, shown_rotation

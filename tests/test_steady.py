@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotorid import Channel, Record, average
 from rotorid.data.lazy_time import Steady, changed, unread
 from rotorid.data.lines import PeriodicClock
-from rotorid.data.record import Channel, Record
-from rotorid.signals.average import average
 from rotorid.signals.checks.rotation import synchronism
 
 WAVE = np.random.default_rng(3).standard_normal((200, 1))

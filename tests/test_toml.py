@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.core.toml import Schema, parse_toml, read_toml
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.core.errors import InputError
-from rotorid.data.tables import phasor_lines, response_lines
+from rotorid import InputError, response_lines
+from rotorid.data.tables import phasor_lines
 from rotorid.experiment.duplicates import check_tables
 
 MODEL = """

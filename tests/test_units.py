@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.core.units import (
     _table,
     base_powers,

@@ -8,10 +8,9 @@ import pytest
 from adverse import FUNDAMENTAL, TURN
 
 import rotorid as rid
+from rotorid import Estimate, PeriodicRecord
 from rotorid.answer import validation
-from rotorid.answer.estimate import Estimate
 from rotorid.answer.validation import ChannelError, channel_errors, verdict_of
-from rotorid.data.record import PeriodicRecord
 
 
 def identified(kind: str, seed: int) -> tuple[adverse.Trial, Estimate]:

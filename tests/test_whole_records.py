@@ -9,8 +9,7 @@ import pytest
 from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
-from rotorid import cli
-from rotorid.core.errors import InputError
+from rotorid import InputError, cli
 from rotorid.data.observation import bind_all
 from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
 from rotorid.likelihood.unknowns import Nuisances

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from rotorid import InputError
 from rotorid.commands import console
-from rotorid.core.errors import InputError
 from rotorid.core.files import Kind, check_apart, check_target, seen, write_files, write_whole
 
 KIND = Kind("rotorid test", rb'\{\s*"kind": "test"')

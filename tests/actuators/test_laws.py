@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.force.laws import MU0, CurrentLaw, Differential, Flux, Linear, with_std
 
 MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))

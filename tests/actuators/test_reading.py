@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Drive, Record
+from rotorid import Channel, Drive, InputError, Record, average
 from rotorid.force.laws import Differential, Flux, Linear, with_std
 from rotorid.force.reading import ForceReading, as_channels, forces
-from rotorid.signals.average import average
 
 RATE, F0, PERIODS = 10_000.0, 20.0, 3
 SIZE = int(RATE / F0)

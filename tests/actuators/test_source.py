@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.data.record import Channel, LawConstant, Record
+from rotorid import Channel, Record
+from rotorid.data.record import LawConstant
 from rotorid.force.laws import Differential, Flux
 from rotorid.force.reading import ForceReading, ForceSource, forces
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from bank import ARM, BANK, THREE_MASS, combination, table
 
+from rotorid import parse_model
 from rotorid.answer.derived import base_from_physical, physical_from_base
-from rotorid.models import parse_model
 
 RNG_SEED = 20
 

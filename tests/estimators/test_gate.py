@@ -7,13 +7,11 @@ import pytest
 from severities import doubting, rejecting
 
 import rotorid as rid
+from rotorid import Estimate, Value, load_model, parse_model
 from rotorid.answer import machine_checks as gate
-from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import CONTRADICTING, of_data
-from rotorid.answer.parts import Value
 from rotorid.core.distributions import Expectation
 from rotorid.likelihood import doubts as likelihood_verdict
-from rotorid.models import load_model, parse_model
 
 METHODS = ("ls", "batch", "sequential", "ml")
 RIGID = load_model("rigid")

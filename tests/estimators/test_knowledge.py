@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from bank import ARM, JEFFCOTT, RIGID, THREE_MASS, TRAIN
 
-from rotorid import Batch, Constraint, LeastSquares, Sequential
-from rotorid.core.errors import InputError, ModelError
+from rotorid import Batch, Constraint, InputError, LeastSquares, ModelError, Sequential
 from rotorid.data.observation import bind_all
 from rotorid.linear.family import Problem
 from rotorid.models.priors import constraint_polynomial, eliminate

@@ -25,13 +25,19 @@ from bank import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid import Batch, LeastSquares, Sequential
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
-from rotorid.models import load_model, parse_model
+from rotorid import (
+    Batch,
+    Channel,
+    InputError,
+    LeastSquares,
+    Record,
+    Sequential,
+    average,
+    identify,
+    load_model,
+    parse_model,
+)
 from rotorid.models.symbolic import to_sympy
-from rotorid.signals.average import average
 
 FAMILY = (LeastSquares, Batch, Sequential)
 METHODS = {"ls": LeastSquares, "batch": Batch, "sequential": Sequential}

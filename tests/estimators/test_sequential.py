@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from bank import BANK, CHAIN, RIGID, THREE_MASS, TRAIN, Grid, line_response, table
 
-from rotorid import Batch, Sequential
+from rotorid import Batch, Channel, Constraint, Record, Sequential, average, parse_model
 from rotorid.data.observation import bind_all
-from rotorid.data.record import Channel, Record
 from rotorid.linear.estimators import _solve_stages, plan_stages
 from rotorid.linear.family import Problem
-from rotorid.models import parse_model
-from rotorid.models.priors import Constraint
-from rotorid.signals.average import average
 
 
 def stages_of(problem, constraints=(), **fixed):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.data.record import Channel, PeriodicRecord
+from rotorid import Channel, PeriodicRecord
 from rotorid.linear.solve import Block, pooled, sandwich, scatter_of_answers, solve
 from rotorid.signals.spectrum import synthesize
 

@@ -8,7 +8,7 @@ import pytest
 from io_writers import write_parquet, write_tdms
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.io import Source, open_table
 from rotorid.io import record as blocks
 from rotorid.io.record import open_blocks

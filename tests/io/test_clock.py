@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.io.clock import (
     BEARABLE,
     EARLY,

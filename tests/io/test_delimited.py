@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.io.text import open_delimited
 
 

@@ -21,7 +21,7 @@ from io_writers import (
 )
 
 import rotorid as rid
-from rotorid.core.errors import InputError, ReadError
+from rotorid import InputError, ReadError
 from rotorid.io import Source, open_table
 
 X = np.linspace(-1.0, 1.0, 2000) ** 3

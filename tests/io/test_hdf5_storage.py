@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.core.limits import CHUNK_BYTES, DEPTH, NODES
 from rotorid.io import hdf5
 from rotorid.io.hdf5 import open_hdf5

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.io import child
 from rotorid.io.mat import open_mat
 

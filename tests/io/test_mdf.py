@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rotorid import ReadError
 from rotorid.cli import run
-from rotorid.core.errors import ReadError
 from rotorid.io import open_table
 
 pytest.importorskip("asammdf")

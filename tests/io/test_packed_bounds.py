@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 from io_writers import WRITERS, write_mdf, write_tdms, write_uff
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.core.limits import COLUMNS, COMPRESSION, UNPACKED_BYTES
 from rotorid.io import open_table, open_tables, tdms, universal
 from rotorid.io.table import check_held

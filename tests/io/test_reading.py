@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 
 import rotorid as rid
-from rotorid.core.errors import InputError, ReadError
+from rotorid import InputError, ReadError
 from rotorid.io import Source
 from rotorid.io.clock import read_clock
 

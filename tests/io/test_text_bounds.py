@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rotorid.core.errors import ReadError
+from rotorid import ReadError
 from rotorid.core.limits import (
     COLUMNS,
     DIGITS,

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from rotor_files import random_rotor
 
-from rotorid.models import parse_model
+from rotorid import parse_model
 
 ROTORS = 20
 LATERAL = (0, 1, 3, 4)

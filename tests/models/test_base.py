@@ -10,8 +10,7 @@ from bank import ARM, BANK, THREE_MASS, combination, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError
-from rotorid.models import load_model, parse_model
+from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals, monomial_name
 from rotorid.models.model import build_model
 from rotorid.models.symbolic import from_sympy, symbol, to_sympy

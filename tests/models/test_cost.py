@@ -3,8 +3,8 @@
 import pytest
 from bank import table
 
-from rotorid.core.errors import ModelError
-from rotorid.models import Model, cost, load_model, parse_model, shipped_models
+from rotorid import Model, ModelError, load_model, parse_model, shipped_models
+from rotorid.models import cost
 from rotorid.models.equations import polynomial
 
 

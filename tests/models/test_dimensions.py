@@ -2,7 +2,7 @@
 
 import pytest
 
-from rotorid.models import load_model, parse_model, shipped_models
+from rotorid import load_model, parse_model, shipped_models
 
 MODEL = """
 title = "a mass on a spring"

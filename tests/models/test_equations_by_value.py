@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import ModelError
+from rotorid import ModelError
 from rotorid.models.equations import Names, polynomial, split_equations
 from rotorid.models.text import evaluate
 

@@ -11,8 +11,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError, ModelError
-from rotorid.models import load_model
+from rotorid import InputError, ModelError, load_model
 from rotorid.models.symbolic import from_sympy, symbol, to_sympy, vanishes
 from rotorid.models.symbolic import parse as parse_tree
 from rotorid.models.syntax import read

@@ -7,9 +7,9 @@ import pytest
 from linear_machines import estimate_of
 
 import rotorid as rid
+from rotorid import parse_model
 from rotorid.answer.unbalance import unbalance_of, unbalance_untold
 from rotorid.likelihood.rivals_terms import find_candidates
-from rotorid.models import parse_model
 from rotorid.models.structure import find_structure, force_balance
 
 PLANES = {

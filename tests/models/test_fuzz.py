@@ -8,11 +8,16 @@ from bank import table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid import Batch, LeastSquares, Sequential
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
-from rotorid.models import parse_model
-from rotorid.signals.average import average
+from rotorid import (
+    Batch,
+    Channel,
+    InputError,
+    LeastSquares,
+    Record,
+    Sequential,
+    average,
+    parse_model,
+)
 
 ATOMS = st.sampled_from(
     ["x", "x'", "x''", "y", "y'", "y''", *"abcabc", "2", "0.5", "pi", "Omega", "phi", "t", "1e-3"]

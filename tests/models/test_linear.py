@@ -19,10 +19,9 @@ from bank import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError, ModelError
+from rotorid import InputError, ModelError, load_model, parse_model
 from rotorid.data.observation import bind
 from rotorid.linear.equations import Regression
-from rotorid.models import load_model, parse_model
 from rotorid.signals.spectrum import line_spectra
 
 SPEEDS = (0.0, 1.0, 2 * np.pi * 140, -300.0)

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError, ModelError, ReadError
-from rotorid.models import load_model, parse_model, shipped_models
+from rotorid import InputError, ModelError, ReadError, load_model, parse_model, shipped_models
 
 FILE = """
 title = "a mass on a spring"

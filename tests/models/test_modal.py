@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rotorid.models import load_model, modal
+from rotorid import load_model
+from rotorid.models import modal
 from rotorid.models.modal import ALIKE, OVERDAMPED, _scales, eigenmodes, parted
 
 CHAIN_M = np.diag([2.0, 3.0, 1.5])

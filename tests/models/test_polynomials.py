@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import ModelError
-from rotorid.models import load_model, shipped_models
+from rotorid import ModelError, load_model, shipped_models
 from rotorid.models.equations import Names, _plain_terms, polynomial
 from rotorid.models.polynomials import expanded
 from rotorid.models.symbolic import equation_terms, polynomial_terms

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import parse_model
 from rotorid.answer.unbalance import unbalance_of
-from rotorid.models import parse_model
 from rotorid.results.machine import machine_of
 
 FILE = """

@@ -11,13 +11,12 @@ import pytest
 from browser import Browser, browser
 
 import rotorid as rid
-from rotorid import cli
+from rotorid import cli, with_evidence
 from rotorid.demo import run_demo
 from rotorid.demo.page import demo_report
 from rotorid.demo.run import simulate_record
 from rotorid.report.estimate import estimate_report
 from rotorid.report.machines import sensitivity_report
-from rotorid.results.evidence import with_evidence
 from rotorid.results.sensitivity import AxisSensitivity
 
 LOOKS = [(400, "dark"), (1280, "light"), (2560, "dark")]

@@ -10,32 +10,33 @@ import pytest
 from report_pages import Page, check_self_contained, titles
 from severities import causes
 
-from rotorid import LeastSquares
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.identify import identify
-from rotorid.answer.parts import (
-    Evidence,
+from rotorid import (
+    Estimate,
+    LeastSquares,
     LineMisfit,
     Misfit,
-    Prior,
+    Model,
+    Note,
+    PeriodicRecord,
     Provenance,
-    SourceFile,
     Suspect,
     Value,
+    average,
+    identify,
+    load_estimate,
+    load_model,
+    parse_model,
+    simulate,
+    with_evidence,
 )
-from rotorid.answer.result_file import load_estimate
+from rotorid.answer.parts import Evidence, Prior, SourceFile
 from rotorid.answer.validation import ChannelError
-from rotorid.core.notes import Note
-from rotorid.data.record import PeriodicRecord
 from rotorid.demo import DemoResult, findings, run_demo
 from rotorid.demo.page import demo_report
 from rotorid.demo.paper import TABLE
-from rotorid.models import Model, load_model, parse_model
 from rotorid.report.estimate import estimate_report, figures, groups, relations
 from rotorid.report.records import validation_report
-from rotorid.results.evidence import record_evidence, with_evidence
-from rotorid.rig.steady_state import simulate
-from rotorid.signals.average import average
+from rotorid.results.evidence import record_evidence
 
 HOSTILE = "</title><script>alert(1)</script>${{ 7*7 }} $x_{$ & \"'>\n\u65e5"
 

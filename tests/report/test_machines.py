@@ -8,6 +8,7 @@ import pytest
 from report_pages import Page, check_self_contained, titles
 
 import rotorid as rid
+from rotorid import campbell, modes
 from rotorid.report import machines
 from rotorid.report.drawn import campbell as campbell_panel
 from rotorid.report.drawn import response, shapes
@@ -19,9 +20,9 @@ from rotorid.report.machine_tables import (
     summary,
 )
 from rotorid.report.machines import BEYOND, SPEEDS, balance_report, machine_part, modes_report
-from rotorid.results.critical import campbell, response_of
+from rotorid.results.critical import response_of
 from rotorid.results.machine import machine_of
-from rotorid.results.modes import modes, partners
+from rotorid.results.modes import partners
 
 SPEED = 2 * np.pi * 140.0
 

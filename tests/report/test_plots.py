@@ -8,8 +8,7 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
+from rotorid import Channel, InputError, Record
 from rotorid.demo import DemoResult, run_demo
 from rotorid.demo.page import error_panels, example_evidence, filter_panels
 from rotorid.demo.paper import TABLE

@@ -6,21 +6,22 @@ import numpy as np
 import pytest
 from severities import causes
 
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import (
+from rotorid import (
     Alternative,
+    Estimate,
     LineMisfit,
     Misfit,
+    Note,
     Prediction,
     Suspect,
     Unbalance,
     Value,
+    load_model,
+    shipped_models,
 )
 from rotorid.answer.tables import page
 from rotorid.answer.validation import ChannelError
-from rotorid.core.notes import Note
 from rotorid.core.tables import page_text
-from rotorid.models import load_model, shipped_models
 from rotorid.report.record_tables import model_page, validation_table
 
 ESTIMATE = Estimate(

@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from severities import causes
 
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import (
-    DOUBTFUL,
-    EXPLAINS,
-    ChannelEvidence,
-    Evidence,
-    Misfit,
-    Prediction,
-    RecordEvidence,
-    Suspect,
-    Value,
-)
-from rotorid.core.notes import Note
+from rotorid import Estimate, Misfit, Note, Prediction, Suspect, Value
+from rotorid.answer.parts import DOUBTFUL, EXPLAINS, ChannelEvidence, Evidence, RecordEvidence
 from rotorid.report import drawn as estimates
 from rotorid.report import drawn as machines
 from rotorid.report import drawn as records

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.results import critical, machine, modes
 from rotorid.results.balancing import Balance, Masses, _nearest, _too_coarse, chosen
 from rotorid.results.export import _solved

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import with_evidence
 from rotorid.answer.parts import Evidence, Prior
 from rotorid.answer.validation import STEPS, at_best_phase, channel_errors
 from rotorid.report.estimate import estimate_report
 from rotorid.results import evidence as gathering
-from rotorid.results.evidence import record_evidence, with_evidence
+from rotorid.results.evidence import record_evidence
 
 TURN = 2 * np.pi
 

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import Value
-from rotorid.core.errors import InputError
-from rotorid.results.export import export
+from rotorid import Estimate, InputError, Value, export
 
 ESTIMATE = Estimate(
     "three-mass",

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.results import sensitivity
 
 LINES = np.arange(1.0, 41.0)

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
+from rotorid import Channel, Record
 from rotorid.cli import run
-from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, forces

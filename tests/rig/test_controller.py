@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.rig import assembly
 from rotorid.rig.controller import Controller, as_controller, pid, side_by_side
 from rotorid.rig.file import load_rig

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import integrate as ode
 
+from rotorid import InputError
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig import assembly
 from rotorid.rig.controller import Controller

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
+from rotorid import InputError
 from rotorid.cli import run
-from rotorid.core.errors import InputError
 from rotorid.force.laws import Differential
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.parts import Actuator, Coil

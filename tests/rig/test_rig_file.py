@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.core.errors import InputError
-from rotorid.experiment import load_experiment
+from rotorid import InputError, load_experiment
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.file import load_rig, parse_rig, shipped_rigs
 from rotorid.rig.files import experiment_text, write_record

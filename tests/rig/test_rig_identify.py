@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import average
 from rotorid.cli import run as command
 from rotorid.force.reading import forces
 from rotorid.rig.file import load_rig, parse_rig
-from rotorid.signals.average import average
 from rotorid.signals.inspection import detect_distortion
 
 MODEL = rid.load_model("three-mass")

@@ -7,9 +7,8 @@ import pytest
 from scipy import linalg
 from scipy.integrate import solve_ivp
 
-from rotorid.core.errors import InputError
+from rotorid import InputError, parse_model
 from rotorid.force.laws import Differential
-from rotorid.models import parse_model
 from rotorid.rig.assembly import excitation_table, growth, pairs
 from rotorid.rig.file import load_rig
 from rotorid.rig.kernel import coil_current

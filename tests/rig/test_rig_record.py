@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotorid import average
 from rotorid.force.laws import Flux
 from rotorid.force.reading import forces
 from rotorid.rig.logger import how_recorded
 from rotorid.rig.parts import FluxSensors, Logger, Runout
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
-from rotorid.signals.average import average
 
 LINES = [1, 3, 5, 7, 9, 11]
 FINE = 40

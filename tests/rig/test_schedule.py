@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.rig.schedule import merge_clocks
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+from rotorid import load_experiment
 from rotorid.cli import run
-from rotorid.experiment import load_experiment
 from rotorid.rig.file import load_rig
 
 

@@ -15,9 +15,7 @@ from bank import (
 )
 from scipy.integrate import solve_ivp
 
-from rotorid.core.errors import InputError, ModelError
-from rotorid.models import load_model, parse_model
-from rotorid.rig.steady_state import simulate, steady_state
+from rotorid import InputError, ModelError, load_model, parse_model, simulate, steady_state
 
 JEFFCOTT = load_model("jeffcott")
 VALUES = JEFFCOTT.values({"m": 2.0, "c": 150.0, "k": 2e5, "xi": 2e-4, "zeta": -1e-4})

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.signals.angle import (
     MeasuredAngle,
     encoder_angle,

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
-from rotorid.signals.average import average
+from rotorid import Channel, InputError, Record, average
 
 
 def record_of(samples, rate=100.0, **options):

@@ -8,9 +8,8 @@ import pytest
 from adverse_cases import CASES
 from scipy.signal import lfilter
 
-from rotorid.core.notes import Note, worst
-from rotorid.data.record import Channel, PeriodicRecord, Record
-from rotorid.signals.average import average
+from rotorid import Channel, Note, PeriodicRecord, Record, average
+from rotorid.core.notes import worst
 from rotorid.signals.checks import channels as checks_stuck
 from rotorid.signals.checks import rotation as checks_rotation
 from rotorid.signals.checks.channels import check_stuck

@@ -5,8 +5,7 @@ import pytest
 from test_spectra import KNOWN, MODEL, levitated
 
 import rotorid as rid
-from rotorid.core.notes import Note
-from rotorid.data.record import Channel, Record
+from rotorid import Channel, Note, Record
 from rotorid.signals.checks.channels import check_jumps
 
 CHANNELS = [Channel("F", "N"), *(Channel(f"x{k}", "m") for k in range(4))]

@@ -7,7 +7,7 @@ import pytest
 from test_spectra import KNOWN, MODEL, SPEED, levitated
 
 import rotorid as rid
-from rotorid.data.record import Channel
+from rotorid import Channel
 from rotorid.signals.checks.references import Motion, check_quiet
 
 CHANNELS = [Channel("F", "N"), Channel("x", "m")]

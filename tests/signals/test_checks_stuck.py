@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid.core.notes import Note
-from rotorid.data.record import Channel, Record
+from rotorid import Channel, Note, Record
 from rotorid.signals.checks.channels import check_quantized, check_stuck
 
 COUNT, FIRST, AFTER = 6000, 2000, 3000

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.signals.covariance import (
     choose_covariance,
     correlated_covariance,

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Record
+from rotorid import Channel, InputError, Record, average
 from rotorid.signals import local_polynomial, rotation_fit
 from rotorid.signals import period_search as periodicity
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
-from rotorid.signals.average import _excerpt, average
+from rotorid.signals.average import _excerpt
 from rotorid.signals.checks import periods as checks_scatter
 from rotorid.signals.checks import rotation as checks_rotation
 from rotorid.signals.checks import timing as checks_timing

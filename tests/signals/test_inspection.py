@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.data.record import Channel, Record
+from rotorid import Channel, Record
 from rotorid.signals.inspection import inspect_record
 
 RATE, SIZE, PERIODS = 5000.0, 250, 40

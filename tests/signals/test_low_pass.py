@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rotorid.core.errors import InputError
+from rotorid import Channel, InputError
 from rotorid.data.filtered import END, ORDER, LowPass, read_condition
-from rotorid.data.record import Channel
 
 RATE = 1000.0
 TIME = np.arange(6000) / RATE

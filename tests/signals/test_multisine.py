@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.rig.files import write_excitation
 from rotorid.signals.multisine import (
     Multisine,

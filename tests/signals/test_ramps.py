@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from adverse_cases import CASES
 
-from rotorid.data.record import Channel, Record
-from rotorid.signals.average import average
+from rotorid import Channel, Record, average
 from rotorid.signals.checks import periods as checks_ramp
 
 RATE, F0, SIZE = 4000.0, 20.0, 200

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.data.record import Channel
+from rotorid import Channel
 from rotorid.force.channel_dynamics import Constant, FirstOrder, Measured, SecondOrder
 from rotorid.signals.spectrum import quantity, synthesize
 

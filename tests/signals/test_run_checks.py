@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, PeriodicRecord, Record
-from rotorid.signals.average import average
+from rotorid import Channel, InputError, PeriodicRecord, Record, average
 from rotorid.signals.checks import periods as settling
 from rotorid.signals.checks.periods import Settling, detect_settling
 from rotorid.signals.checks.rotation import rotation_warnings, synchronism

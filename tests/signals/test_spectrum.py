@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid.data.record import Channel
+from rotorid import Channel
 from rotorid.signals.spectrum import (
     differentiate,
     line_spectra,

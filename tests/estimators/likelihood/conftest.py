@@ -7,12 +7,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood, Plan
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.identify import identify
+from rotorid import (
+    Channel,
+    Drive,
+    Estimate,
+    MaximumLikelihood,
+    Model,
+    PeriodicRecord,
+    Plan,
+    identify,
+    load_model,
+)
 from rotorid.core.values import Floats
-from rotorid.data.record import Channel, Drive, PeriodicRecord
-from rotorid.models import Model, load_model
 from rotorid.models.model import Parameter, build_model
 from rotorid.testing import add_noise, line_record
 

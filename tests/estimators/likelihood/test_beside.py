@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_spectra import KNOWN, MODEL, levitated, lines_of
 
-from rotorid.answer.identify import identify
+from rotorid import identify
 from rotorid.data.lines import Beside
 from rotorid.data.observation import bind
 from rotorid.likelihood import expected_cost as by_errors

@@ -5,12 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood, Plan, predict_accuracy
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel, Drive
-from rotorid.linear.estimators import LeastSquares
-from rotorid.models import load_model
+from rotorid import (
+    Channel,
+    Constraint,
+    Drive,
+    InputError,
+    LeastSquares,
+    MaximumLikelihood,
+    Plan,
+    identify,
+    load_model,
+    predict_accuracy,
+)
 
 
 def percent(estimate, *names):

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.models import load_model
+from rotorid import Constraint, InputError, MaximumLikelihood, identify, load_model
 from rotorid.testing import add_noise, line_record
 
 TRUTH = {"m": 2.0, "c": 30.0, "k": 2e5}

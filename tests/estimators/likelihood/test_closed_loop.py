@@ -11,9 +11,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.data.lines import Lines
+from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.data.observation import bind
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.fit import fit
@@ -24,7 +22,6 @@ from rotorid.likelihood.solver import solve
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.rig.file import parse_rig
 from rotorid.rig.rig import Rig
-from rotorid.signals.average import average
 from rotorid.signals.covariance import LineCovariance, correlated_covariance
 
 HARMONICS = (1, 3, 5, 7, 9, 11)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import cli
-from rotorid.rig.steady_state import simulate
+from rotorid import cli, simulate
 
 RATE, PERIODS = 5000.0, 60
 HEAD = """

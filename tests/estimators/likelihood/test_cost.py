@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from differences import extrapolated
 
-from rotorid.data.lines import Lines
+from rotorid import Channel, Drive, Lines, PeriodicRecord, load_model
 from rotorid.data.observation import bind
-from rotorid.data.record import Channel, Drive, PeriodicRecord
 from rotorid.likelihood import cost
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.likelihood.unknowns import Nuisances, Scalar, asked_unknowns
-from rotorid.models import load_model
 from rotorid.signals.covariance import LineCovariance, correlated_covariance, white_covariance
 
 MODEL = load_model("three-mass")

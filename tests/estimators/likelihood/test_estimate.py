@@ -7,11 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.answer.result_file import load_estimate
-from rotorid.core.errors import InputError, ModelError
-from rotorid.models import Model, load_model, parse_model
+from rotorid import (
+    InputError,
+    MaximumLikelihood,
+    Model,
+    ModelError,
+    identify,
+    load_estimate,
+    load_model,
+    parse_model,
+)
 from rotorid.testing import add_noise, line_record
 
 

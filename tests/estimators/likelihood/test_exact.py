@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.estimate import Estimate
-from rotorid.answer.identify import identify
+from rotorid import Estimate, MaximumLikelihood, PeriodicRecord, identify, load_model
 from rotorid.core.distributions import Expectation
 from rotorid.core.units import to_si
 from rotorid.core.values import Floats
-from rotorid.data.record import PeriodicRecord
 from rotorid.likelihood.doubts import STILL, unseen_excess
 from rotorid.likelihood.unknowns import TAKEN_AS_EXACT
-from rotorid.models import load_model
 from rotorid.testing import add_noise, line_record
 
 FIXED = {"L1": 0.3}

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
+from rotorid import MaximumLikelihood, identify
 from rotorid.answer.machine_checks import agreement
 
 TURN = 7  # the line of the rotation, 140 Hz

@@ -5,11 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.data.record import Channel
+from rotorid import Channel, MaximumLikelihood, identify, parse_model
 from rotorid.likelihood import starts as search
-from rotorid.models import parse_model
 from rotorid.testing import add_noise, line_record
 
 CHAIN = """

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
+from rotorid import Constraint, MaximumLikelihood, identify
 from rotorid.data.observation import bind
 from rotorid.likelihood.identifiability import _exponents, _rotation_left_out
 from rotorid.testing import add_noise

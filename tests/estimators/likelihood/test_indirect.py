@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from differences import extrapolated
 
-from rotorid import LeastSquares, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.data.lines import Lines
+from rotorid import (
+    Channel,
+    InputError,
+    LeastSquares,
+    Lines,
+    MaximumLikelihood,
+    PeriodicRecord,
+    identify,
+)
 from rotorid.data.observation import bind
-from rotorid.data.record import Channel, PeriodicRecord
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.likelihood.unknowns import Scalar

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import Constraint, InputError, MaximumLikelihood, identify
 
 
 @pytest.fixture(scope="module")

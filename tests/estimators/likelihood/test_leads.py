@@ -6,11 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
+from rotorid import Channel, MaximumLikelihood, identify
 from rotorid.answer.parts import EXPLAINS
 from rotorid.data.observation import bind
-from rotorid.data.record import Channel
 from rotorid.likelihood import rivals_channels as leads
 from rotorid.models.structure import find_structure
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from adverse_cases import CASES
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
+from rotorid import MaximumLikelihood, identify
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals_stated as line_leads
 from rotorid.likelihood.case import Case

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.data.lines import Lines
+from rotorid import Lines
 from rotorid.likelihood.assembly import load_lines, phase_steps
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.models.text import Expression, number, product, symbol

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import Constraint, MaximumLikelihood, Plan, predict_accuracy
-from rotorid.answer.identify import identify
+from rotorid import Constraint, MaximumLikelihood, Plan, identify, predict_accuracy
 from rotorid.data.observation import bind
 from rotorid.likelihood import symmetric_answers as mirrors
 from rotorid.likelihood.fit import _problem

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.data.measured_modes import configurations
 from rotorid.likelihood.modal import GRANTED
 from rotorid.likelihood.preparation import GENERATOR, GENERIC, Knowledge, prepare

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import Channel, Constraint, Drive, InputError, MaximumLikelihood, identify
 from rotorid.core.frozen import frozen
-from rotorid.data.record import Channel, Drive
 from rotorid.likelihood import unknowns as nuisances
 from rotorid.likelihood.unknowns import Scalar
 from rotorid.likelihood.unknowns.channel_factors import Factor

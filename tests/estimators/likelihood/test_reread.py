@@ -7,12 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import (
+    Channel,
+    InputError,
+    MaximumLikelihood,
+    PeriodicRecord,
+    Record,
+    average,
+    identify,
+    load_model,
+    spectra,
+)
 from rotorid.data.observation import Observation, bind
-from rotorid.data.record import Channel, PeriodicRecord, Record
-from rotorid.data.whole_record import spectra
 from rotorid.force.channel_dynamics import Constant, Dynamics, FirstOrder
 from rotorid.force.laws import Differential, Flux
 from rotorid.force.reading import ForceReading, ForceSource, forces
@@ -21,8 +27,6 @@ from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.rivals_channels import multiplied
 from rotorid.likelihood.unknowns import Nuisances, Unknown, asked_unknowns, every_unknown
 from rotorid.likelihood.unknowns.nonlinearity import Bend
-from rotorid.models import load_model
-from rotorid.signals.average import average
 from rotorid.signals.spectrum import shifted, synthesize
 
 MODEL = load_model("jeffcott")

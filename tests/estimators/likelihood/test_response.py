@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
-from rotorid.data.record import Channel
+from rotorid import Channel, InputError, MaximumLikelihood, identify
 from rotorid.force.channel_dynamics import (
     UNKNOWN,
     Constant,

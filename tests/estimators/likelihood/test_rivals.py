@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import load_model
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
 from rotorid.likelihood.case import Case, Rival, Slopes, Small
 from rotorid.likelihood.unknowns import channel_factors
-from rotorid.models import load_model
 
 
 def rival(term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, **more) -> Rival:

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Batch, Constraint, MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import Batch, Constraint, InputError, MaximumLikelihood, identify
 
 FOLLOWING = "m1, m2, m3, I_t, I_p, k1, k2"
 

@@ -8,7 +8,7 @@ import pytest
 from rotor_bank import SETTINGS, rotor_case
 
 import rotorid as rid
-from rotorid.core.errors import InputError
+from rotorid import InputError
 from rotorid.core.watch import watched
 
 CASE = rotor_case(SETTINGS["8 sensors, +-40 %"], 0)

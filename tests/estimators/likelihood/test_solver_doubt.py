@@ -19,9 +19,7 @@ from rotor_bank import (
 )
 from rotor_bank import Structure as Tower
 
-from rotorid import MaximumLikelihood, Plan, predict_accuracy
-from rotorid.answer.identify import identify
-from rotorid.core.errors import InputError
+from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accuracy
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood.assembly import assemble

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import MaximumLikelihood
-from rotorid.answer.identify import identify
-from rotorid.models import load_model
+from rotorid import MaximumLikelihood, identify, load_model
 from rotorid.testing import add_noise, line_record
 
 TRUTH = {"m": 2.0, "c": 30.0, "k": 2e5, "xi": 2e-5, "zeta": 1e-5}

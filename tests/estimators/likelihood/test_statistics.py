@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotorid import Constraint, MaximumLikelihood, predict_accuracy
-from rotorid.data.record import Channel
-from rotorid.models import load_model
+from rotorid import Channel, Constraint, MaximumLikelihood, load_model, predict_accuracy
 
 pytestmark = pytest.mark.slow
 
