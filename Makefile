@@ -26,7 +26,7 @@ export PYTHONNOUSERSITE := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: help demo test statistics docs golden golden-record mutants fuzz test-lowest test-newest clean
+.PHONY: help demo test statistics docs golden golden-record census mutants fuzz test-lowest test-newest clean
 
 help:
 	@echo "make demo         set up, run the demonstration, write its reports ($(REPORT), $(PAPER))"
@@ -35,6 +35,7 @@ help:
 	@echo "make docs         the documentation, its examples run: docs/_build/html/index.html"
 	@echo "make golden       what every command said, held against the record: SAMPLE=8 for a part"
 	@echo "make golden-record   the record anew, of ONLY=\"rig/* bad/*\" or of all"
+	@echo "make census       lines and modules by package, and what else the source comes to"
 	@echo "make mutants ONLY=rotorid.units   which decision constants no fast test holds"
 	@echo "make fuzz         damaged files for as long as FUZZ_SECONDS says, guided by coverage"
 	@echo "make test-lowest  the fast tests with the lowest versions that pyproject.toml allows;"
@@ -68,6 +69,9 @@ golden: $(VENV)/.ready-test
 
 golden-record: $(VENV)/.ready-test
 	$(BIN)/python -m golden record --only "$(ONLY)" --sample $(SAMPLE) --jobs $(JOBS) $(GOLDEN_ARGS)
+
+census: $(VENV)/.ready-test
+	$(BIN)/python tests/census.py
 
 mutants: $(VENV)/.ready-test
 	$(BIN)/python tests/mutants.py $(ONLY)

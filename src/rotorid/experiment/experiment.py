@@ -88,6 +88,7 @@ class Experiment:
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
+        """What is known of combinations of parameters beforehand."""
         return self.priors.constraints
 
     @property
