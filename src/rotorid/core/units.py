@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
@@ -355,17 +355,8 @@ def converts(unit: str, expected: str) -> bool:
     return True
 
 
-class _WithUnits(Protocol):
-    """A quantity of pint, or of a package that makes its quantities alike."""
-
-    @property
-    def magnitude(self) -> float: ...
-    @property
-    def units(self) -> object: ...
-
-
-def quantity(value: float | str | _WithUnits, expected: str, *, place: str = "") -> float:
-    """Return a number in SI as it is, anything with a unit as a number in the expected unit."""
+def quantity(value: float | str, expected: str, *, place: str = "") -> float:
+    """Return a number in SI as it is; a text, or a quantity of pint, in the expected unit."""
     if isinstance(value, str):
         return to_si(value, expected, place=place)
     if hasattr(value, "magnitude") and hasattr(value, "units"):

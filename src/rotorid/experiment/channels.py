@@ -22,6 +22,7 @@ from rotorid.experiment.schema import (
 )
 from rotorid.force.channel_dynamics import Dynamics, EddyCurrents, FirstOrder, Measured, SecondOrder
 from rotorid.force.laws import Differential, Flux, Linear
+from rotorid.force.reading import ForceReading
 from rotorid.io import Source, open_table
 from rotorid.io.table import Column
 from rotorid.models import Model
@@ -33,17 +34,6 @@ _POLAR = re.compile(r"(?:phase|phi|angle|arg)(?![a-z])", re.I)
 
 
 @frozen
-class InputLaw:
-    """How an input's force follows from columns."""
-
-    law: Linear | Differential | Flux
-    sources: tuple[str, ...]  # its columns, among the sources of the `Recording`
-    # displacement in the actuator, as ``{coordinate: coefficient}``; empty for a flux law
-    position: Mapping[str, float]
-    shared: Mapping[str, str]  # names under which constants of the law are shared with other inputs
-
-
-@frozen
 class Recording:
     """A record as the file has it: of samples, where columns come from and what is made of them."""
 
@@ -51,7 +41,8 @@ class Recording:
     folder: Path  # of its files
     channels: Entries
     sources: Mapping[str, Source] = field(default_factory=dict)
-    laws: Mapping[str, InputLaw] = field(default_factory=dict)
+    # of inputs: the columns that they are made of by name, the displacement by coordinates
+    laws: Mapping[str, ForceReading] = field(default_factory=dict)
 
     @property
     def paths(self) -> list[Path]:
@@ -235,10 +226,10 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
 
 def _of_samples(
     entries: Entries, model: Model, others: Entries, folder: Path
-) -> tuple[dict[str, Source], dict[str, InputLaw]]:
+) -> tuple[dict[str, Source], dict[str, ForceReading]]:
     """Return where channels over time come from; `others` may be read by the law of an input."""
     sources: dict[str, Source] = {}
-    laws: dict[str, InputLaw] = {}
+    laws: dict[str, ForceReading] = {}
     for name, entry in entries.items():
         if entry.law is None:
             sources[name] = source(name, entry, model, folder)
@@ -262,7 +253,7 @@ def _of_samples(
         for label, column in zip(labels, columns, strict=True):
             dynamics = _law_dynamics(law, column.dynamics, folder, place)
             sources[label] = _as_recorded(column, unit, dynamics)
-        laws[name] = InputLaw(law, tuple(labels), position, entry.shared)
+        laws[name] = ForceReading(law, tuple(labels), position, entry.shared)
     return sources, laws
 
 
@@ -350,7 +341,7 @@ def shared_currents(plan: Recording) -> tuple[str, ...]:
     """Say which currents feed several force laws."""
     users: dict[str, list[str]] = {}
     for name, law in plan.laws.items():
-        for source in law.sources:
+        for source in law.channels:
             users.setdefault(plan.sources[source].column.strip("/"), []).append(name)
     return tuple(
         f"the current {column[:60]!r} drives {' and '.join(names)}: right for coils in series only"

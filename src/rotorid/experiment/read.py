@@ -232,15 +232,15 @@ def _driven(channels: Sequence[Channel], plan: Recording) -> tuple[Channel, ...]
 
 
 def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
-    spent = {name for law in plan.laws.values() for name in law.sources}
+    """Return the laws that bend, the displacements in them by the channels that read them."""
+    spent = {name for law in plan.laws.values() for name in law.channels}
     sensors = [c for c in record.channels if c.name in plan.sources and c.name not in spent]
     found = {}
-    for name, law in plan.laws.items():
-        if isinstance(law.law, Linear):
-            continue
-        with naming(record.source, place=f"channels.{name}.position"):
-            position = as_channels(sensors, law.position) if law.position else {}
-        found[name] = ForceReading(law.law, law.sources, position, law.shared)
+    for name, reading in plan.laws.items():
+        if not isinstance(reading.law, Linear):
+            with naming(record.source, place=f"channels.{name}.position"):
+                position = as_channels(sensors, reading.position) if reading.position else {}
+            found[name] = replace(reading, position=position)
     return found
 
 

@@ -36,7 +36,9 @@ class Columns:
 
     def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
         """Return a column in the unit that is expected."""
-        found = self.table.read([self._key(column, place)]).popitem()[1]
+        with naming(place=place):
+            key = self.table.find(column)
+        found = self.table.read([key])[key]
         declared = unit or found.unit
         if declared is None:
             raise InputError(
@@ -63,10 +65,6 @@ class Columns:
         except InputError:
             return False
         return True
-
-    def _key(self, column: str, place: str) -> str:
-        with naming(place=place):
-            return self.table.find(column)
 
 
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
