@@ -288,6 +288,16 @@ def models(**options: Any) -> int:
     return _work("models", **options)
 
 
+@cli.command(epilog=_example("rotorid schema experiment --out experiment.schema.json"))
+@click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig"]))
+@click.option("--out", type=_FILE, help="The file to write (JSON); else it is printed.")
+@_force_option
+@_debug_option
+def schema(**options: Any) -> int:
+    """Write the JSON Schema of a kind of FILE, with which an editor completes and underlines."""
+    return _work("schema", **options)
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit code; errors become one line on stderr."""
     given = shlex.join(["rotorid", *arguments])

@@ -10,6 +10,7 @@ from reprlib import Repr
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from rotorid.core.errors import InputError, ReadError, nearest, shortened
 from rotorid.core.files import read_regular
@@ -45,6 +46,22 @@ class Schema(BaseModel):
 
     # Tables within tables are built with the outermost, when it is used, not each by itself too.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+class _AsWritten(GenerateJsonSchema):
+    """What may stand in a file: for a value that is made of it, a text, list or table too."""
+
+    def function_before_schema(self, schema: Any) -> JsonSchemaValue:
+        made = super().function_before_schema(schema)
+        if schema["schema"]["type"] == "model-fields":  # a whole table, looked at beforehand
+            return made
+        return {"anyOf": [made, {"type": ["string", "array", "object"]}]}
+
+
+def json_schema(schema: type[Schema]) -> dict[str, Any]:
+    """Return the JSON Schema of a file, by which an editor completes and underlines."""
+    found = schema.model_json_schema(schema_generator=_AsWritten)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 
 
 def read_toml(path: str | Path, schema: type[S]) -> S:

@@ -21,7 +21,9 @@ from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
 from rotorid.models.text import RESERVED, symbol
 
 
-class _ModelFile(Schema):
+class ModelFile(Schema):
+    """A model file."""
+
     title: str
     source: str = ""
     equations: list[str] = Field(min_length=1, max_length=MAX_NAMES)
@@ -162,7 +164,7 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
 
 
 def _build(data: bytes, name: str, file: str) -> Model:
-    entry = parse_toml(data, _ModelFile, file=file)
+    entry = parse_toml(data, ModelFile, file=file)
     names = Names(tuple(entry.coordinates), tuple(entry.inputs), tuple(entry.parameters))
     with naming(file):
         check_names(

@@ -1,0 +1,63 @@
+"""JSON Schemas of `rotorid schema` take what the program reads, and no misspelt key."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from rotorid import cli
+
+ROOT = Path(__file__).parents[1]
+LIBRARY = ROOT / "src" / "rotorid"
+SHIPPED = [
+    *(("rig", path) for path in sorted((LIBRARY / "rig" / "library").glob("*.toml"))),
+    *(("model", path) for path in sorted((LIBRARY / "models" / "library").glob("*.toml"))),
+    *(("experiment", path) for path in sorted((ROOT / "examples").rglob("*.toml"))),
+]
+
+
+def schema_of(kind: str, folder: Path) -> dict[str, object]:
+    target = folder / f"{kind}.schema.json"
+    assert cli.run(["schema", kind, "--out", str(target)]) == 0
+    found = json.loads(target.read_text())
+    jsonschema.Draft202012Validator.check_schema(found)
+    return found
+
+
+@pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda value: Path(value).stem)
+def test_a_shipped_file_fits_and_a_misspelt_key_does_not(
+    kind: str, path: Path, tmp_path: Path
+) -> None:
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    kind = "rotor" if kind == "model" and "sections" in table else kind
+    schema = schema_of(kind, tmp_path)
+    jsonschema.validate(table, schema)
+    with pytest.raises(jsonschema.ValidationError, match="Additional properties"):
+        jsonschema.validate({**table, "tiitle": "x"}, schema)
+
+
+def test_the_experiment_file_of_a_rig_fits(tmp_path: Path) -> None:
+    out = tmp_path / "run.h5"
+    assert cli.run(["simulate", "rigid", "--out", str(out)]) == 0
+    table = tomllib.loads(out.with_suffix(".toml").read_text(encoding="utf-8"))
+    schema = schema_of("experiment", tmp_path)
+    jsonschema.validate(table, schema)
+    table["records"][0]["fundamentall"] = "20 Hz"
+    with pytest.raises(jsonschema.ValidationError, match="fundamentall"):
+        jsonschema.validate(table, schema)
+
+
+def test_it_is_printed_and_written_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(["schema", "rig"]) == 0
+    printed = capsys.readouterr().out
+    target = tmp_path / "rig.json"
+    for _ in range(2):  # what it wrote itself it may replace
+        assert cli.run(["schema", "rig", "--out", str(target)]) == 0
+    assert target.read_text() == printed
+    target.write_text("{}")
+    assert cli.run(["schema", "rig", "--out", str(target)]) == 2
+    assert target.read_text() == "{}"
