@@ -4,6 +4,7 @@ import re
 from json import loads
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from coast_down import EXPERIMENT, MODEL, RPM, TRUTH, coast, identify, load, write
@@ -19,6 +20,19 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "model.toml").write_text(MODEL)
     write(tmp_path / "run.csv", RPM, coast(RPM))
     return tmp_path
+
+
+def test_deviations_of_other_rows_are_refused(folder: Path) -> None:
+    """Data sets of a file may differ in length, columns of a text table may not."""
+    table = np.genfromtxt(folder / "run.csv", delimiter=",", names=True)
+    with h5py.File(folder / "run.h5", "w") as data:
+        for name in table.dtype.names:
+            data[name] = table[name]
+        data["s"] = np.full(len(table) - 1, 1.0)
+    text = EXPERIMENT.replace("run.csv", "run.h5").replace('std = "1 um"', 'std = "s"')
+    count = len(table)
+    with pytest.raises(InputError, match=f"channels.x.std: found {count - 1} and {count} rows"):
+        identify(folder, text)
 
 
 @pytest.mark.parametrize("sense", [1, -1])

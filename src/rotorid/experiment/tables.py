@@ -100,18 +100,22 @@ def _factor(rows: Columns, entry: ChannelEntry, place: str) -> float:
     return float(scale) / 2 if entry.peak_to_peak else float(scale)
 
 
-def std_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Floats | None:
-    """Return the deviation of the amplitude in a unit, a column or one for all rows."""
+def std_column(
+    rows: Columns, name: str, entry: ChannelEntry, expected: str, values: Complexes
+) -> Floats | None:
+    """Return the deviations of values in a unit, of a column or one for all rows."""
     if entry.std is None:
         return None
     place = f"channels.{name}.std"
-    if rows.has(entry.std):
+    own = rows.has(entry.std)
+    if own:
         found = rows.si(entry.std, entry.unit, expected, place)
+        check_lengths(found, values, place)
     else:
-        found = np.array([to_si(entry.std, expected, place=place)])
+        found = np.full(len(values), to_si(entry.std, expected, place=place))
     if not (found > 0).all():
         raise InputError(
-            f"{found.min():g} in row {int(found.argmin()) + 1}" if len(found) > 1 else entry.std,
+            f"{found.min():g} in row {int(found.argmin()) + 1}" if own else entry.std,
             "a deviation of more than 0",
             "state how far the amplitude scatters: the last digit of the instrument at least",
             place=place,
@@ -154,8 +158,11 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         units = {name: channels[name].unit for name in entries}
         read = [complex_column(rows, name, one, units[name]) for name, one in entries.items()]
         phasors = _stacked(speed, read, table)
-        stated = [std_column(rows, name, one, units[name]) for name, one in entries.items()]
-        std = _common(list(entries), stated, speed)
+        stated = [
+            std_column(rows, name, one, units[name], values)
+            for (name, one), values in zip(entries.items(), read, strict=True)
+        ]
+        std = _common(list(entries), stated)
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
         checks = [
             *check_probes(
@@ -198,7 +205,7 @@ def _stacked(speed: Floats, phasors: list[Complexes], table: Table) -> Complexes
     return np.column_stack(phasors)
 
 
-def _common(names: list[str], std: list[Floats | None], speed: Floats) -> Floats | None:
+def _common(names: list[str], std: list[Floats | None]) -> Floats | None:
     """Return the deviations of all channels, None where none is stated."""
     lacking = [name for name, one in zip(names, std, strict=True) if one is None]
     if len(lacking) == len(names):
@@ -210,7 +217,7 @@ def _common(names: list[str], std: list[Floats | None], speed: Floats) -> Floats
             "state it",
             place=f"channels.{lacking[0]}.std",
         )
-    return np.column_stack([np.broadcast_to(one, len(speed)) for one in std if one is not None])
+    return np.column_stack([one for one in std if one is not None])
 
 
 @frozen
@@ -334,17 +341,8 @@ def _of_table(
         if one.coherence is not None:
             coherence = rows.si(one.coherence, "1", "1", f"{place}.coherence")
             check_lengths(hertz, coherence, f"{place}.coherence")
-        std = std_column(rows, name, one, unit)
-        found.append(
-            _Response(
-                one.input,
-                channels[name],
-                hertz,
-                values,
-                None if std is None else np.broadcast_to(std, hertz.shape),
-                coherence,
-            )
-        )
+        std = std_column(rows, name, one, unit, values)
+        found.append(_Response(one.input, channels[name], hertz, values, std, coherence))
     return found
 
 
