@@ -43,6 +43,29 @@ def test_a_draft_is_read_as_far_as_it_goes(rig: Path, capsys: pytest.CaptureFixt
     assert "encoder" not in shown.split("channel ")[1]
 
 
+@pytest.mark.parametrize(
+    ("said", "place"),
+    [
+        ('time = { unit = "s" }', "records.0.time.column: found no such key"),
+        ("time = 3", "records.0.time: found 3"),
+        ('fundamental = "0 Hz"', "records.0.fundamental: found '0 Hz'"),
+        ('header_row = "x"', "records.0.header_row: found 'x'"),
+        ("skip = [1]", "records.0.skip: found [1]"),
+        ('harmonics = ["a"]', "records.0.harmonics.0: found 'a'"),
+        ("mask = 3", "records.0.mask: found 3"),
+        ('file = "?"', "found no name of a file"),
+    ],
+)
+def test_what_is_wrong_in_a_draft_is_told_where_it_is(
+    rig: Path, capsys: pytest.CaptureFixture[str], said: str, place: str
+) -> None:
+    draft = rig / "wrong.toml"
+    file = "" if said.startswith("file") else 'file = "rig.h5"\n'
+    draft.write_text(f'model = "?"\n[[records]]\n{file}{said}\n', encoding="utf-8")
+    assert run(["inspect", str(draft)]) == 2
+    assert place in capsys.readouterr().err
+
+
 def test_without_a_fundamental_the_period_is_found(
     rig: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

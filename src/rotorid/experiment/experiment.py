@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -13,8 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
 from rotorid.core.errors import InputError, ReadError, naming
 from rotorid.core.frozen import frozen
-from rotorid.core.toml import parse_table, read_bytes, read_toml
-from rotorid.core.units import to_si
+from rotorid.core.toml import parse_table, parse_toml, read_bytes, read_toml
 from rotorid.core.watch import counting
 from rotorid.data.line_inspection import LineInspection, inspect_lines
 from rotorid.data.observation import Measured
@@ -39,16 +38,19 @@ from rotorid.experiment.read import (
     measured,
     period_of,
     read_table,
+    said_of,
 )
 from rotorid.experiment.schema import (
     OPEN,
+    DraftFile,
+    DraftRecord,
     Effort,
     ExperimentFile,
     Method,
     RecordEntry,
     response_tables,
 )
-from rotorid.io import READERS, Source, read_record
+from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
 from rotorid.models.priors import Constraint
 from rotorid.signals.angle import keyphasor_angle, pulse_edges
@@ -361,9 +363,6 @@ def _model(name: str, experiment: Path) -> Model:
         raise error if error.file else error.at(file=str(experiment), place="model") from None
 
 
-_KEPT = ("sample_rate", "speed", "phase", "skip", "until", "header_row", "mask")
-
-
 def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], str]:
     """Inspect every record of an experiment file; say why it was read as a draft, if it was.
 
@@ -372,10 +371,7 @@ def inspect_experiment(path: Path) -> tuple[list[Inspection | LineInspection], s
     try:
         plan = load_experiment(path)
     except InputError as error:
-        try:
-            entries = _draft_entries(path)
-        except InputError:
-            raise error from None  # what the file is not says more than that it is no TOML
+        entries = _draft_records(path)
         if entries is None:
             raise
         told = f"read as a draft, every column as it is, because of this: {error}"
@@ -421,7 +417,7 @@ def _each(plan: Experiment, number: int) -> Iterator[Inspection | LineInspection
     )
 
 
-def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
+def _draft_records(path: Path) -> list[DraftRecord] | None:
     """Return the records of a file that leaves something open, None where it does not."""
     try:
         data = read_bytes(path)
@@ -434,43 +430,34 @@ def _draft_entries(path: Path) -> list[Mapping[str, Any]] | None:
         isinstance(e, dict) and ("fundamental" in e or "period_samples" in e) for e in entries
     ]
     named = all(isinstance(e, dict) and ("file" in e or "files" in e) for e in entries)
-    return entries if named and (f'"{OPEN}"'.encode() in data or not all(periodic)) else None
+    if not named or (f'"{OPEN}"'.encode() not in data and all(periodic)):
+        return None
+    return parse_toml(data, DraftFile, file=str(path)).records
 
 
-def _inspect_draft(folder: Path, entry: Mapping[str, Any]) -> Inspection:
-    """Inspect a record with all its columns, as far as its entry is filled in."""
-    said = {key: entry[key] for key in _KEPT if entry.get(key, OPEN) not in (OPEN, "unknown")}
-    names = entry["files"] if "files" in entry else [entry["file"]]
-    if not all(isinstance(name, str) and name != OPEN for name in names):
+def _inspect_draft(folder: Path, entry: DraftRecord) -> Inspection:
+    if OPEN in entry.paths:
         raise ReadError("no name of a file", "the file of a record", "name it")
-    skip = said.pop("skip", 0.0)
-    record = read_record([folder / name for name in names], time=_time(entry), **said)
+    record = read_record([folder / name for name in entry.paths], mask=entry.mask, **said_of(entry))
     record = _without_mark(record, entry)
-    size = entry.get("period_samples")
-    fundamental = entry.get("fundamental", OPEN)
-    if fundamental != OPEN:
-        size = round(record.sample_rate / to_si(fundamental, "Hz", place="fundamental"))
-    if isinstance(skip, str):
-        skip = to_si(skip, "s", place="skip")
-    harmonics = entry.get("harmonics")
+    size = period_of(record, entry)
     return inspect_record(
         record,
-        period_samples=size if isinstance(size, int) else None,
-        harmonics=harmonics if isinstance(harmonics, list) else None,
-        skip=skip,
-        whole=size is None and "band" in entry,
+        period_samples=size,
+        harmonics=entry.harmonics,
+        skip=entry.skip or 0.0,
+        whole=size is None and "band" in entry.model_fields_set,
     )
 
 
-def _without_mark(record: Record, entry: Mapping[str, Any]) -> Record:
+def _without_mark(record: Record, entry: DraftRecord) -> Record:
     """Leave out the column of the rotor angle, which is no channel; a keyphasor tells the speed."""
-    angle = entry.get("angle")
-    mark = angle.get("column") if isinstance(angle, dict) else entry.get("keyphasor")
+    mark = entry.keyphasor if entry.angle is None else entry.angle.column
     kept = [c for c, name in enumerate(record.names) if name != mark]
     turned: dict[str, Any] = {}
-    if entry.get("keyphasor") in record.names:
+    if entry.keyphasor in record.names:
         with suppress(InputError):  # what is wrong with it is told once the file is finished
-            column, rate = record.column(entry["keyphasor"]), record.sample_rate
+            column, rate = record.column(entry.keyphasor), record.sample_rate
             times, half = pulse_edges(column, rate, source=record.source)
             seen = keyphasor_angle(times, len(column), rate, half=half, source=record.source)
             turned = {"speed": seen.speed, "angle": seen.angle}
@@ -480,10 +467,3 @@ def _without_mark(record: Record, entry: Mapping[str, Any]) -> Record:
         samples=record.samples[:, kept],
         **turned,
     )
-
-
-def _time(entry: Mapping[str, Any]) -> Source | None:
-    time = entry.get("time", OPEN)
-    if time == OPEN:
-        return None
-    return Source(time) if isinstance(time, str) else Source(time["column"], time.get("unit"))

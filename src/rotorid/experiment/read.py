@@ -16,7 +16,7 @@ from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
 from rotorid.experiment.channels import Recording
-from rotorid.experiment.schema import RecordEntry
+from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.io import Source, read_record
@@ -51,7 +51,7 @@ def measured(
         skip=entry.skip or 0.0,
         mask=entry.mask,
         highest=_highest(entry),
-        **_said(entry),
+        **said_of(entry),
     )
     record = _with_angle(record, entry)
     if plan.laws:
@@ -100,7 +100,7 @@ def filtered_of(record: Record, entry: RecordEntry) -> FilteredRecord:
     )
 
 
-def _said(entry: RecordEntry) -> dict[str, Any]:
+def said_of(entry: RecordKeys) -> dict[str, Any]:
     """Return what an entry says of its files, for a reader of samples or of blocks."""
     return {
         "sample_rate": entry.sample_rate,
@@ -155,7 +155,7 @@ def _blocks(plan: Recording, *, currents: bool) -> RecordBlocks | None:
     made = any(not (currents and isinstance(law.law, Linear)) for law in plan.laws.values())
     if marked or made or entry.mask is not None:
         return None
-    blocks = open_blocks(plan.paths, columns=plan.sources, **_said(entry))
+    blocks = open_blocks(plan.paths, columns=plan.sources, **said_of(entry))
     return None if blocks is None else replace(blocks, channels=_driven(blocks.channels, plan))
 
 
@@ -170,7 +170,7 @@ def _highest(entry: RecordEntry) -> float | None:
     return None
 
 
-def period_of(record: Record, entry: RecordEntry) -> int | None:
+def period_of(record: Record, entry: RecordKeys) -> int | None:
     if entry.period_samples is not None or entry.fundamental is None:
         return entry.period_samples
     return round(record.sample_rate / entry.fundamental)

@@ -365,8 +365,8 @@ _OF_RESPONSES = {"frequency", "averages", "band", "every"}
 """Keys that a table of frequency responses has besides."""
 
 
-class RecordEntry(Schema):
-    """One run of the machine."""
+class RecordKeys(Schema):
+    """What may be said of one run of the machine."""
 
     kind: Kind = "samples"
     frequency: TimeEntry | None = None
@@ -398,6 +398,14 @@ class RecordEntry(Schema):
     leave_out: Annotated[list[str] | None, Field(min_length=1)] = None
     channels: dict[str, ChannelEntry] = Field(default_factory=dict)
     parameters: dict[str, OwnEntry] = Field(default_factory=dict)
+
+    @property
+    def paths(self) -> list[str]:
+        return list(self.files or ()) if self.file is None else [self.file]
+
+
+class RecordEntry(RecordKeys):
+    """One run of the machine."""
 
     @model_validator(mode="after")
     def _one_rotation(self) -> RecordEntry:
@@ -547,10 +555,6 @@ class RecordEntry(Schema):
         """Whether the record is cut into periods."""
         return self.fundamental is not None or self.period_samples is not None
 
-    @property
-    def paths(self) -> list[str]:
-        return list(self.files or ()) if self.file is None else [self.file]
-
 
 class Knowledge(Schema):
     """What a parameter and a combination of parameters have in common."""
@@ -690,6 +694,37 @@ class ExperimentFile(Schema):
     parameters: dict[str, ParameterEntry] = Field(default_factory=dict)
     constraints: list[ConstraintEntry] = Field(default_factory=list)
     estimator: EstimatorEntry = Field(default_factory=EstimatorEntry)
+
+
+class DraftColumn(TimeEntry, extra="ignore"):
+    """A column of a draft, whatever else is said of it."""
+
+
+class DraftRecord(RecordKeys):
+    """A record with all its columns, as far as it is filled in."""
+
+    angle: DraftColumn | None = None  # type: ignore[assignment]
+    band: Any = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _filled_in(cls, value: object) -> object:
+        if not isinstance(value, dict):
+            return value
+        filled = {key: said for key, said in value.items() if said != OPEN or key == "file"}
+        return {key: filled[key] for key in _OF_DRAFTS if key in filled}
+
+
+_OF_DRAFTS = (
+    *("file", "files", "header_row", "mask", "sample_rate", "time", "skip", "until", "speed"),
+    *("phase", "angle", "keyphasor", "fundamental", "period_samples", "harmonics", "band"),
+)
+
+
+class DraftFile(Schema, extra="ignore"):
+    """A file that is not finished, or wrong elsewhere than in its records."""
+
+    records: list[DraftRecord]
 
 
 def response_tables(file: ExperimentFile) -> list[str]:
