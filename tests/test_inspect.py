@@ -75,6 +75,20 @@ def test_without_a_fundamental_the_period_is_found(
     assert "periods of 1000 samples (found: 0.1 s, 10 Hz)" in capsys.readouterr().out
 
 
+def test_a_period_of_an_odd_number_of_samples(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its highest line lies below half the sample rate."""
+    angle = 2 * np.pi * np.arange(6300) / 63
+    noise = 0.01 * np.random.default_rng(1).standard_normal((6300, 2))
+    columns = np.column_stack([np.cos(angle) + np.cos(3 * angle), np.sin(angle)]) + noise
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="f [N],x [um]", comments="")
+    text = 'model = "?"\n[[records]]\nfile = "run.csv"\nsample_rate = "2 kHz"\nspeed = "0 rpm"\n'
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    assert run(["inspect", str(tmp_path / "run.toml")]) == 0
+    assert "100 periods of 63 samples" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_the_page_stands_alone(rig: Path) -> None:
     page = rig / "found.html"

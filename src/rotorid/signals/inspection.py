@@ -247,7 +247,7 @@ def _period(record: Record, skip: float) -> int | None:
 
 
 def _clear_lines(record: Record, size: int, skip: float) -> list[int]:
-    every = average(record, period_samples=size, band=(0.0, record.sample_rate / 2), skip=skip)
+    every = average(record, period_samples=size, harmonics=list(range(size // 2 + 1)), skip=skip)
     mean = np.abs(every.mean_spectrum)
     deviation = np.sqrt(every.spectra.var(axis=0, ddof=1) / every.periods)
     rounding = 1e-9 * mean.max(axis=0)
