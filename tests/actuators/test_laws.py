@@ -1,12 +1,14 @@
 """Force laws against closed forms, differences and Monte Carlo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rotorid import InputError
-from rotorid.force.laws import MU0, CurrentLaw, Differential, Flux, Linear, with_std
+from rotorid.force.laws import MU0, CurrentLaw, Differential, Flux, Linear
 
 MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 
@@ -78,8 +80,11 @@ def test_flux_and_current_laws_agree() -> None:
     ("law", "at"),
     [
         (Linear(120.0, 2e5, ki_std=2.4, ks_std=1e4), (0.7, 1e-4)),
-        (with_std(MAGNET, constant=1e-7, bias=0.01, gap=4e-6, angle=0.01), (0.7, 1e-4)),
-        (with_std(SINGLE, constant=1e-7, gap=4e-6, iron=1e-6), (-0.7, 1e-4)),
+        (
+            replace(MAGNET, constant_std=1e-7, bias_std=0.01, gap_std=4e-6, angle_std=0.01),
+            (0.7, 1e-4),
+        ),
+        (replace(SINGLE, constant_std=1e-7, gap_std=4e-6, iron_std=1e-6), (-0.7, 1e-4)),
         (Flux(2e-4, 2, 0.3, area_std=2e-6, angle_std=0.01), (0.9, 0.4)),
     ],
 )
@@ -94,7 +99,7 @@ def test_deviation_of_the_force_is_that_of_drawn_constants(law, at) -> None:
 
 
 def test_deviation_of_the_slopes() -> None:
-    law = with_std(MAGNET, gap=4e-6)
+    law = replace(MAGNET, gap_std=4e-6)
     slope = law.linearize()
     assert slope.ki_std == pytest.approx(2 * 0.01 * slope.ki, rel=1e-12)
     assert slope.ks_std == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
@@ -111,7 +116,10 @@ def test_laws_of_currents_share_one_interface() -> None:
         (lambda: Differential(1e-5, 2.0, 0.0), r"gap: found gap = 0.0; expected more than 0 m"),
         (lambda: Differential(1e-5, -2.0, 4e-4), r"bias = -2.0; expected 0 or more"),
         (lambda: Differential(1e-5, 2.0, np.nan), r"gap = nan"),
-        (lambda: with_std(SINGLE, bias=0.1), r"bias = 0 A, with a deviation of 0.1 A; expected ex"),
+        (
+            lambda: replace(SINGLE, bias_std=0.1),
+            r"bias = 0 A, with a deviation of 0.1 A; expected ex",
+        ),
         (lambda: Differential(1e-5, 0.0, 4e-4, bias_difference=0.1), r"bias_difference = 0.1"),
         (lambda: SINGLE.linearize(), r"the force has no slope; expected a current other than 0"),
         (lambda: Differential(1e-5, 2.0, 4e-4, angle=2.0), r"less than 90 degrees"),
@@ -123,7 +131,6 @@ def test_laws_of_currents_share_one_interface() -> None:
         (lambda: MAGNET.force([0.0, 2.6], 0.0), r"current 2.6 A at sample 1, 1 such in all; "),
         (lambda: MAGNET.force(0.0, 5e-4), r"position 0.0005 m, .* less than the gap"),
         (lambda: MAGNET.force(np.nan, 0.0), r"current nan A"),
-        (lambda: with_std(MAGNET, gaps=1.0), r"'gaps'; expected one of constant, bias, gap"),
     ],
 )
 def test_bad_constants_and_states_are_refused(build, message: str) -> None:

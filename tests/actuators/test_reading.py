@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorid import Channel, Drive, InputError, Record, average
-from rotorid.force.laws import Differential, Flux, Linear, with_std
+from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 
 RATE, F0, PERIODS = 10_000.0, 20.0, 3
@@ -118,7 +118,7 @@ def test_flux_densities() -> None:
 
 
 def test_constants_of_the_law_give_the_gain_its_deviation() -> None:
-    law = with_std(Linear(ki=120.0), ki=1.2)
+    law = Linear(ki=120.0, ki_std=1.2)
     record = forces(recorded(False, 0.0, 0.0), {"F": ForceReading(law, ("i",))})
     assert record.channels[0].gain_std == pytest.approx(0.01)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Annotated, Literal, NamedTuple, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field, StrictInt
@@ -12,9 +11,8 @@ from pydantic import BeforeValidator, Field, StrictInt
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.laws import MU0, Differential, Flux, Linear, with_std
+from rotorid.force.laws import MU0, Differential, Flux, Linear
 
-L = TypeVar("L", Linear, Differential, Flux)
 LawName = Literal["linear", "differential", "flux"]
 
 
@@ -81,29 +79,28 @@ class LawEntry(Schema):
     @property
     def uncertain(self) -> tuple[str, ...]:
         """Keys of the constants that are known with a deviation."""
-        return tuple(
-            key
-            for key in type(self).model_fields
-            if isinstance(getattr(self, key), Constant) and getattr(self, key).std
-        )
+        return tuple(key for key, constant in self._constants.items() if constant.std)
+
+    @property
+    def _constants(self) -> dict[str, Constant]:
+        """Constants that are given, by their keys."""
+        every = {key: getattr(self, key) for key in type(self).model_fields}
+        return {key: value for key, value in every.items() if isinstance(value, Constant)}
 
     @property
     def shared(self) -> dict[str, str]:
         """Names under which constants of the law are shared, by its fields."""
-        found = {key: getattr(self, key) for key in type(self).model_fields}
+        fields = {"K": "constant", "area": "area" if self.law == "flux" else "constant"}
         return {
-            {"K": "constant", "area": "area" if self.law == "flux" else "constant"}.get(key, key): (
-                constant.shared
-            )
-            for key, constant in found.items()
-            if isinstance(constant, Constant) and constant.shared
+            fields.get(key, key): constant.shared
+            for key, constant in self._constants.items()
+            if constant.shared
         }
 
     def _refuse_unknown(self) -> None:
         """Refuse unknown constants of the linear law, which stand elsewhere."""
-        for key in ("ki", "ks"):
-            constant = getattr(self, key)
-            if self.law != "linear" or constant is None:
+        for key, constant in self._constants.items():
+            if key not in ("ki", "ks") or self.law != "linear":
                 continue
             if constant.std == np.inf or constant.shared:
                 raise InputError(
@@ -129,21 +126,14 @@ class LawEntry(Schema):
                     "remove it",
                     place=key,
                 )
+        given = {key: c for key, c in self._constants.items() if key in needed + more}
         if self.law == "linear":
-            return _with_deviations(Linear, ki=self.ki, ks=self.ks)
+            return Linear(**_with_deviations(given))
         if self.law == "flux":
             poles = 2 if self.poles is None else self.poles
-            return _with_deviations(partial(Flux, poles=poles), area=self.area, angle=self.angle)
-        return _with_deviations(
-            Differential,
-            constant=self._magnet(),
-            bias=self.bias,
-            gap=self.gap,
-            angle=self.angle,
-            bias_difference=self.bias_difference,
-            iron=self.iron,
-            saturation=self.saturation,
-        )
+            return Flux(poles=poles, **_with_deviations(given))
+        magnet = {key: c for key, c in given.items() if key not in ("K", "area")}
+        return Differential(**_with_deviations({"constant": self._magnet(), **magnet}))
 
     def _magnet(self) -> Constant:
         """Return K of one magnet, given or of its geometry."""
@@ -161,11 +151,10 @@ class LawEntry(Schema):
         return Constant(factor * area.value, factor * area.std, area.shared)
 
 
-def _with_deviations(build: Callable[..., L], **constants: Constant | None) -> L:
-    """Return a law of the constants given, with their deviations."""
-    given = {name: constant for name, constant in constants.items() if constant is not None}
-    law = build(**{name: constant.value for name, constant in given.items()})
-    return with_std(law, **{name: constant.std for name, constant in given.items()})
+def _with_deviations(given: Mapping[str, Constant]) -> dict[str, Any]:
+    """Return the arguments of a law: its constants and their deviations."""
+    values = {name: constant.value for name, constant in given.items()}
+    return values | {f"{name}_std": constant.std for name, constant in given.items()}
 
 
 def law_keys() -> tuple[str, ...]:

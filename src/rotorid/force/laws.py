@@ -10,17 +10,15 @@ s0, alpha half the angle between the poles, K the constant of a magnet.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotorid.core.errors import InputError, require_names
+from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 
-L = TypeVar("L")
 MU0 = 4e-7 * np.pi
 """Permeability of vacuum in N/A^2."""
 
@@ -101,14 +99,6 @@ def require_angle(angle: float) -> None:
         "less than 90 degrees",
         "give half the angle between the poles",
     )
-
-
-def with_std(law: L, **stds: float) -> L:
-    """Return a law with deviations given to its constants, ``with_std(law, gap=5e-6)``."""
-    names = [name[:-4] for name in vars(law) if name.endswith("_std")]
-    require_names(stds, names, cure="name a constant of the force law")
-    changed: dict[str, Any] = {f"{name}_std": value for name, value in stds.items()}
-    return cast(L, replace(cast(Any, law), **changed))
 
 
 @runtime_checkable

@@ -300,35 +300,28 @@ def gather_base(
         return BaseParameters((), (), np.zeros((0, len(monomials))), ())
     sparse = [{k: row[i] for k, i in enumerate(scanned) if row.get(i)} for row in rows.values()]
     reduced = _echelon(sparse)
-    pivots = list(reduced)
-    merged = [[reduced[p].get(k, Fraction(0)) for k in range(len(scanned))] for p in pivots]
-    names, found_units = [], []
-    gather = np.zeros((len(pivots), len(monomials)))
-    for row, (pivot, ratios) in enumerate(zip(pivots, merged, strict=True)):
-        for column, ratio in zip(scanned, ratios, strict=True):
+    kept = tuple(scanned[pivot] for pivot in reduced)
+    names = []
+    gather = np.zeros((len(kept), len(monomials)))
+    for row, ratios in enumerate(reduced.values()):
+        members = [(scanned[k], ratio) for k, ratio in sorted(ratios.items())]
+        for column, ratio in members:
             gather[row, column] = float(ratio)
-        members = [(monomials[i], r) for i, r in zip(scanned, ratios, strict=True) if r]
-        names.append(_combination_name(members, parameters))
-        powers = zip(parameters, monomials[scanned[pivot]], strict=True)
-        found_units.append(multiply_units([(units[p], n) for p, n in powers if n]))
-    kept = tuple(scanned[pivot] for pivot in pivots)
-    return BaseParameters(tuple(names), tuple(found_units), gather, kept)
+        named = [(monomials[column], ratio) for column, ratio in members]
+        names.append(_combination_name(named, parameters))
+    found_units = tuple(monomial_unit(monomials[i], parameters, units) for i in kept)
+    return BaseParameters(tuple(names), found_units, gather, kept)
 
 
 def base_names(
     base: BaseParameters, monomials: Integers, parameters: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the names of base parameters, the parameters called otherwise."""
-    named = [monomial_name(tuple(powers), parameters) for powers in monomials.tolist()]
     found = []
     for row, kept in zip(base.gather, base.kept, strict=True):
         order = [kept, *(i for i in np.flatnonzero(row).tolist() if i != kept)]
-        text = ""
-        for i in order:
-            factor = "" if abs(row[i]) == 1 else f"{abs(row[i]):.12g}*"
-            sign = " + " if row[i] > 0 else " - "
-            text += (sign if text else "") + factor + named[i]
-        found.append(text)
+        members = [(tuple(monomials[i].tolist()), row[i]) for i in order]
+        found.append(_combination_name(members, parameters))
     return tuple(found)
 
 
@@ -369,6 +362,11 @@ def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:
     """Return a name such as ``k1*L1^2``."""
     factors = zip(parameters, monomial, strict=True)
     return "*".join(name if n == 1 else f"{name}^{n}" for name, n in factors if n)
+
+
+def monomial_unit(monomial: Monomial, parameters: Sequence[str], units: Mapping[str, str]) -> str:
+    powers = zip(parameters, monomial, strict=True)
+    return multiply_units([(units[name], n) for name, n in powers if n])
 
 
 def _combination_name(members: Sequence[tuple[Monomial, Any]], parameters: Sequence[str]) -> str:
