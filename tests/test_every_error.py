@@ -25,6 +25,7 @@ COMMANDS = {
     "simulate": ["rig.toml", "--out", "new.h5"],
     "new": ["run.csv", "--out", "new.toml"],
     "models": ["jeffcott"],
+    "schema": ["rig", "--out", "new.json"],
     "demo": ["--runs", "1", *OUTPUTS],
 }
 # What each command calls first, and what it calls for the most of its work.
@@ -37,6 +38,7 @@ WORK = {
     "simulate": ("load_rig", "record_bytes", "experiment_text"),
     "new": ("draft",),
     "models": ("load_model",),
+    "schema": ("json_schema",),
     "demo": ("run_demo",),
 }
 ERRORS = {

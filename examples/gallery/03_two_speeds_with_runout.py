@@ -14,12 +14,12 @@ import numpy as np
 
 import rotorid as rid
 from rotorid.rig.file import load_rig
-from rotorid.rig.parts import Runout
+from rotorid.rig.parts import SensorRunout
 
 plan = load_rig("three-mass").rig
 bearings = ("x1", "y1", "x3", "y3")
 sensors = tuple(
-    replace(s, runout=(Runout(1, 4e-6, 1e-6),)) for s in plan.sensors if s.name in bearings
+    replace(s, runout=(SensorRunout(1, 4e-6, 1e-6),)) for s in plan.sensors if s.name in bearings
 )
 
 

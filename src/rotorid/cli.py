@@ -24,7 +24,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
-from rotorid.commands.console import STDOUT, Answer, progress, put, silence
+from rotorid.commands.console import STDOUT, Outputs, progress, put, silence
 from rotorid.core.errors import LINE, InputError, UnfinishedError, one_line
 from rotorid.core.watch import watch
 
@@ -105,7 +105,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     def work(
         given: str, /, json: Path | None, report: Path | None, force: bool, **options: Any
     ) -> int:
-        return command(answer=Answer(json, report, force, given), **options)
+        return command(answer=Outputs(json, report, force, given), **options)
 
     return _report_option(_json_option(_force_option(_quiet_option(_debug_option(work)))))
 

@@ -8,7 +8,7 @@ from bank import ARM, JEFFCOTT, RIGID, THREE_MASS, TRAIN
 
 from rotorid import Batch, Constraint, InputError, LeastSquares, ModelError, Sequential
 from rotorid.data.observation import bind_all
-from rotorid.linear.family import Problem
+from rotorid.linear.family import LeastSquaresProblem
 from rotorid.models.priors import constraint_polynomial, eliminate
 
 FAMILY = (LeastSquares, Batch, Sequential)
@@ -71,7 +71,7 @@ def test_the_constrained_minimum_by_lagrange():
     model = TRAIN.model
     constraint = Constraint("a + b + c", 4.4)
     found = LeastSquares(constraints=(constraint,)).estimate(model, [record])
-    problem = Problem.of(bind_all(model, [record]), {}, ())
+    problem = LeastSquaresProblem.of(bind_all(model, [record]), {}, ())
     (regression,) = problem.regressions
     scale = np.array(list(TRAIN.true_base.values()))
     design = regression.design * scale
@@ -107,7 +107,7 @@ def test_constraints_that_leave_nothing_free(method):
 def test_names_of_the_free_unknowns():
     """The unknown that is kept gives the name, also where another answers to it more."""
     constraint = Constraint("a - b", 0.0), Constraint("k - 5*h + 2000*c", 0.0)
-    problem = Problem.of(bind_all(TRAIN.model, TRAIN.records), {}, constraint)
+    problem = LeastSquaresProblem.of(bind_all(TRAIN.model, TRAIN.records), {}, constraint)
     elimination = problem.elimination
     assert len(problem.names) == 4
     for position, index in enumerate(elimination.kept):

@@ -9,11 +9,11 @@ from bank import BANK, CHAIN, RIGID, THREE_MASS, TRAIN, Grid, line_response, tab
 from rotorid import Batch, Channel, Constraint, Record, Sequential, average, parse_model
 from rotorid.data.observation import bind_all
 from rotorid.linear.estimators import _solve_stages, plan_stages
-from rotorid.linear.family import Problem
+from rotorid.linear.family import LeastSquaresProblem
 
 
 def stages_of(problem, constraints=(), **fixed):
-    posed = Problem.of(
+    posed = LeastSquaresProblem.of(
         bind_all(problem.model, problem.records), {**problem.known, **fixed}, constraints
     )
     names = posed.names
@@ -179,7 +179,7 @@ def test_gains_are_the_answer_to_a_change_of_the_forces(problem, kind):
     def solve(one):
         if kind == "batch":
             return Batch(fixed=problem.known).solve(problem.model, [one])
-        posed = Problem.of(bind_all(problem.model, [one]), problem.known, ())
+        posed = LeastSquaresProblem.of(bind_all(problem.model, [one]), problem.known, ())
         return posed, _solve_stages(posed, plan_stages(posed))
 
     posed, before = solve(record)

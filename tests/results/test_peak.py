@@ -8,9 +8,9 @@ import rotorid as rid
 from rotorid.results import sensitivity_peak as peak
 from rotorid.results.sensitivity import settles_elsewhere, worst_of
 from rotorid.results.sensitivity_peak import (
-    Band,
-    Found,
-    Part,
+    LineWindow,
+    LocatedPeak,
+    LoopLines,
     best_curve,
     fitted,
     judged,
@@ -70,7 +70,7 @@ def test_where_s_comes_to():
     assert [said(np.full(count, 0.5)) for count in (14, 15)] == [False, True]
 
 
-def made(size: int, noise: float, rng: np.random.Generator, coloured: bool = False) -> Part:
+def made(size: int, noise: float, rng: np.random.Generator, coloured: bool = False) -> LineWindow:
     """Return lines of S = 1 + 2 / (1 + 20i x) with a transient of its pole."""
     place = np.linspace(-1.0, 1.0, size)
     below = 1 + 20j * place
@@ -78,7 +78,7 @@ def made(size: int, noise: float, rng: np.random.Generator, coloured: bool = Fal
     drawn = noise * (rng.standard_normal((size, 2)) @ np.array([1.0, 1j])) / np.sqrt(2)
     drawn = drawn / below * 3 if coloured else drawn
     e = (1 + 2 / below) * r + 0.5 / below + drawn
-    return Part(place, e, r[:, None], np.zeros((size, 0)) + 0j, 0, np.ones(size))
+    return LineWindow(place, e, r[:, None], np.zeros((size, 0)) + 0j, 0, np.ones(size))
 
 
 def test_curves_have_the_poles_that_their_lines_tell():
@@ -101,7 +101,7 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
         held = []
         for _ in range(60):
             found = judged(best_curve(made(60, 0.1, rng, coloured)), -0.6, 0.6)
-            low, high = Found(found, 0.0, 60, 1.0, 1.0).interval(0.95)
+            low, high = LocatedPeak(found, 0.0, 60, 1.0, 1.0).interval(0.95)
             held.append(low < 3.0 < high)
             assert high / low < 2
         assert np.mean(held) >= least
@@ -109,5 +109,5 @@ def test_deviations_of_peaks_hold_with_noise_on_all_lines_and_with_that_of_the_l
 
 def test_lines_that_tell_no_peak():
     part = made(200, 50.0, np.random.default_rng(5))
-    band = Band(np.arange(200.0), part.e, part.r, part.rotation, 0)
+    band = LoopLines(np.arange(200.0), part.e, part.r, part.rotation, 0)
     assert peak_near(band, 100.0) is None

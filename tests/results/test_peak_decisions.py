@@ -10,11 +10,11 @@ import scipy
 from rotorid.results import sensitivity
 from rotorid.results import sensitivity_peak as peak
 from rotorid.results.sensitivity_peak import (
-    Band,
-    Curve,
-    Found,
-    Part,
+    LineWindow,
+    LocatedPeak,
+    LoopLines,
     Peak,
+    RationalCurve,
     best_curve,
     fitted,
     peak_near,
@@ -23,19 +23,19 @@ from rotorid.results.sensitivity_peak import (
 NOTHING = np.zeros((100, 0), dtype=np.complex128)
 
 
-def part_of(e: np.ndarray) -> Part:
+def part_of(e: np.ndarray) -> LineWindow:
     size = len(e)
     place = np.linspace(-1.0, 1.0, size)
     ones = np.ones(size)
-    return Part(place, e + 0j, ones[:, None] + 0j, NOTHING[:size], 0, ones)
+    return LineWindow(place, e + 0j, ones[:, None] + 0j, NOTHING[:size], 0, ones)
 
 
-def curve_of(part: Part, pole: complex, loss: float = 1.0) -> Curve:
+def curve_of(part: LineWindow, pole: complex, loss: float = 1.0) -> RationalCurve:
     """Return a curve of one pole, or of none, that explains nothing of its lines."""
     below = np.array([-1 / pole]) if pole else np.zeros(0, dtype=np.complex128)
     poles = len(below)
     columns = 2 * (peak.order_of(poles) + 1)
-    return Curve(part, below, np.zeros(columns, dtype=np.complex128), poles, loss)
+    return RationalCurve(part, below, np.zeros(columns, dtype=np.complex128), poles, loss)
 
 
 @pytest.mark.parametrize(("chance", "poles"), [(0.0095, 1), (0.0105, 0)])
@@ -47,7 +47,9 @@ def test_a_pole_more_has_to_gain(
     more = len(one.linear) + 1 - len(none.linear)
     rest = len(part.e) - len(one.linear) - 1
     ratio = scipy.special.fdtri(2 * more, 2 * rest, 1 - chance)
-    further = Curve(part, np.zeros(2) + 0j, np.zeros(2 * (peak.order_of(2) + 1)) + 0j, 2, 1.0)
+    further = RationalCurve(
+        part, np.zeros(2) + 0j, np.zeros(2 * (peak.order_of(2) + 1)) + 0j, 2, 1.0
+    )
     curves = {0: replace(none, loss=1 + ratio * more / rest), 1: one, 2: further}
     monkeypatch.setattr(peak, "fitted", lambda _, poles: curves[poles])
     assert best_curve(part).poles == poles
@@ -74,7 +76,7 @@ def test_a_fit_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds: list[str] = []
     real, svd = peak._linear, peak._svd
 
-    def gaining(part: Part, poles: int, below: np.ndarray) -> Curve:
+    def gaining(part: LineWindow, poles: int, below: np.ndarray) -> RationalCurve:
         return replace(real(part, poles, below), loss=0.5 ** len(kinds))
 
     def counted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,12 +99,12 @@ def at(place: float, **given: float | bool) -> Peak:
 
 
 @pytest.fixture
-def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[Found | None, int]]:
+def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[LocatedPeak | None, int]]:
     """Climb to a frequency from 500 Hz by windows of 100 lines, 1 Hz apart; and count them."""
     lines = np.arange(1000.0)
-    band = Band(lines, lines + 0j, lines[:, None] + 0j, np.zeros((1000, 0)) + 0j, 0)
+    band = LoopLines(lines, lines + 0j, lines[:, None] + 0j, np.zeros((1000, 0)) + 0j, 0)
 
-    def climb(target: float) -> tuple[Found | None, int]:
+    def climb(target: float) -> tuple[LocatedPeak | None, int]:
         seen = []
 
         def highest(curve: float, low: float, high: float) -> Peak:
@@ -110,7 +112,7 @@ def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[Found |
             place = (target - curve) / 49.5 - 1
             return at(float(np.clip(place, low, high)), inside=low < place < high)
 
-        def first(part: Part) -> float:
+        def first(part: LineWindow) -> float:
             return float(part.e[0].real)
 
         monkeypatch.setattr(peak, "best_curve", first)
@@ -122,7 +124,7 @@ def climbing(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], tuple[Found |
 
 
 def test_lines_are_moved_on_to_the_highest_point(
-    climbing: Callable[[float], tuple[Found | None, int]],
+    climbing: Callable[[float], tuple[LocatedPeak | None, int]],
 ) -> None:
     middle, inner = 450 + 49.5, 0.6 * 49.5
     assert climbing(middle + inner - 0.4)[1] == 1
@@ -133,21 +135,23 @@ def test_lines_are_moved_on_to_the_highest_point(
     assert climbing(630.0) == (None, 4)
 
 
-def held(unsure: float, chance: float = 0.5) -> Found:
-    return Found(at(0.0, std=unsure, chance=chance), 500.0, 50, 50.0, np.inf)
+def held(unsure: float, chance: float = 0.5) -> LocatedPeak:
+    return LocatedPeak(at(0.0, std=unsure, chance=chance), 500.0, 50, 50.0, np.inf)
 
 
-def times(monkeypatch: pytest.MonkeyPatch, peaks: list[Found | None]) -> tuple[Found | None, int]:
+def times(
+    monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak | None]
+) -> tuple[LocatedPeak | None, int]:
     """Return the peak near 500 Hz, and the windows that were tried, of peaks as they come."""
     sizes = []
 
-    def climbed(_: Band, hertz: float, size: int) -> Found | None:
+    def climbed(_: LoopLines, hertz: float, size: int) -> LocatedPeak | None:
         sizes.append(size)
         return peaks[min(len(sizes), len(peaks)) - 1]
 
-    monkeypatch.setattr(Band, "climbed", climbed)
+    monkeypatch.setattr(LoopLines, "climbed", climbed)
     lines = np.arange(100_000.0)
-    found = peak_near(Band(lines, lines, lines[:, None], NOTHING, 0), 500.0)
+    found = peak_near(LoopLines(lines, lines, lines[:, None], NOTHING, 0), 500.0)
     assert sizes == [sizes[0] * 2**k for k in range(len(sizes))]
     return found, len(sizes)
 
@@ -168,15 +172,15 @@ def test_a_peak_has_to_be_told_and_followed(
     assert (found is not None) == told
 
 
-def looked_at(monkeypatch: pytest.MonkeyPatch, peaks: list[Found]) -> tuple[int, float]:
+def looked_at(monkeypatch: pytest.MonkeyPatch, peaks: list[LocatedPeak]) -> tuple[int, float]:
     """Return how many candidates of an axis are looked at, and the upper end of its interval."""
     lines = np.arange(1.0, 1001.0)
     raw = (lines, np.ones(1000) + 0j, np.full(1000, 1e-4), np.full(1000, 20.0))
-    band = Band(lines, lines, lines[:, None], NOTHING, 0)
+    band = LoopLines(lines, lines, lines[:, None], NOTHING, 0)
     whole = sensitivity._Whole(raw, band, [(9.0 - k, 100.0 * (k + 1)) for k in range(len(peaks))])
     asked: list[float] = []
 
-    def near(_: Band, hertz: float) -> Found:
+    def near(_: LoopLines, hertz: float) -> LocatedPeak:
         asked.append(hertz)
         return replace(peaks[len(asked) - 1], hertz=hertz)
 

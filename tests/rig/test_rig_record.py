@@ -9,7 +9,7 @@ from rotorid import average
 from rotorid.force.laws import Flux
 from rotorid.force.reading import forces
 from rotorid.rig.logger import how_recorded
-from rotorid.rig.parts import FluxSensors, Logger, Runout
+from rotorid.rig.parts import FluxSensors, Logger, SensorRunout
 from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
 
 LINES = [1, 3, 5, 7, 9, 11]
@@ -153,7 +153,7 @@ def test_sensors_off_plane_with_runout_bias_and_steps(quiet, run) -> None:
         name="s",
         reads={"x2": 1.0, "theta_y": -0.02},
         bias=3e-6,
-        runout=(Runout(1, 5e-6, 2e-6), Runout(2, 0.0, 1e-6)),
+        runout=(SensorRunout(1, 5e-6, 2e-6), SensorRunout(2, 0.0, 1e-6)),
     )
     rough = replace(quiet.sensors[3], quantum=1e-6)
     sensors = (*quiet.sensors[:2], x2, rough, *quiet.sensors[4:])

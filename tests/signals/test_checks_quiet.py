@@ -8,12 +8,14 @@ from test_spectra import KNOWN, MODEL, SPEED, levitated
 
 import rotorid as rid
 from rotorid import Channel
-from rotorid.signals.checks.references import Motion, check_quiet
+from rotorid.signals.checks.references import DrivenMotion, check_quiet
 
 CHANNELS = [Channel("F", "N"), Channel("x", "m")]
 
 
-def motion(size: float, noise: float = 1.0, place: float = 50.0, driven: float = 0.0) -> Motion:
+def motion(
+    size: float, noise: float = 1.0, place: float = 50.0, driven: float = 0.0
+) -> DrivenMotion:
     """Return lines of which the rotation is one, in the second channel, beside noise and a wave."""
     rng = np.random.default_rng(1)
     turning = np.zeros((200, 2), dtype=np.complex128)
@@ -22,10 +24,10 @@ def motion(size: float, noise: float = 1.0, place: float = 50.0, driven: float =
     channels = noise * (rng.standard_normal((200, 2, 2)) @ np.array([1, 1j])) / np.sqrt(2)
     channels[round(place)] = 0.0
     channels[:, 1:] += size * turning[:, :1] + driven * wave * np.linspace(1, 2, 200)[:, None]
-    return Motion(channels, wave, turning, place)
+    return DrivenMotion(channels, wave, turning, place)
 
 
-def found(record: Motion, quiet: Motion, other: float = SPEED) -> list[str]:
+def found(record: DrivenMotion, quiet: DrivenMotion, other: float = SPEED) -> list[str]:
     return [", ".join(check.on) for check in check_quiet(CHANNELS, record, quiet, (SPEED, other))]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import BALANCE, Answer
+from rotorid.commands.console import BALANCE, Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -31,7 +31,7 @@ def run(
     masses: str | None,
     holes: int | None,
     record: int,
-    answer: Answer,
+    answer: Outputs,
 ) -> int:
     targets = answer.check(BALANCE)
     check_apart(targets, [result])

@@ -241,7 +241,7 @@ def write(*outputs: Output) -> None:
         say(content().decode())
 
 
-class Answer(NamedTuple):
+class Outputs(NamedTuple):
     """Where the answer of a command goes, and the line that asked for it."""
 
     json: Path | None

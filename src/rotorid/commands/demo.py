@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.commands import OK
-from rotorid.commands.console import FIGURES, Answer
+from rotorid.commands.console import FIGURES, Outputs
 from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
 from rotorid.demo.machine import run_machine
@@ -16,7 +16,7 @@ from rotorid.demo.page import demo_page, machine_page
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
 
 
-def run(runs: int, machine: Path | None, answer: Answer) -> int:
+def run(runs: int, machine: Path | None, answer: Outputs) -> int:
     check_apart(answer.check(FIGURES, machine), [])
     _show_machine(machine)
     result = run_demo(runs, rng=np.random.default_rng(NOISE))
@@ -42,4 +42,4 @@ def _show_machine(report: Path | None) -> None:
         known = with_evidence(result.estimate, result.model, result.periods, result.estimator)
         return estimate_report(known)
 
-    Answer(None, report).give(machine_page(result), {}, html)
+    Outputs(None, report).give(machine_page(result), {}, html)

@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import MODES, Answer
+from rotorid.commands.console import MODES, Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
@@ -26,7 +26,7 @@ def run(
     speed: str,
     to: str | None,
     record: int,
-    answer: Answer,
+    answer: Outputs,
 ) -> int:
     targets = answer.check(MODES)
     check_apart(targets, [Path(source)])

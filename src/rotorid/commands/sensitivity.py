@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import SENSITIVITY, Answer
+from rotorid.commands.console import SENSITIVITY, Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -25,7 +25,7 @@ from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
 def run(
     experiment: Path,
     pair: Sequence[str],
-    answer: Answer,
+    answer: Outputs,
 ) -> int:
     targets = answer.check(SENSITIVITY)
     watch("reading")

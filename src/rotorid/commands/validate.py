@@ -13,7 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import VALIDATION, Answer
+from rotorid.commands.console import VALIDATION, Outputs
 from rotorid.commands.provenance import done, source_of
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -27,7 +27,7 @@ from rotorid.report.record_tables import information_lines, validation_table
 def run(
     result: Path,
     experiment: Path,
-    answer: Answer,
+    answer: Outputs,
 ) -> int:
     targets = answer.check(VALIDATION)
     estimate = load_estimate(result)

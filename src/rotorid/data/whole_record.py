@@ -25,7 +25,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Beside, Lines, Samples, WholeClock
 from rotorid.data.record import Channel, Record, samples_between
 from rotorid.signals.checks.channels import REFERENCE
-from rotorid.signals.checks.references import Motion, check_quiet, check_references
+from rotorid.signals.checks.references import DrivenMotion, check_quiet, check_references
 from rotorid.signals.checks.registry import check_whole
 from rotorid.signals.checks.rotation import shown_rotation
 from rotorid.signals.covariance import Kind, LineCovariance
@@ -373,7 +373,7 @@ def _input_noise(
 
 
 def _quiet_noise(
-    quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: Motion
+    quiet: Record, names: Sequence[str], frequency: Floats, window: _Window, motion: DrivenMotion
 ) -> _Noise:
     missing = [name for name in names if name not in quiet.names]
     if missing or quiet.sample_rate != window.record.sample_rate:
@@ -415,8 +415,12 @@ def _quiet_noise(
     return _Noise(covariance, _told(found, still, shown), beside, shown, tuple(checks))
 
 
-def _motion(window: _Window, every: Complexes, driven: Complexes, rotation: Complexes) -> Motion:
-    return Motion(every, driven, rotation, abs(window.record.speed) / (2 * np.pi * window.spacing))
+def _motion(
+    window: _Window, every: Complexes, driven: Complexes, rotation: Complexes
+) -> DrivenMotion:
+    return DrivenMotion(
+        every, driven, rotation, abs(window.record.speed) / (2 * np.pi * window.spacing)
+    )
 
 
 def _shown(found: Local, window: _Window, every: Complexes, references: Complexes) -> float | None:

@@ -22,7 +22,7 @@ from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
 from rotorid.io.record import check_magnitude, largest_of
-from rotorid.io.table import Column, Rate, Table, TooMuchError
+from rotorid.io.table import Column, ColumnFile, Rate, TooMuchError
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
@@ -379,7 +379,7 @@ def _runs(files: Sequence[Path]) -> list[_Run]:
     return [_run((path,), columns, table) for path, columns, table in runs]
 
 
-def _columns(table: Table) -> list[Found]:
+def _columns(table: ColumnFile) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found: list[Found] = []
     refused: list[InputError] = []
@@ -400,7 +400,7 @@ def _columns(table: Table) -> list[Found]:
 
 
 def _read(
-    table: Table, names: Sequence[str], refused: list[InputError]
+    table: ColumnFile, names: Sequence[str], refused: list[InputError]
 ) -> list[tuple[str, Column]]:
     """Return the columns that can be read, as few times through the file as that takes.
 
@@ -420,7 +420,7 @@ def _read(
     return [(name, columns[key]) for name, key in zip(names, keys, strict=True)]
 
 
-def _run(files: tuple[Path, ...], columns: list[Found], table: Table) -> _Run:
+def _run(files: tuple[Path, ...], columns: list[Found], table: ColumnFile) -> _Run:
     key = table.find(columns[0].name)  # the first of the file may be no numbers
     stated = table.read([key])[key].rate
     return _Run(files, tuple(columns), _clock(columns, stated))

@@ -20,7 +20,7 @@ from rotorid.experiment.channels import Entries, Recording, source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables, universal
 from rotorid.io.record import check_magnitude, check_stated, largest_of
-from rotorid.io.table import Table
+from rotorid.io.table import ColumnFile
 from rotorid.io.universal import StoredResponse
 from rotorid.models import Model
 from rotorid.models.equations import DERIVATIVES, sensor_terms
@@ -31,7 +31,7 @@ from rotorid.signals.checks.channels import check_phases, check_probes
 class Columns:
     """The columns of a table, in SI."""
 
-    table: Table
+    table: ColumnFile
     overrule: bool
 
     def si(self, column: str, unit: str | None, expected: str, place: str) -> Floats:
@@ -195,7 +195,7 @@ def _phases(rows: Columns, name: str, entry: ChannelEntry) -> list[Note]:
     return list(check_phases(name, turned / factor, degrees=factor < 1))
 
 
-def _stacked(speed: Floats, phasors: list[Complexes], table: Table) -> Complexes:
+def _stacked(speed: Floats, phasors: list[Complexes], table: ColumnFile) -> Complexes:
     """Return the phasors of all channels, shape (row, channel)."""
     for one in phasors:
         if len(one) != len(speed):
@@ -314,7 +314,7 @@ def read_responses(plan: Recording, model: Model) -> list[Lines]:
 
 
 def _of_table(
-    table: Table,
+    table: ColumnFile,
     entry: RecordEntry,
     entries: Entries,
     channels: Mapping[str, Channel],

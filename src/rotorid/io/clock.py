@@ -37,7 +37,7 @@ _BLOCK = 1 << 16
 
 
 @frozen
-class Clock:
+class FileClock:
     """What sample times tell."""
 
     rate: Rate
@@ -45,7 +45,7 @@ class Clock:
     jitter: float  # root mean square of the deviation from equal steps, in s
 
 
-def read_clock(time: Floats) -> Clock:
+def read_clock(time: Floats) -> FileClock:
     """Judge sample times in s; refuse those that stand still, run backward or miss samples."""
     if len(time) < 2 or not np.all(np.isfinite(time)):
         raise ReadError(
@@ -71,7 +71,7 @@ def read_clock(time: Floats) -> Clock:
         resolution <= slope / 2 and furthest <= _ROUNDED * resolution
     )
     rate = Rate((count - 1) / span, max(resolution, furthest) / span)
-    return Clock(rate, even, float(np.sqrt(np.mean(deviation**2))))
+    return FileClock(rate, even, float(np.sqrt(np.mean(deviation**2))))
 
 
 def error_as_they_are(time: Floats, rate: float, frequency: float) -> float:

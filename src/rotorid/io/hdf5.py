@@ -28,8 +28,8 @@ from rotorid.core.units import si_factor
 from rotorid.io.child import from_child, in_child
 from rotorid.io.table import (
     Column,
+    ColumnPlace,
     NamedArrays,
-    Place,
     Rate,
     as_column,
     check_held,
@@ -69,12 +69,12 @@ class Hdf5Table(NamedArrays):
         wanted = {name: self.place(name) for name in names}
         places = list(wanted.values())
         answers = from_child(_arrays, self.file, self.file, places, self.bytes_of(list(wanted)))
-        told: Mapping[Place, Told] = next(answers)
-        stored: dict[Place, Any] = dict(answers)
+        told: Mapping[ColumnPlace, Told] = next(answers)
+        stored: dict[ColumnPlace, Any] = dict(answers)
         sources, columns = _sources(places), {}
         for name, place in wanted.items():
             source = sources[place]
-            values = as_column(stored[source], Place("") if source == place else place)
+            values = as_column(stored[source], ColumnPlace("") if source == place else place)
             columns[name] = told[place].column(values)
         return columns
 
@@ -83,7 +83,7 @@ class Hdf5Table(NamedArrays):
         places = list(wanted.values())
         count = max(max(self.shapes[place.path]) for place in places)
         answers = from_child(_blocks, self.file, self.file, places, count, rows)
-        told: Mapping[Place, Told] = next(answers)
+        told: Mapping[ColumnPlace, Told] = next(answers)
         for stored in answers:
             yield {
                 name: told[place].column(as_column(stored[_rows_of(place)], place))
@@ -111,7 +111,7 @@ def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
     return Hdf5Table(file, shapes, others=shapes.others)
 
 
-def _arrays(file: str, places: Sequence[Place], size: int) -> Iterator[Any]:
+def _arrays(file: str, places: Sequence[ColumnPlace], size: int) -> Iterator[Any]:
     """Yield what the file says of places, and then their numbers."""
     sources = _sources(places)
     with opened(file) as data:
@@ -131,7 +131,7 @@ def _arrays(file: str, places: Sequence[Place], size: int) -> Iterator[Any]:
                 yield source, _numbers(node)[part]
 
 
-def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterator[Any]:
+def _blocks(file: str, places: Sequence[ColumnPlace], count: int, rows: int) -> Iterator[Any]:
     """Yield what the file says of places, and then their rows."""
     with opened(file) as data:
         nodes, _ = _checked(data, file, places)
@@ -153,15 +153,17 @@ def _blocks(file: str, places: Sequence[Place], count: int, rows: int) -> Iterat
 
 def _scalar(file: str, path: str) -> float:
     with opened(file) as data:
-        node = _checked(data, file, [Place(path)])[0][path]
+        node = _checked(data, file, [ColumnPlace(path)])[0][path]
         packing = packing_of(node.dataset, file)
         return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
 
 
-def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[str, Node], int]:
+def _checked(
+    data: h5py.File, file: str, places: Sequence[ColumnPlace]
+) -> tuple[dict[str, Hdf5Node], int]:
     """Return data sets that are there whole, and the bytes of the files that hold the largest."""
-    nodes: dict[str, Node] = {}
-    tables: dict[str, tuple[Node, frozenset[str]]] = {}
+    nodes: dict[str, Hdf5Node] = {}
+    tables: dict[str, tuple[Hdf5Node, frozenset[str]]] = {}
     held = 0
     for path in dict.fromkeys(place.path for place in places):
         above, _, name = path.rpartition("/")
@@ -178,23 +180,23 @@ def _checked(data: h5py.File, file: str, places: Sequence[Place]) -> tuple[dict[
     return nodes, held
 
 
-def _sources(places: Sequence[Place]) -> dict[Place, Place]:
+def _sources(places: Sequence[ColumnPlace]) -> dict[ColumnPlace, ColumnPlace]:
     """Return what is read for each place: an array of which several columns are asked for whole."""
     count = Counter(place.path for place in dict.fromkeys(places))
-    return {place: Place(place.path) if count[place.path] > 1 else place for place in places}
+    return {place: ColumnPlace(place.path) if count[place.path] > 1 else place for place in places}
 
 
-def _rows_of(place: Place) -> Place:
+def _rows_of(place: ColumnPlace) -> ColumnPlace:
     """Return what stands for all columns of the rows of an array."""
-    return place if place.index is None else Place(place.path, 0, place.axis)
+    return place if place.index is None else ColumnPlace(place.path, 0, place.axis)
 
 
-def _numbers(node: Node) -> Any:
+def _numbers(node: Hdf5Node) -> Any:
     """Return a data set, or the field of a table of records."""
     return node.dataset if node.field is None else node.dataset.fields(node.field)
 
 
-def _together(nodes: Iterable[Node]) -> dict[h5py.Dataset, list[str]]:
+def _together(nodes: Iterable[Hdf5Node]) -> dict[h5py.Dataset, list[str]]:
     """Return the tables of records of which several fields are asked for, and these.
 
     They are read at once: for one field the library goes through all of every record.
@@ -206,13 +208,13 @@ def _together(nodes: Iterable[Node]) -> dict[h5py.Dataset, list[str]]:
     return {table: names for table, names in found.items() if len(names) > 1}
 
 
-def _whole_chunks(nodes: Iterable[Node], rows: int) -> int:
+def _whole_chunks(nodes: Iterable[Hdf5Node], rows: int) -> int:
     """Return a number of rows near the one asked for that is made of whole chunks of the file."""
     longest = max((max(n.dataset.chunks) for n in nodes if n.dataset.chunks), default=1)
     return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
 
 
-def _rows(dataset: Any, place: Place, begin: int, step: int) -> Any:
+def _rows(dataset: Any, place: ColumnPlace, begin: int, step: int) -> Any:
     """Read some rows of a dataset, all its columns."""
     samples = slice(begin, begin + step)
     if place.index is not None:
@@ -222,7 +224,7 @@ def _rows(dataset: Any, place: Place, begin: int, step: int) -> Any:
     return np.ravel(dataset[samples] if dataset.shape[0] > 1 else dataset[:, samples])
 
 
-def _told(node: Node, place: Place, file: str) -> Told:
+def _told(node: Hdf5Node, place: ColumnPlace, file: str) -> Told:
     """Return what the attributes of a dataset say of a column, or those of its groups of a rate."""
     packing = packing_of(node.dataset, file)
     found = [node.dataset.attrs, *(group.attrs for group in reversed(node.above))]
@@ -279,7 +281,7 @@ _TEXTS = (b"char", b"cell")  # what MATLAB calls text as codes, and cells
 
 
 @frozen
-class Node:
+class Hdf5Node:
     """A data set, the field of it where it is a table of records, and the groups above it."""
 
     dataset: h5py.Dataset
@@ -294,7 +296,7 @@ class Node:
 
 
 @dataclass
-class Found:
+class Hdf5Content:
     """Shapes of numeric arrays by path, and what else there is.
 
     `whole` says that these are all of a file, `aliases` that other paths lead to them, too.
@@ -305,14 +307,14 @@ class Found:
     whole: bool = False
     aliases: bool = False
 
-    def note(self, path: str, node: Node | None) -> None:
+    def note(self, path: str, node: Hdf5Node | None) -> None:
         """Take up a data set, or the fields of one that is a table of records."""
         if node is None or node.dataset.shape is None:
             return
         names = node.dataset.dtype.names
         if node.field is None and names:
             for name in names:
-                self.note(f"{path}/{name}", Node(node.dataset, name, ()))
+                self.note(f"{path}/{name}", Hdf5Node(node.dataset, name, ()))
         elif (kind := node.kind) is None:
             self.shapes[path] = tuple(node.dataset.shape)
         else:
@@ -328,7 +330,7 @@ class Contents(Mapping[str, tuple[int, ...]]):
 
     def __init__(self, file: str) -> None:
         self._file, self._asked = file, set[str]()
-        self._found: Found = in_child(_look, file, file, FIRST)
+        self._found: Hdf5Content = in_child(_look, file, file, FIRST)
 
     @property
     def others(self) -> dict[str, str]:
@@ -341,14 +343,14 @@ class Contents(Mapping[str, tuple[int, ...]]):
         new = path not in found.shapes and path not in self._asked
         if new and (found.aliases or not found.whole) and path == "/".join(_steps(path)):
             self._asked.add(path)
-            there: Found = in_child(_look_at, self._file, self._file, path)
+            there: Hdf5Content = in_child(_look_at, self._file, self._file, path)
             found.shapes |= there.shapes
             found.others |= there.others
         return found.shapes[path]
 
     def __iter__(self) -> Iterator[str]:
         if not self._found.whole:
-            every: Found = in_child(_look, self._file, self._file, NODES)
+            every: Hdf5Content = in_child(_look, self._file, self._file, NODES)
             every.shapes |= self._found.shapes  # those found behind links
             self._found.others.update(every.others)
             self._found = replace(every, others=self._found.others)
@@ -358,9 +360,9 @@ class Contents(Mapping[str, tuple[int, ...]]):
         return sum(1 for _ in self)
 
 
-def _look(file: str, most: int) -> Found:
+def _look(file: str, most: int) -> Hdf5Content:
     """Return what is in a file; where only some of it is asked for, up to what cannot be read."""
-    found = Found()
+    found = Hdf5Content()
     with opened(file) as data:
         try:
             for path, node in _walk(data, file, most, found):
@@ -372,8 +374,8 @@ def _look(file: str, most: int) -> Found:
     return replace(found, whole=True)
 
 
-def _look_at(file: str, path: str) -> Found:
-    found = Found()
+def _look_at(file: str, path: str) -> Hdf5Content:
+    found = Hdf5Content()
     with opened(file) as data:
         found.note(path, find(data, path, found.others))
     return found
@@ -385,7 +387,7 @@ def opened(file: str) -> Iterator[h5py.File]:
         yield data
 
 
-def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> Node | None:
+def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> Hdf5Node | None:
     """Return the data set of a path, or None; links into other files are noted in `others`."""
     steps, above, hops = _steps(path), [data["/"]], 0
     while steps:
@@ -407,14 +409,16 @@ def find(data: h5py.File, path: str, others: dict[str, str] | None = None) -> No
         if isinstance(node, h5py.Dataset):
             field = steps[0] if len(steps) == 1 else None
             fitting = not steps if field is None else field in (node.dtype.names or ())
-            return Node(node, field, tuple(above)) if fitting else None
+            return Hdf5Node(node, field, tuple(above)) if fitting else None
         if not isinstance(node, h5py.Group) or len(above) > DEPTH:
             return None
         above.append(node)
     return None
 
 
-def _walk(data: h5py.File, file: str, most: int, found: Found) -> Iterator[tuple[str, Node]]:
+def _walk(
+    data: h5py.File, file: str, most: int, found: Hdf5Content
+) -> Iterator[tuple[str, Hdf5Node]]:
     """Yield the data sets of a file with their paths, each object once."""
     seen, count = {h5py.h5o.get_info(data.id).addr}, 0
     waiting: list[tuple[str, tuple[h5py.Group, ...]]] = [("", (data["/"],))]
@@ -439,7 +443,7 @@ def _walk(data: h5py.File, file: str, most: int, found: Found) -> Iterator[tuple
             if isinstance(node, h5py.Group):
                 inner.append((f"{path}/", (*above, node)))
             elif isinstance(node, h5py.Dataset):
-                yield path, Node(node, None, above)
+                yield path, Hdf5Node(node, None, above)
         waiting += reversed(inner)
 
 

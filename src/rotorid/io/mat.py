@@ -16,7 +16,7 @@ from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
 from rotorid.io.table import (
     Column,
-    Table,
+    ColumnFile,
     check_size,
     content,
     head,
@@ -31,7 +31,7 @@ Contents = tuple[dict[str, Column], dict[str, str]]
 """The arrays of a file by their paths, and what else is in it."""
 
 
-def open_mat(path: Path) -> Table:
+def open_mat(path: Path) -> ColumnFile:
     """Open a MAT file of version 4 to 7, or one of version 7.3, which is HDF5 inside.
 
     The fields of structures are named by ``structure/field``.

@@ -19,7 +19,7 @@ from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
-from rotorid.io.table import Column, Table, open_tables
+from rotorid.io.table import Column, ColumnFile, open_tables
 
 _TIME, _MASK = "time", "mask"
 
@@ -166,7 +166,7 @@ def read_record(
 
 
 def _columns(
-    table: Table,
+    table: ColumnFile,
     columns: Mapping[str, str | Source] | Sequence[str] | None,
     time: str | Source | None,
     mask: str | None,
@@ -200,7 +200,7 @@ def _as_source(column: str | Source) -> Source:
 
 def _sources(
     columns: Mapping[str, str | Source] | Sequence[str] | None,
-    table: Table,
+    table: ColumnFile,
     timing: Source | None,
     overrule: bool,
 ) -> dict[str, Source]:
@@ -213,18 +213,18 @@ def _sources(
     return {name: Source(name) for name in table.names if table.find(name) != axis}
 
 
-def _find(table: Table, source: Source, name: str) -> str:
+def _find(table: ColumnFile, source: Source, name: str) -> str:
     with naming(place=_place(name, "column")):
         return table.find(source.column)
 
 
-def _read(table: Table, sources: Mapping[str, Source]) -> dict[str, Column]:
+def _read(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, Column]:
     found = _find_columns(table, sources)
     columns = table.read(list(dict.fromkeys(found.values())))
     return {name: columns[key] for name, key in found.items()}
 
 
-def _find_columns(table: Table, sources: Mapping[str, Source]) -> dict[str, str]:
+def _find_columns(table: ColumnFile, sources: Mapping[str, Source]) -> dict[str, str]:
     """Return the file's own name of the column of each channel."""
     found = {name: _find(table, source, name) for name, source in sources.items()}
     taken: dict[str, str] = {}
@@ -280,7 +280,7 @@ def check_magnitude(largest: float, factor: float, place: str) -> None:
         )
 
 
-def _si(column: Column, source: Source, table: Table, name: str, samples: Floats) -> str:
+def _si(column: Column, source: Source, table: ColumnFile, name: str, samples: Floats) -> str:
     """Put the samples of a channel in SI where they belong, and return their unit."""
     factor, unit = _factor(column, source, table, name)
     check_magnitude(largest_of(column.values), factor, _place(name, "unit"))
@@ -289,7 +289,7 @@ def _si(column: Column, source: Source, table: Table, name: str, samples: Floats
     return unit
 
 
-def _factor(column: Column, source: Source, table: Table, name: str) -> tuple[float, str]:
+def _factor(column: Column, source: Source, table: ColumnFile, name: str) -> tuple[float, str]:
     """Return the number that turns a column into SI, and the unit that it then has."""
     unit = source.unit or (column.unit if source.scale is None else None)
     place = _place(name, "unit")
@@ -322,7 +322,7 @@ def _place(name: str, key: str) -> str:
     return name if name in (_TIME, _MASK) else f"channels.{name}.{key}"
 
 
-def _stamps(column: Column, source: Source, table: Table) -> Floats:
+def _stamps(column: Column, source: Source, table: ColumnFile) -> Floats:
     seconds = replace(source, unit=source.unit or column.unit or "s", expected="s")
     stamps = np.empty(len(column.values))
     _si(column, seconds, table, _TIME, stamps)
@@ -344,7 +344,7 @@ def _valid(column: Column | None, count: int) -> Booleans | None:
 
 
 def _channels(
-    sources: Mapping[str, Source], read: Mapping[str, Column], table: Table
+    sources: Mapping[str, Source], read: Mapping[str, Column], table: ColumnFile
 ) -> tuple[tuple[Channel, ...], Floats]:
     lengths = {name: len(column.values) for name, column in read.items()}
     longest = max(lengths.values(), default=0)
@@ -449,7 +449,7 @@ def open_blocks(
 
 
 def _blocks(
-    table: Table, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
+    table: ColumnFile, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
     assert isinstance(table, BlockedTable)

@@ -68,7 +68,7 @@ class TooMuchError(ReadError):
     """Numbers that are more than the bytes of a file can stand for."""
 
 
-class Table(Protocol):
+class ColumnFile(Protocol):
     """An open file of columns."""
 
     @property
@@ -204,7 +204,7 @@ def no_column(name: str, names: Iterable[str], file: str, kind: str = "column") 
 
 
 @frozen
-class Place:
+class ColumnPlace:
     """Where a column lies: the path of an array, and of a 2-D one the index and its axis."""
 
     path: str
@@ -241,7 +241,7 @@ class NamedArrays(ABC):
         place = self.place(name)
         return name if place.index is not None and name.startswith(place.path) else str(place)
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> ColumnPlace:
         """Find an array by path or by the unique end of it, or a column of one by ``name[3]``.
 
         The samples of a two-dimensional array lie along its longer axis, unless ``name[:,3]`` or
@@ -255,7 +255,7 @@ class NamedArrays(ABC):
         path = None if base is not None else self._path(name)
         if path is not None:
             if is_column(self.shapes[path]):
-                return Place(path)
+                return ColumnPlace(path)
             raise _not_a_column(name, self.shapes[path], self.file)
         if indexed is not None and base is None:
             base = self._path(indexed["name"])
@@ -270,7 +270,7 @@ class NamedArrays(ABC):
             axis = 1 if indexed["rows"] else 0
         if len(shape) != 2 or index >= shape[axis]:
             raise _not_a_column(name, shape, self.file)
-        return Place(base, index, axis)
+        return ColumnPlace(base, index, axis)
 
     def _path(self, name: str) -> str | None:
         """Return the path of a name: the name itself first, so that no other path is looked at."""
@@ -371,7 +371,7 @@ def _not_a_column(name: str, shape: tuple[int, ...], file: str) -> ReadError:
     return ReadError(f"{name!r} of size {size}", "a column of samples", cure, file=file)
 
 
-def as_column(values: Any, place: Place) -> Floats:
+def as_column(values: Any, place: ColumnPlace) -> Floats:
     """Return a column of numbers of a variable as floats, shape (sample,)."""
     array = np.asarray(values)
     picked = array if place.index is None else array.take(place.index, axis=place.axis)
@@ -383,18 +383,18 @@ def is_numeric(dtype: Any) -> bool:
     return np.dtype(dtype).kind in "biuf"
 
 
-def _reader(module: str, name: str) -> Callable[..., Table]:
+def _reader(module: str, name: str) -> Callable[..., ColumnFile]:
     """Return a reader that is imported, with the package of its format, when it is used."""
 
-    def open_file(path: Path, **options: int | None) -> Table:
-        reader: Callable[..., Table] = getattr(import_module(f"rotorid.io.{module}"), name)
+    def open_file(path: Path, **options: int | None) -> ColumnFile:
+        reader: Callable[..., ColumnFile] = getattr(import_module(f"rotorid.io.{module}"), name)
         return reader(path, **options)
 
     return open_file
 
 
 _TEXT = _reader("text", "open_delimited")
-READERS: Mapping[str, Callable[..., Table]] = {
+READERS: Mapping[str, Callable[..., ColumnFile]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".lvm", ".asc", ".tsv"), _TEXT),
     **dict.fromkeys((".h5", ".hdf5"), _reader("hdf5", "open_hdf5")),
     ".mat": _reader("mat", "open_mat"),
@@ -412,7 +412,7 @@ class JoinedTables:
     A column is named by its name where that is unique, else by ``file.csv:name``.
     """
 
-    tables: Mapping[str, Table]
+    tables: Mapping[str, ColumnFile]
 
     @property
     def file(self) -> str:
@@ -470,7 +470,7 @@ class JoinedTables:
         raise last
 
 
-def open_table(path: str | Path, *, header_row: int | None = None) -> Table:
+def open_table(path: str | Path, *, header_row: int | None = None) -> ColumnFile:
     """Open a file of columns with the reader of its ending."""
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
@@ -491,7 +491,9 @@ def open_table(path: str | Path, *, header_row: int | None = None) -> Table:
     return reader(path)
 
 
-def open_tables(path: str | Path | Sequence[str | Path], *, header_row: int | None = None) -> Table:
+def open_tables(
+    path: str | Path | Sequence[str | Path], *, header_row: int | None = None
+) -> ColumnFile:
     """Open a file, or several as one."""
     if isinstance(path, str | Path):
         return open_table(path, header_row=header_row)

@@ -18,7 +18,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Signal
 from rotorid.data.observation import Observation, combined
 from rotorid.data.record import Channel
-from rotorid.likelihood.cost import Entries, Likelihood, Sensing, Slopes
+from rotorid.likelihood.cost import Entries, EntrySlopes, Likelihood, Sensing
 from rotorid.likelihood.effects import (
     Adds,
     Calibration,
@@ -45,7 +45,7 @@ sin(phi): up to the seventh."""
 
 
 @frozen
-class Term:
+class MatrixTerm:
     """``coefficient * product of unknowns * (i omega)^order`` in a row and a column of [P, B].
 
     Where it depends on the line otherwise than by its order, `along` is a factor of each line.
@@ -90,7 +90,7 @@ class Stiffness:
         return cls(row, column, kind, table.monomial[kept], coefficient, tuple(profiles))
 
 
-def other_terms(layout: Layout, observation: Observation) -> list[Term]:
+def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     """Return the entries of ``[P, B]`` besides the model's own stiffness; columns of B come last.
 
     An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
@@ -109,13 +109,13 @@ def other_terms(layout: Layout, observation: Observation) -> list[Term]:
         levers = [(*e.arms[b.row], (at,)) for e, at in acting if e.part == "lever"]
         for row, arm, lever in [(b.row, 1.0, ()), *levers]:
             common, size = factors + scale + lever, b.coefficient * arm
-            terms.append(Term(row, column, 0, common + gain, size * ki))
+            terms.append(MatrixTerm(row, column, 0, common + gain, size * ki))
             if channel.drive is None:
                 continue
             ks, slope = _constant(acting, "ks", channel.drive.ks)
             for t in _displacement(layout, channel):
                 there = common + slope + _parameters(layout, t)
-                terms.append(Term(row, t.coordinate, 0, there, size * ks * t.coefficient))
+                terms.append(MatrixTerm(row, t.coordinate, 0, there, size * ks * t.coefficient))
     return [*terms, *_further_terms(layout, observation), *_sensor_rows(layout, observation)]
 
 
@@ -127,9 +127,9 @@ def _constant(
     return (known, ()) if unknown is None else (1.0, (unknown,))
 
 
-def _further_terms(layout: Layout, observation: Observation) -> list[Term]:
+def _further_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     speed = observation.lines.speed
-    found: list[Term] = []
+    found: list[MatrixTerm] = []
     powers: dict[int, tuple[float, Complexes | None]] = {}
     for effect, at in layout.acting(Terms):
         for e in effect.entries:
@@ -137,7 +137,7 @@ def _further_terms(layout: Layout, observation: Observation) -> list[Term]:
                 powers[e.speed_power] = _common(speed**e.speed_power)
             size, along = powers[e.speed_power]
             term = (e.row, e.column, e.order, (int(at[e.unknown]),))
-            found.append(Term(*term, -e.coefficient * size, along))
+            found.append(MatrixTerm(*term, -e.coefficient * size, along))
     return found
 
 
@@ -183,13 +183,13 @@ def _parameters(layout: Layout, term: SensorTerm) -> Factors:
     return tuple(np.repeat(layout.held, term.powers).tolist()) if any(term.powers) else ()
 
 
-def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
+def _sensor_rows(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     """Return the rows of indirect sensors: the reading, less what it reads."""
     model, terms = layout.model, []
     first_row = len(model.texts)
     first_column = len(model.coordinates) + len(model.inputs)
     for k, sensor in enumerate(observation.indirect):
-        terms.append(Term(first_row + k, first_column + k, 0, (), 1.0))
+        terms.append(MatrixTerm(first_row + k, first_column + k, 0, (), 1.0))
         for t in sensor.terms:
             if layout.base and any(t.powers):
                 raise InputError(
@@ -199,10 +199,10 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
                     place=sensor.channel.name,
                 )
             factors = _parameters(layout, t)
-            terms.append(Term(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
+            terms.append(MatrixTerm(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
         for effect, at in layout.acting(Reads):
             if effect.channel == sensor.channel.name:
-                share = Term(
+                share = MatrixTerm(
                     first_row + k, effect.coordinate, 0, tuple(at.tolist()), -effect.coefficient
                 )
                 terms.append(share)
@@ -210,7 +210,7 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[Term]:
 
 
 def monomial_table(
-    layout: Layout, stiffness: Stiffness, terms: Sequence[Term]
+    layout: Layout, stiffness: Stiffness, terms: Sequence[MatrixTerm]
 ) -> tuple[Monomials, Mapping[Factors, int]]:
     """Return the monomials in use, and where each product of unknowns stands among them."""
     loads = {f for f in layout.monomial_factors if f is not None}
@@ -361,7 +361,7 @@ def assemble(
         noise = noise_factor(ordered, data, len(observation.inputs), equations)
     return Likelihood(
         scaled,
-        Slopes.of(scaled, monomials, rows, reads.shape[1] + width),
+        EntrySlopes.of(scaled, monomials, rows, reads.shape[1] + width),
         monomials,
         loads,
         loading,
@@ -428,7 +428,7 @@ def _transient(observation: Observation) -> Transient | None:
 def _entries(
     layout: Layout,
     stiffness: Stiffness,
-    terms: Sequence[Term],
+    terms: Sequence[MatrixTerm],
     where: Mapping[Factors, int],
     omega: Floats,
 ) -> Entries:

@@ -20,7 +20,7 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Reads, of_kind
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.layout import physical_factors
-from rotorid.likelihood.linear import Linear
+from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.preparation import Prepared, generic
 from rotorid.likelihood.problem import Known, Point, Problem, inside, outside
 from rotorid.likelihood.relations import Monomials, Relations
@@ -293,7 +293,7 @@ class Slopes:
     known: Known
 
     @property
-    def linear(self) -> Linear:
+    def linear(self) -> Linearized:
         return self.point.linear
 
     @classmethod

@@ -81,7 +81,7 @@ class Group:
 
 
 @frozen
-class Slopes:
+class EntrySlopes:
     """Derivatives of ``[P, B] @ sources`` by the unknowns, which are linear in the sources.
 
     By each unknown it is a real matrix times the sources, these times the weights of each kind.
@@ -98,7 +98,7 @@ class Slopes:
     size: int
 
     @classmethod
-    def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> Slopes:
+    def of(cls, entries: Entries, monomials: Monomials, rows: int, columns: int) -> EntrySlopes:
         """Build from the terms whose monomial is no constant."""
         factors, count = monomials.factors[entries.monomial], monomials.unknowns
         term, which = np.nonzero(factors < count)
@@ -152,7 +152,7 @@ class Likelihood:
     """The whitened residual of one record as a function of the unknowns."""
 
     entries: Entries
-    slopes: Slopes  # of the entries
+    slopes: EntrySlopes  # of the entries
     monomials: Monomials  # of all unknowns
     load: Complexes  # (order, line, row, load): g for each order of the rotor angle
     loading: Integers  # (load,): the monomials by which these are multiplied

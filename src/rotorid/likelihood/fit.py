@@ -18,7 +18,7 @@ from rotorid.core.watch import watch
 from rotorid.data.observation import Observation
 from rotorid.likelihood.doubts_angle import Creep, creeps
 from rotorid.likelihood.expected_cost import by_equation_errors
-from rotorid.likelihood.inference import Inference, Shared, infer, shared_noise
+from rotorid.likelihood.inference import Inference, SharedNoise, infer, shared_noise
 from rotorid.likelihood.layout import Layout, physical_factors
 from rotorid.likelihood.other_answers import Doubt, questioned
 from rotorid.likelihood.preparation import Knowledge, Prepared, prepare
@@ -46,7 +46,7 @@ class Fit:
     doubt: Doubt = field(default_factory=Doubt)  # why the minimum may not be the answer
     creeps: tuple[Creep | None, ...] = ()  # how the rotation of each record moves against its angle
     plain: Plain | None = None  # what the search itself came upon that is plainly wrong
-    shared: Shared | None = None  # noise that sensors share, by which deviations were widened
+    shared: SharedNoise | None = None  # noise that sensors share, by which deviations were widened
     signs: tuple[Note, ...] = ()  # which signs no record tells
 
     @property

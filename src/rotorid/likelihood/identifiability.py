@@ -201,7 +201,7 @@ def _power_text(powers: dict[str, Fraction]) -> str:
 
 
 @frozen
-class Trial:
+class CureTrial:
     """What the cures are tried on."""
 
     layout: Layout
@@ -227,7 +227,7 @@ class Trial:
         return nothing - int((effect > SHRINKS).sum())
 
 
-def find_cures(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+def find_cures(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
     """Return what would determine the open combinations, best first.
 
     Tried are: fixing members, a record at another speed, and a sensor of each coordinate.
@@ -272,7 +272,7 @@ def _fixing(combinations: Sequence[Combination]) -> str:
     return f"fix {len(texts)} of them, such as {firsts}"
 
 
-def _further_modes(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+def _further_modes(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
     """Say which natural frequencies are missing, where they are all that was measured."""
     modes = trial.point.problem.known.modes
     if trial.records or not len(modes):
@@ -298,7 +298,7 @@ def _further_modes(trial: Trial, combinations: Sequence[Combination]) -> list[st
     return found
 
 
-def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+def _total_mass(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
     """Try the sum of the masses, which a scale tells, as an exact constraint."""
     unknowns, free = trial.layout.unknowns, trial.layout.free
     weighed = _weighed(trial.layout.model)
@@ -315,7 +315,7 @@ def _total_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
     return [f"weigh the rotor: a constraint on {names}{rest}"]
 
 
-def _trial_mass(trial: Trial, combinations: Sequence[Combination]) -> list[str]:
+def _trial_mass(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
     """Say that a known unbalance sets the scale, where no force is measured and all scales."""
     forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in trial.records)
     together = any(
@@ -344,7 +344,7 @@ def _weighed(model: Model) -> set[str]:
     return names
 
 
-def _other_speeds(trial: Trial) -> list[tuple[int, float, int]]:
+def _other_speeds(trial: CureTrial) -> list[tuple[int, float, int]]:
     """Try each record at the speed of another of its lines."""
     tried = []
     for number, record in enumerate(trial.records):
@@ -377,7 +377,7 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
         )
 
 
-def _sensors(trial: Trial) -> list[tuple[str, int]]:
+def _sensors(trial: CureTrial) -> list[tuple[str, int]]:
     if not trial.records:
         return []
     record, model = trial.records[0], trial.layout.model

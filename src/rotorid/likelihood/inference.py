@@ -39,7 +39,7 @@ from rotorid.core.linalg import leave_out
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation
-from rotorid.likelihood.linear import Linear
+from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations
 
@@ -80,7 +80,7 @@ class Inference:
     """Covariance of the free unknowns and expectation of the cost."""
 
     covariance: Floats  # (free, free): along the directions that the record determines
-    linear: Linear  # the problem there, with what it does not determine
+    linear: Linearized  # the problem there, with what it does not determine
     expectation: Expectation
     # sequence of array, shape (line,): expected cost of each line of each record
     line_means: tuple[Floats, ...]
@@ -194,7 +194,7 @@ LEAST = 12
 
 
 @frozen
-class Shared:
+class SharedNoise:
     """What shared noise makes of the deviations."""
 
     covariance: Floats  # (free, free)
@@ -204,7 +204,7 @@ class Shared:
 
 def shared_noise(
     point: Point, inference: Inference, records: Sequence[Observation]
-) -> Shared | None:
+) -> SharedNoise | None:
     """Return the covariance that the scatter of the lines shows; None where it shows no more.
 
     Only lines of records whose noise was stated channel by channel count so; that of other records,
@@ -233,7 +233,7 @@ def shared_noise(
     factor = float(np.sqrt(widened.max(initial=1.0)))
     told = [r for r, each in zip(records, apart, strict=True) if each]
     names = tuple(dict.fromkeys(s.channel.name for r in told for s in r.sensors))
-    return Shared(covariance, factor, names)
+    return SharedNoise(covariance, factor, names)
 
 
 def _sensors_alike(record: Observation, at: Evaluation) -> bool:

@@ -43,7 +43,7 @@ CERTAIN = 1e-6
 
 
 @frozen
-class Linear:
+class Linearized:
     """The residual and its scaled Jacobian along the exact relations, factored."""
 
     residual: Floats  # (row,): r
@@ -61,7 +61,7 @@ class Linear:
         relations: Floats,
         typical: Floats,
         shifts: Booleans,
-    ) -> Linear:
+    ) -> Linearized:
         """Factor a Jacobian (row, free) where relations (relation, free) of the unknowns hold.
 
         `typical` are the sizes of the unknowns. A column that is rounding for an unknown of that
@@ -81,24 +81,24 @@ class Linear:
         found = cls(residual, scale, left, values, basis @ right.T, 0)
         return found.cut(RANK)
 
-    def cut(self, share: float) -> Linear:
+    def cut(self, share: float) -> Linearized:
         """Return the same with the directions below a share of the largest taken for open."""
         told = self.values > share * self.values.max(initial=0.0)
         return replace(self, rank=int(told.sum()))
 
-    def weighted(self, weights: Floats) -> Linear:
+    def weighted(self, weights: Floats) -> Linearized:
         """Return the same with weighted rows; as many directions as before count."""
         rows = weights[:, None] * (self.left * self.values)
         left, values, right = whole_svd(rows)
         residual = weights * self.residual
-        return Linear(residual, self.scale, left, values, self.directions @ right.T, self.rank)
+        return Linearized(residual, self.scale, left, values, self.directions @ right.T, self.rank)
 
     @property
-    def determined(self) -> Linear:
+    def determined(self) -> Linearized:
         """The same without the directions that are open."""
         n = self.rank
         parts = self.left[:, :n], self.values[:n], self.directions[:, :n]
-        return Linear(self.residual, self.scale, *parts, n)
+        return Linearized(self.residual, self.scale, *parts, n)
 
     @property
     def range(self) -> Floats:

@@ -20,7 +20,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.linear import RANK, Linear, tangent_basis
+from rotorid.likelihood.linear import RANK, Linearized, tangent_basis
 from rotorid.likelihood.modal import ModalRows, modal_rows
 from rotorid.likelihood.relations import Relations
 
@@ -180,13 +180,13 @@ class Point:
         return np.concatenate([*blocks, known[:, free]])
 
     @cached_property
-    def linear(self) -> Linear:
+    def linear(self) -> Linearized:
         layout, free = self.problem.layout, self.problem.layout.free
         size = np.abs(self.unknowns[free])
         typical = np.where(size > 0, size, 1.0)
         relations = self.problem.exact.jacobian(self.unknowns)[:, free]
         shifts = np.array([layout.unknowns[i].additive for i in free], dtype=bool)
-        return Linear.of(self.jacobian, self.residual, relations, typical, shifts)
+        return Linearized.of(self.jacobian, self.residual, relations, typical, shifts)
 
     @cached_property
     def rows(self) -> tuple[slice, ...]:

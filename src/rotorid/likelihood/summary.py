@@ -17,7 +17,7 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.identifiability import (
-    Trial,
+    CureTrial,
     determined_combinations,
     find_cures,
     open_combinations,
@@ -41,7 +41,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
     # Where a search failed, nothing follows of what the records determine.
     arrived = fit.solution.converged
     combinations = open_combinations(layout, point, inference) if arrived else []
-    cures = find_cures(Trial(layout, records, point, inference), combinations)
+    cures = find_cures(CureTrial(layout, records, point, inference), combinations)
     notes = (
         *causes,
         *(Note("units", "doubts", fault) for fault in model.unit_faults),

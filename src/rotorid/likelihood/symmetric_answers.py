@@ -27,7 +27,7 @@ from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
 from rotorid.models import Model
-from rotorid.models.linear import Kind
+from rotorid.models.linear import TermKind
 from rotorid.models.model import fact
 from rotorid.models.symmetry import Bits, Link, Web
 
@@ -251,7 +251,7 @@ def _unread(layout: Layout) -> dict[Entry, float]:
     for term in linear_form(layout.model).stiffness:
         factors = layout.monomial_factors[term.monomial]
         if factors is not None:
-            kind = Kind(term.order, term.factor, term.structural)
+            kind = TermKind(term.order, term.factor, term.structural)
             ends = ("row", term.row), ("coordinate", term.column)
             key = kind, *ends, tuple(sorted(factors))
             found[key] = found.get(key, 0.0) + term.coefficient

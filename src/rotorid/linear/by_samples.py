@@ -19,8 +19,8 @@ from rotorid.linear.family import Posed
 from rotorid.linear.solve import (
     BLOCKS,
     Block,
+    LeastSquaresSolution,
     Scatter,
-    Solution,
     block_numbers,
     scatter_of_blocks,
     solve,
@@ -71,7 +71,7 @@ def refuse_filtered(records: Sequence[Observation], method: str) -> None:
 class _Fit:
     """A solution, with what its deviations come from."""
 
-    solution: Solution
+    solution: LeastSquaresSolution
     scatter: Scatter
     values: Floats
 

@@ -15,8 +15,8 @@ from rotorid.core.values import Booleans, Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.by_samples import SampledProblem, filtered_records, refuse_filtered
 from rotorid.linear.equations import Regression, driven_rows
-from rotorid.linear.family import Problem, force_variance
-from rotorid.linear.solve import Block, Solution, pooled, solve
+from rotorid.linear.family import LeastSquaresProblem, force_variance
+from rotorid.linear.solve import Block, LeastSquaresSolution, pooled, solve
 from rotorid.models import Model
 from rotorid.models.priors import Constraint
 from rotorid.signals.spectrum import synthesize
@@ -44,7 +44,7 @@ class LinearEstimator:
         if self._filtered(bound):
             sampled = SampledProblem.of(bound, self.fixed, self.constraints)
             return replace(sampled, weight=self._weight).summarize(self.method)
-        problem = Problem.of(bound, self.fixed, self.constraints)
+        problem = LeastSquaresProblem.of(bound, self.fixed, self.constraints)
         return problem.summarize(self.method, self._solved)
 
     @property
@@ -55,7 +55,7 @@ class LinearEstimator:
     def _filtered(self, records: Sequence[Observation]) -> bool:
         return filtered_records(records)
 
-    def _solved(self, problem: Problem) -> Solution:
+    def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
         return solve(
             [
                 Block(*problem.free_equations(r), self._variance(r), r.record)
@@ -136,7 +136,9 @@ class Batch(LinearEstimator):
     def _weight(self) -> float:
         return self.free_weight
 
-    def solve(self, model: Model, records: Sequence[Data]) -> tuple[Problem, Solution]:
+    def solve(
+        self, model: Model, records: Sequence[Data]
+    ) -> tuple[LeastSquaresProblem, LeastSquaresSolution]:
         """Return the regression and its solution, without statistics.
 
         Raises
@@ -144,7 +146,7 @@ class Batch(LinearEstimator):
         InputError
             As `estimate`.
         """
-        problem = Problem.of(bind_all(model, records), self.fixed, self.constraints)
+        problem = LeastSquaresProblem.of(bind_all(model, records), self.fixed, self.constraints)
         return problem, self._solved(problem)
 
     def _variance(self, regression: Regression) -> Floats:
@@ -199,11 +201,11 @@ class Sequential(LinearEstimator):
         refuse_filtered(records, self.method)
         return False
 
-    def _solved(self, problem: Problem) -> Solution:
+    def _solved(self, problem: LeastSquaresProblem) -> LeastSquaresSolution:
         return _solve_stages(problem, plan_stages(problem))
 
 
-def plan_stages(problem: Problem) -> list[Stage]:
+def plan_stages(problem: LeastSquaresProblem) -> list[Stage]:
     """Derive the stages from which row holds which unknown.
 
     A stage whose rows cannot tell its unknowns apart takes in further rows that hold them.
@@ -239,7 +241,7 @@ def _rows_that_help(
     return sorted(r for r in further if structure[:, r][:, tangled].any())
 
 
-def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
+def _solve_stages(problem: LeastSquaresProblem, stages: Sequence[Stage]) -> LeastSquaresSolution:
     """Solve stage by stage; the gains carry the error of each stage into the next."""
     names, holds = problem.names, (problem.structure != 0).any(axis=0)
     values = np.full(len(names), np.nan)
@@ -278,10 +280,12 @@ def _solve_stages(problem: Problem, stages: Sequence[Stage]) -> Solution:
         directions = np.zeros((len(names), solution.undetermined.shape[1]))
         directions[own] = solution.undetermined
         waiting = tuple(row for row in rows if (holds[row] & np.isnan(values))[own].any())
-    return Solution(values, tuple(gains), condition, directions)
+    return LeastSquaresSolution(values, tuple(gains), condition, directions)
 
 
-def _variance(problem: Problem, regression: Regression, rows: list[int], values: Floats) -> Floats:
+def _variance(
+    problem: LeastSquaresProblem, regression: Regression, rows: list[int], values: Floats
+) -> Floats:
     """Return the variance over periods of a stage's right side, shape (sample, row)."""
     forced = (regression.model.input_matrix != 0).any(axis=1)[rows]
     variance = force_variance(regression)[:, rows]

@@ -28,7 +28,7 @@ from rotorid.linear.solve import (
     POOLING_PERIODS,
     Block,
     Fitted,
-    Solution,
+    LeastSquaresSolution,
     misfit,
     pooled,
     sandwich,
@@ -113,7 +113,7 @@ class Posed:
             reached = holds[sorted(rows)].any(axis=0)
         return [int(i) for i in np.flatnonzero(~reached)]
 
-    def reached(self, solution: Solution) -> Floats:
+    def reached(self, solution: LeastSquaresSolution) -> Floats:
         """Return the values of a solution, NaN where no chain of equations reaches them."""
         values = solution.values.copy()
         values[self.unreached] = np.nan
@@ -152,7 +152,7 @@ class Posed:
         method: str,
         values: Floats,
         covariance: Floats,
-        solution: Solution,
+        solution: LeastSquaresSolution,
         notes: Sequence[Note] = (),
         *,
         inflation: float = 1.0,
@@ -207,12 +207,12 @@ class Posed:
 
 
 @frozen
-class Problem(Posed):
+class LeastSquaresProblem(Posed):
     """Regressions on the lines of all records, in the unknowns that exact constraints leave."""
 
     kind = Regression
 
-    def halves(self) -> tuple[Problem, Problem]:
+    def halves(self) -> tuple[LeastSquaresProblem, LeastSquaresProblem]:
         """Return the problems of the first and of the last half of the periods of each record.
 
         Their answers tell a change, by how they differ; and what noise in the regressors does:
@@ -226,7 +226,9 @@ class Problem(Posed):
         )
         return replace(self, regressions=first), replace(self, regressions=last)
 
-    def summarize(self, method: str, solve: Callable[[Problem], Solution]) -> Estimate:
+    def summarize(
+        self, method: str, solve: Callable[[LeastSquaresProblem], LeastSquaresSolution]
+    ) -> Estimate:
         """Return the estimate that a way of solving gives, with the sandwich for its covariance."""
         solution, records = solve(self), [r.record for r in self.regressions]
         values, fewest = self.reached(solution), min(r.periods for r in records)
@@ -282,7 +284,7 @@ class Problem(Posed):
             return 1.0
         return float(np.sqrt(max(1.0, misfit / noise / (1 - len(base) / equations))))
 
-    def _parted(self, solution: Solution, residuals: Sequence[Complexes]) -> Floats:
+    def _parted(self, solution: LeastSquaresSolution, residuals: Sequence[Complexes]) -> Floats:
         """Return by how much the answers of both halves differ from that of all, to first order.
 
         Of parameters that are hardly told the answers themselves differ by more than a change.
@@ -296,7 +298,7 @@ class Problem(Posed):
         return parted
 
     def _fitted(
-        self, solution: Solution, base: Floats, scatters: Sequence[LineCovariance]
+        self, solution: LeastSquaresSolution, base: Floats, scatters: Sequence[LineCovariance]
     ) -> list[Fitted]:
         return [
             Fitted(

@@ -88,7 +88,7 @@ class Block:
 
 
 @frozen
-class Solution:
+class LeastSquaresSolution:
     """What least squares gives."""
 
     values: Floats  # (free,): NaN where the equations do not determine them
@@ -99,7 +99,7 @@ class Solution:
     undetermined: Floats
 
 
-def solve(blocks: Sequence[Block]) -> Solution:
+def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
     """Solve ``min sum |whitened(design @ free - target)|^2``, the paper's (2) and (3).
 
     The paper prints ``(F' S^-1 F) F' S^-1 u`` in (5) and (6); the inverse of the first factor is
@@ -124,7 +124,7 @@ def solve(blocks: Sequence[Block]) -> Solution:
     values[unknown] = np.nan
     split = np.split(gains, np.cumsum([len(r) for _, r in whitened])[:-1], axis=1)
     condition = singular[0] / singular[-1] if 0 < rank == len(values) else np.inf
-    return Solution(
+    return LeastSquaresSolution(
         values,
         tuple(b.gains_of(g) for b, g in zip(blocks, split, strict=True)),
         float(condition),

@@ -51,7 +51,7 @@ class Product:
 
 
 @frozen
-class Equations:
+class SplitEquations:
     """All equations: the sum of `left` in each row equals the sum of `right`.
 
     `left` holds no input; the signals of `right` are the symbols of the inputs.
@@ -61,13 +61,13 @@ class Equations:
     right: tuple[Product, ...]
 
 
-def split_equations(texts: Sequence[str], names: Names) -> Equations:
+def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
     """Expand equations into products."""
     with cost.bounded():
         return _split(texts, names)
 
 
-def _split(texts: Sequence[str], names: Names) -> Equations:
+def _split(texts: Sequence[str], names: Names) -> SplitEquations:
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):
@@ -88,7 +88,7 @@ def _split(texts: Sequence[str], names: Names) -> Equations:
         sign = _orientation(others, forces)
         left += [_scaled(p, sign) for p in others]
         right += [_scaled(p, -sign) for p in forces]
-    return Equations(tuple(left), tuple(right))
+    return SplitEquations(tuple(left), tuple(right))
 
 
 def _products(row: int, text: str, names: Names) -> list[Product]:

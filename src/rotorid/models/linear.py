@@ -130,7 +130,7 @@ class StiffnessTerm:
     structural: bool = False
 
 
-class Kind(NamedTuple):
+class TermKind(NamedTuple):
     """What terms of Z have in common: order of the derivative, factor of the speed, lag."""
 
     order: int
@@ -142,7 +142,7 @@ class Kind(NamedTuple):
 class StiffnessTable:
     """The terms of Z in columns: those of a drawing are tens of thousands."""
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[TermKind, ...]
     # (term,)
     kind: Integers
     row: Integers
@@ -152,10 +152,10 @@ class StiffnessTable:
 
     @classmethod
     def of(cls, terms: Sequence[StiffnessTerm]) -> StiffnessTable:
-        kinds: dict[Kind, int] = {}
+        kinds: dict[TermKind, int] = {}
         places = [
             (
-                kinds.setdefault(Kind(t.order, t.factor, t.structural), len(kinds)),
+                kinds.setdefault(TermKind(t.order, t.factor, t.structural), len(kinds)),
                 *(t.row, t.column, t.monomial),
             )
             for t in terms

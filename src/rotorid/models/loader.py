@@ -17,7 +17,7 @@ from rotorid.core.units import check_unit
 from rotorid.models.equations import Names
 from rotorid.models.linear import runs_by_time
 from rotorid.models.model import Model, build_model
-from rotorid.models.names import MAX_NAMES, ParameterEntry, check_names
+from rotorid.models.names import MAX_NAMES, DeclaredParameter, check_names
 from rotorid.models.text import RESERVED, symbol
 
 
@@ -29,7 +29,7 @@ class ModelFile(Schema):
     equations: list[str] = Field(min_length=1, max_length=MAX_NAMES)
     coordinates: dict[str, str] = Field(min_length=1, max_length=MAX_NAMES)
     inputs: dict[str, str] = Field(default_factory=dict, max_length=MAX_NAMES)
-    parameters: dict[str, ParameterEntry] = Field(min_length=1, max_length=MAX_NAMES)
+    parameters: dict[str, DeclaredParameter] = Field(min_length=1, max_length=MAX_NAMES)
 
 
 def shipped_models() -> tuple[str, ...]:

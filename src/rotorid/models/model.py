@@ -20,9 +20,9 @@ from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
     DERIVATIVES,
-    Equations,
     Names,
     Product,
+    SplitEquations,
     out_of_range,
     product_dimensions,
     sort_monomials,
@@ -127,7 +127,7 @@ class Model:
     names: Names
     units: Mapping[str, str]
     parameters: tuple[Parameter, ...]
-    equations: Equations
+    equations: SplitEquations
     file_text: str = field(default="", compare=False, repr=False)
     held: tuple[tuple[str, float], ...] = field(default=(), compare=False, repr=False)
     before: Model | None = field(default=None, compare=False, repr=False)
@@ -272,7 +272,7 @@ class Model:
             self,
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
             parameters=kept,
-            equations=Equations(left, right),
+            equations=SplitEquations(left, right),
             held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
             before=self.typed,
         )

@@ -17,7 +17,7 @@ MAX_NAMES = 500
 _NAME = re.compile(r"[^\W\d]\w{0,63}")
 
 
-class ParameterEntry(Schema):
+class DeclaredParameter(Schema):
     """A parameter as a file declares it."""
 
     unit: str

@@ -181,14 +181,14 @@ class Row:
 
 
 @frozen
-class Group:
+class RowGroup:
     """Rows that belong together, under a title."""
 
     rows: tuple[Row, ...]
     title: str = ""
 
 
-def groups(estimate: Estimate) -> list[Group]:
+def groups(estimate: Estimate) -> list[RowGroup]:
     """Return parameters, constants of the measurement, and what follows from them."""
     names = {value.name for value in estimate.parameters}
     derived = [value for value in estimate.derived if value.name not in names]
@@ -200,7 +200,7 @@ def groups(estimate: Estimate) -> list[Group]:
     )
     known = estimate.evidence
     return [
-        Group(tuple(_row(v, known.prior(v.name) if known else None) for v in part), title)
+        RowGroup(tuple(_row(v, known.prior(v.name) if known else None) for v in part), title)
         for title, part in parts
         if part
     ]

@@ -33,7 +33,7 @@ class Picture:
 
 
 @dataclass
-class Drawn:
+class PagePanels:
     """The panels of a page, numbered as they come."""
 
     panels: list[Panel]
@@ -101,7 +101,7 @@ def render(template: str, **content: Any) -> str:
     from rotorid import __version__
 
     environment = _environment()
-    drawn = Drawn([])
+    drawn = PagePanels([])
     page = environment.get_template(template).render(
         version=__version__, drawn=drawn, scripts=(), **content
     )

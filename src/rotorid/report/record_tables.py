@@ -16,7 +16,7 @@ from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.fem import bending
 from rotorid.models.rotor.model import RotorModel, inertia
 from rotorid.rig.faults import FAULTS
-from rotorid.rig.logger import Column, Logged
+from rotorid.rig.logger import Logged, LoggedColumn
 
 
 def validation_table(records: Sequence[Sequence[ChannelError]]) -> Table:
@@ -239,7 +239,7 @@ def fault_page() -> Page:
     return [f"{f.name:{names}}  {f.shown:>10}  {f.what}" for f in FAULTS.values()]
 
 
-def _row(column: Column) -> tuple[str, ...]:
+def _row(column: LoggedColumn) -> tuple[str, ...]:
     mean, rms = column.samples.mean(), column.samples.std()
     unit, factor = by_hand(column.unit)
     return (

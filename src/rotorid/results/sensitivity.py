@@ -27,7 +27,7 @@ from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.record import PeriodicRecord, Record
 from rotorid.data.whole_record import whole_lines
-from rotorid.results.sensitivity_peak import Band, Found, peak_near
+from rotorid.results.sensitivity_peak import LocatedPeak, LoopLines, peak_near
 from rotorid.signals.covariance import choose_covariance
 
 LIMITS = {"A": 3.0, "B": 4.0, "C": 5.0}
@@ -359,12 +359,12 @@ class _Whole:
     """One axis of a whole record: S in windows, the lines, and where S may be highest."""
 
     raw: Raw
-    band: Band
+    band: LoopLines
     candidates: list[tuple[float, float]]
 
     def axis(self, name: str, rng: np.random.Generator) -> AxisSensitivity:
         """Return S with its peak: the highest of those near the highest windows."""
-        found: list[Found] = []
+        found: list[LocatedPeak] = []
         tried = 0
         for _, hertz in sorted(self.candidates, reverse=True):
             if _looked_at(hertz, found):
@@ -395,7 +395,7 @@ class _Whole:
         )
 
 
-def _looked_at(hertz: float, found: Sequence[Found]) -> bool:
+def _looked_at(hertz: float, found: Sequence[LocatedPeak]) -> bool:
     """Tell whether a frequency belongs to a peak that is known."""
     return any(abs(hertz - each.hertz) < each.reach for each in found)
 
@@ -410,7 +410,7 @@ def _of_whole(
         for j, (raw, candidates) in enumerate(_windows(frequency, e, r, rotation)):
             held = best[j]
             if len(raw[0]) >= 4 and (held is None or len(raw[0]) > len(held.raw[0])):
-                best[j] = _Whole(raw, Band(frequency, e[:, j], r, rotation, j), candidates)
+                best[j] = _Whole(raw, LoopLines(frequency, e[:, j], r, rotation, j), candidates)
     found = []
     for name, whole in zip(pairs, best, strict=True):
         if whole is None:

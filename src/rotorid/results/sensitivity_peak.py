@@ -47,7 +47,7 @@ NARROWEST = 0.5
 
 
 @frozen
-class Part:
+class LineWindow:
     """Lines beside each other."""
 
     place: Floats  # (line,): from -1 to 1
@@ -88,10 +88,10 @@ def _svd(matrix: Complexes) -> tuple[Complexes, Complexes]:
 
 
 @frozen
-class Curve:
+class RationalCurve:
     """N / A and T / A fitted to lines."""
 
-    part: Part
+    part: LineWindow
     below: Complexes
     linear: Complexes
     poles: int
@@ -158,17 +158,17 @@ class Curve:
         return bool((among.imag > NARROWEST * spacing).all())
 
 
-def _linear(part: Part, poles: int, below: Complexes) -> Curve:
+def _linear(part: LineWindow, poles: int, below: Complexes) -> RationalCurve:
     a = 1 + part.powers(poles, 1) @ below
     columns = part.columns(order_of(poles), a) * part.weight[:, None]
     basis, root = _svd(columns)
     data = part.e * part.weight
     found = basis.conj().T @ data
     loss = float((np.abs(data - basis @ found) ** 2).sum())
-    return Curve(part, below, np.asarray(root @ found), poles, loss)
+    return RationalCurve(part, below, np.asarray(root @ found), poles, loss)
 
 
-def fitted(part: Part, poles: int) -> Curve:
+def fitted(part: LineWindow, poles: int) -> RationalCurve:
     below = np.zeros(poles, dtype=np.complex128)
     curve = _linear(part, poles, below)
     if not poles:
@@ -201,7 +201,7 @@ def fitted(part: Part, poles: int) -> Curve:
     return curve
 
 
-def _weighed(curve: Curve) -> Part:
+def _weighed(curve: RationalCurve) -> LineWindow:
     """Return the lines with the weights of the noise that tells them best.
 
     A share of it is alike on all lines, the rest has the poles of the loop.
@@ -233,7 +233,7 @@ class Peak:
         return abs(self.value)
 
 
-def _largest(curve: Curve, low: float, high: float) -> float:
+def _largest(curve: RationalCurve, low: float, high: float) -> float:
     count = max(int((high - low) / 2 * len(curve.part.e) * FINE), 20)
     fine = np.linspace(low, high, count)
     roots = curve.roots.real
@@ -243,7 +243,7 @@ def _largest(curve: Curve, low: float, high: float) -> float:
     return float(again[np.abs(curve.at(again)).argmax()])
 
 
-def judged(curve: Curve, low: float, high: float) -> Peak:
+def judged(curve: RationalCurve, low: float, high: float) -> Peak:
     """Return the highest point of a curve between two places, and what it is worth."""
     part = curve.part
     place = _largest(curve, low, high)
@@ -288,7 +288,7 @@ def judged(curve: Curve, low: float, high: float) -> Peak:
     )
 
 
-def _beyond(curve: Curve, place: float) -> tuple[Complexes, Complexes]:
+def _beyond(curve: RationalCurve, place: float) -> tuple[Complexes, Complexes]:
     """Return columns that a curve of more freedom has, weighted, and what they make of S."""
     part, order = curve.part, curve.order
     below = 1 + part.powers(curve.poles, 1) @ curve.below
@@ -303,7 +303,7 @@ def _beyond(curve: Curve, place: float) -> tuple[Complexes, Complexes]:
     return np.asarray(matrix, dtype=np.complex128), gives
 
 
-def best_curve(part: Part) -> Curve:
+def best_curve(part: LineWindow) -> RationalCurve:
     """Return the curve of as few poles as noise explains."""
     axes, turning = part.r.shape[1], part.rotation.shape[1]
     held = fitted(part, 0)
@@ -325,7 +325,7 @@ def best_curve(part: Part) -> Curve:
 
 
 @frozen
-class Band:
+class LoopLines:
     """The lines of a whole record, and which r is the own of e."""
 
     frequency: Floats
@@ -334,16 +334,18 @@ class Band:
     rotation: Complexes
     own: int
 
-    def part(self, hertz: float, size: int) -> tuple[Part, int]:
+    def part(self, hertz: float, size: int) -> tuple[LineWindow, int]:
         """Return lines about a frequency, and the first of them."""
         count = len(self.frequency)
         first = int(np.clip(np.searchsorted(self.frequency, hertz) - size // 2, 0, count - size))
         here = slice(first, first + size)
         place = np.linspace(-1.0, 1.0, size)
-        part = Part(place, self.e[here], self.r[here], self.rotation[here], self.own, np.ones(size))
+        part = LineWindow(
+            place, self.e[here], self.r[here], self.rotation[here], self.own, np.ones(size)
+        )
         return part, first
 
-    def climbed(self, hertz: float, size: int) -> Found | None:
+    def climbed(self, hertz: float, size: int) -> LocatedPeak | None:
         """Return the peak next to a frequency by so many lines; None where it is none of them."""
         for _ in range(CLIMBS):
             part, first = self.part(hertz, size)
@@ -354,12 +356,12 @@ class Band:
             reach = (self.frequency[first + size - 1] - self.frequency[first]) / 2
             hertz = float(self.frequency[first] + reach * (1 + peak.place))
             if peak.inside or abs(peak.place) > 1 - 1e-9:
-                return Found(peak, hertz, size, 2 * float(reach), float(peak.width * reach))
+                return LocatedPeak(peak, hertz, size, 2 * float(reach), float(peak.width * reach))
         return None
 
 
 @frozen
-class Found:
+class LocatedPeak:
     """A peak, where it is, the lines that it was fitted to, their span and its width in Hz."""
 
     peak: Peak
@@ -372,7 +374,7 @@ class Found:
     def unsure(self) -> float:
         return self.peak.std / self.peak.size
 
-    def beside(self, fewer: Found | None) -> Found:
+    def beside(self, fewer: LocatedPeak | None) -> LocatedPeak:
         """Return the peak with the difference to that of fewer lines, beyond chance, in its std.
 
         The lines are chosen for their deviation, which is the smaller where a curve misses them.
@@ -396,14 +398,14 @@ class Found:
         return self.peak.size / factor, self.peak.size * factor
 
 
-def peak_near(band: Band, hertz: float) -> Found | None:
+def peak_near(band: LoopLines, hertz: float) -> LocatedPeak | None:
     """Return the peak of S near a frequency, by as many lines as tell it best.
 
     None where no curve follows the lines, or none tells the peak.
     """
     size = least_lines(band.r.shape[1], band.rotation.shape[1], 1)
-    best: Found | None = None
-    before: Found | None = None
+    best: LocatedPeak | None = None
+    before: LocatedPeak | None = None
     missed = 0
     while size <= len(band.frequency) and missed < MISSES:
         found = band.climbed(hertz, size)

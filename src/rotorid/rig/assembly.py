@@ -10,7 +10,7 @@ from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
 from rotorid.rig.lags import Lags, build_lags
-from rotorid.rig.machine import Machine
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.parts import PositionSensor
 from rotorid.rig.plant import Plant, pairs
 
@@ -19,7 +19,7 @@ HUM = 50.0  # Hz, of the mains
 _POSITION_FLOOR, _VELOCITY_FLOOR = 1e-6, 1e-3  # m, m/s: below, errors count absolutely
 
 
-def exact_steps(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Steps:
+def exact_steps(rig: RigMachine, plant: Plant, lags: Lags, speed: float) -> Steps:
     """Return the exact steps of a rig linearized at its centre, at a speed (matrix exponential)."""
     a, cuts = _continuous(rig, plant.at(speed), lags, speed)
     lengths = rig.schedule.length
@@ -29,7 +29,9 @@ def exact_steps(rig: Machine, plant: Plant, lags: Lags, speed: float) -> Steps:
     return Steps(True, *(np.ascontiguousarray(block) for block in blocks))
 
 
-def _continuous(rig: Machine, plant: Plant, lags: Lags, speed: float) -> tuple[Floats, list[int]]:
+def _continuous(
+    rig: RigMachine, plant: Plant, lags: Lags, speed: float
+) -> tuple[Floats, list[int]]:
     """Return the rates of [x, commands, random forces, loads], and where each of these begins."""
     n, inputs = plant.force.shape
     ki, ks = np.array([part.slopes for part in rig.parts]).T
@@ -68,7 +70,7 @@ def _continuous(rig: Machine, plant: Plant, lags: Lags, speed: float) -> tuple[F
     return a, [states, first, last]
 
 
-def noise_matrix(rig: Machine, plant: Plant) -> Floats:
+def noise_matrix(rig: RigMachine, plant: Plant) -> Floats:
     """Return the accelerations per random force and per disturbance, shape (coordinate, noise)."""
     n = len(plant.force)
     columns = [_acceleration(rig, plant, name, force=True) for name in rig.process_noise.std]
@@ -78,7 +80,7 @@ def noise_matrix(rig: Machine, plant: Plant) -> Floats:
     return np.ascontiguousarray(np.array(columns).reshape(len(columns), n).T, dtype=float)
 
 
-def _acceleration(rig: Machine, plant: Plant, name: str, *, force: bool) -> Floats:
+def _acceleration(rig: RigMachine, plant: Plant, name: str, *, force: bool) -> Floats:
     """Return the accelerations by one N at an input; of a coordinate by a force, or its own."""
     if name in rig.model.inputs:
         return plant.force[:, rig.model.inputs.index(name)]
@@ -86,14 +88,14 @@ def _acceleration(rig: Machine, plant: Plant, name: str, *, force: bool) -> Floa
     return np.asarray(np.linalg.solve(plant.mass, own) if force else own, dtype=float)
 
 
-def sensor_matrix(rig: Machine) -> Floats:
+def sensor_matrix(rig: RigMachine) -> Floats:
     """Return what the sensors read, shape (sensor, coordinate)."""
     return np.array(
         [[s.combination.get(name, 0.0) for name in rig.model.coordinates] for s in rig.sensors]
     )
 
 
-def growth(rig: Machine, plant: Plant, speed: float) -> tuple[float, float, str]:
+def growth(rig: RigMachine, plant: Plant, speed: float) -> tuple[float, float, str]:
     """Return growth rate (1/s), frequency (Hz) and axis of the loop's least stable motion."""
     lags = build_lags(rig, plant, sensor_matrix(rig))
     steps = exact_steps(rig, plant, lags, speed)
@@ -113,7 +115,7 @@ def growth(rig: Machine, plant: Plant, speed: float) -> tuple[float, float, str]
     return float(np.log(max(radius, 1e-300))) / duration, angle / duration / (2 * np.pi), axis
 
 
-def event_table(rig: Machine, samples: int) -> Events:
+def event_table(rig: RigMachine, samples: int) -> Events:
     """Return the pattern of events, repeated until the record is complete."""
     plan = rig.schedule
     settling = int(np.ceil(rig.settling / plan.duration - 1e-9))
@@ -121,7 +123,7 @@ def event_table(rig: Machine, samples: int) -> Events:
     return Events(plan, settling + -(-readings // plan.logs), settling)
 
 
-def step_table(rig: Machine, plant: Plant, lags: Lags) -> Steps:
+def step_table(rig: RigMachine, plant: Plant, lags: Lags) -> Steps:
     """Return the exact steps of a linear rig; of another one only their sizes matter."""
     n, inputs = plant.force.shape
     if rig.linear:
@@ -132,7 +134,7 @@ def step_table(rig: Machine, plant: Plant, lags: Lags) -> Steps:
     return Steps(False, *(np.zeros((events, *shape)) for shape in shapes))
 
 
-def bearing_table(rig: Machine, plant: Plant) -> Bearings:
+def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
     parts = rig.parts
     law, heating = np.zeros((2, len(parts), 7))
     for row, rate, part in zip(law, heating, parts, strict=True):
@@ -167,7 +169,7 @@ def bearing_table(rig: Machine, plant: Plant) -> Bearings:
     )
 
 
-def rotor_table(rig: Machine, plant: Plant) -> Rotor:
+def rotor_table(rig: RigMachine, plant: Plant) -> Rotor:
     n = len(plant.force)
     turn = rig.rotation
     rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
@@ -185,7 +187,7 @@ def rotor_table(rig: Machine, plant: Plant) -> Rotor:
     )
 
 
-def loop_table(rig: Machine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
+def loop_table(rig: RigMachine, events: Events, samples: int, rng: np.random.Generator) -> Loop:
     """Return controller, sensors and their errors, excitation, and the random forces."""
     plan = events.pattern
     steps = events.repeats * plan.controls
@@ -218,7 +220,7 @@ def loop_table(rig: Machine, events: Events, samples: int, rng: np.random.Genera
     )
 
 
-def _errors(rig: Machine, time: Floats, rng: np.random.Generator) -> Floats:
+def _errors(rig: RigMachine, time: Floats, rng: np.random.Generator) -> Floats:
     """Draw the noise, and add bias and runout, at given times; shape (time, sensor)."""
     angle = rig.rotation.angle_at(time)
     errors = rng.normal(size=(len(time), len(rig.sensors)))
@@ -235,7 +237,7 @@ def runout_of(sensor: PositionSensor, angle: Floats) -> Floats:
     return total
 
 
-def excitation_table(rig: Machine) -> Floats:
+def excitation_table(rig: RigMachine) -> Floats:
     """Return one period of what is added to the commands, shape (step, input)."""
     inputs = rig.model.inputs
     if rig.excitation is None:
@@ -256,7 +258,7 @@ def excitation_table(rig: Machine) -> Floats:
     return table
 
 
-def load_table(rig: Machine, plant: Plant, events: Events) -> Floats:
+def load_table(rig: RigMachine, plant: Plant, events: Events) -> Floats:
     """Return cosine and sine of the loads' harmonics at each event of a linear rig."""
     if not rig.linear:
         return np.zeros((0, 0))
@@ -266,7 +268,7 @@ def load_table(rig: Machine, plant: Plant, events: Events) -> Floats:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(time), -1)
 
 
-def log_table(rig: Machine, samples: int) -> Log:
+def log_table(rig: RigMachine, samples: int) -> Log:
     inputs = len(rig.model.inputs)
     every = rig.logger.oversampling
     states, sensors = 2 * len(rig.model.coordinates), len(rig.sensors)
@@ -282,7 +284,7 @@ def log_table(rig: Machine, samples: int) -> Log:
     )
 
 
-def _loop_matrix(rig: Machine, steps: Steps, reads: Floats) -> Floats:
+def _loop_matrix(rig: RigMachine, steps: Steps, reads: Floats) -> Floats:
     """Return the matrix that carries the loop over one pattern of events, without inputs.
 
     Its states are those of the rotor and the amplifiers, of the controller, and the commands that

@@ -19,8 +19,8 @@ from rotorid.core.units import to_si
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
-from rotorid.rig.logger import Column
-from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, Runout
+from rotorid.rig.logger import LoggedColumn
+from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, SensorRunout
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
 from rotorid.signals.spectrum import shifted
@@ -157,7 +157,9 @@ def _spoil(
 ) -> Rig:
     """Have the samples of the logger's columns changed, those of the names chosen."""
 
-    def spoil(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+    def spoil(
+        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
+    ) -> list[LoggedColumn]:
         return [
             replace(c, samples=change(c.samples, rng)) if chosen(c.name) else c for c in columns
         ]
@@ -452,7 +454,7 @@ def _runout(rig: Rig, order: int, size: float) -> Rig:
 
     def rough(sensor: PositionSensor, j: int) -> PositionSensor:
         angle = order * np.pi / 2 * (j % 2) + 0.7 * (j // 2)
-        part = Runout(order, size * np.cos(angle), size * np.sin(angle))
+        part = SensorRunout(order, size * np.cos(angle), size * np.sin(angle))
         return replace(sensor, runout=(*sensor.runout, part))
 
     return _sensors(rig, rough)
@@ -620,7 +622,9 @@ def _skew(rig: Rig, size: float) -> Rig:
     """A multiplexer: each position so much later than the one before."""
     steps = {s.name: j * size * rig.logger.sample_rate for j, s in enumerate(rig.sensors)}
 
-    def late(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+    def late(
+        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
+    ) -> list[LoggedColumn]:
         return [
             replace(c, samples=shifted(c.samples, steps[c.name])) if c.name in steps else c
             for c in columns
@@ -640,7 +644,9 @@ def _sensors_swapped(rig: Rig, size: float) -> Rig:
     """The first two sensors' columns exchanged."""
     one, other = (sensor.name for sensor in rig.sensors[:2])
 
-    def swap(columns: Sequence[Column], rig: Rig, rng: np.random.Generator) -> list[Column]:
+    def swap(
+        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
+    ) -> list[LoggedColumn]:
         samples = {c.name: c.samples for c in columns}
         samples |= {one: samples[other], other: samples[one]}
         return [replace(c, samples=samples[c.name]) for c in columns]

@@ -30,7 +30,7 @@ from rotorid.rig.parts import (
     Logger,
     PositionSensor,
     ProcessNoise,
-    Runout,
+    SensorRunout,
     sensor_unit,
 )
 from rotorid.rig.rig import Rig
@@ -219,7 +219,7 @@ def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:
         return 0.0 if value is None else to_si(value, unit, place=f"{place}.{key}")
 
     runout = tuple(
-        Runout(
+        SensorRunout(
             part.order,
             to_si(part.cos, unit, place=f"{place}.runout.{i}.cos"),
             to_si(part.sin, unit, place=f"{place}.runout.{i}.sin"),

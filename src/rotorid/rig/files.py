@@ -20,7 +20,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.limits import TOML_BYTES
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.rig.file import RigPlan
-from rotorid.rig.logger import Column, Logged, RigRecord, Truth, actuator_position, label
+from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
 from rotorid.rig.parts import sensor_unit
 from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
@@ -64,9 +64,9 @@ def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
         return bytes(data.id.get_file_image())
 
 
-def _write_columns(data: h5py.File, columns: Sequence[Column], sample_rate: float) -> None:
+def _write_columns(data: h5py.File, columns: Sequence[LoggedColumn], sample_rate: float) -> None:
     time = np.arange(len(columns[0].samples)) / sample_rate
-    for column in (Column("t", "s", time), *columns):
+    for column in (LoggedColumn("t", "s", time), *columns):
         data.create_dataset(column.name, data=column.samples, **_PACKED)
         data[column.name].attrs["units"] = column.unit
 
@@ -222,7 +222,7 @@ def _place(rig: Rig, position: Mapping[str, float]) -> str:
     return _combination(position)
 
 
-def _recorded(column: Column) -> dict[str, Any]:
+def _recorded(column: LoggedColumn) -> dict[str, Any]:
     found: dict[str, Any] = {"column": column.name, "unit": column.unit}
     if column.hold:
         found["hold"] = "zero-order"
@@ -338,7 +338,7 @@ def write_excitation(
             write_whole(path, _csv(signals, samples, sample_rate))
         case ".h5" | ".hdf5":
             named = zip(signals.names, samples.T, strict=True)
-            columns = [Column(name, signals.unit, column) for name, column in named]
+            columns = [LoggedColumn(name, signals.unit, column) for name, column in named]
             write_whole(path, _in_memory(lambda data: _write_columns(data, columns, sample_rate)))
         case ".wav":
             write_whole(path, _wav(samples, path, sample_rate, full_scale))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorid.core.values import Floats
-from rotorid.rig.machine import Machine
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
 
 # Eddy currents: rates over tau, one to each factor of e. What is slower than the first is left to
@@ -97,7 +97,7 @@ def eddy_weights(tau: float) -> tuple[Floats, Floats, float]:
     return _RATES / tau, weights * (1 - fast) / weights.sum(), float(fast)
 
 
-def build_lags(rig: Machine, plant: Plant, sensors: Floats) -> Lags:
+def build_lags(rig: RigMachine, plant: Plant, sensors: Floats) -> Lags:
     """Return the lags of a rig; sensors is what they read of the coordinates."""
     n, inputs = plant.force.shape
     eddies = sum(part.eddy > 0 for part in rig.parts)
@@ -121,7 +121,7 @@ def build_lags(rig: Machine, plant: Plant, sensors: Floats) -> Lags:
     )
 
 
-def _current(rig: Machine, plant: Plant, states: _States, j: int) -> tuple[Floats, Floats]:
+def _current(rig: RigMachine, plant: Plant, states: _States, j: int) -> tuple[Floats, Floats]:
     """Return the currents that the force of an input follows, and that its coil carries."""
     part, inputs = rig.parts[j], states.inputs
     coil, iron = states.signal(states.motion + j), states.signal(states.motion + inputs + j)
@@ -142,7 +142,7 @@ def _current(rig: Machine, plant: Plant, states: _States, j: int) -> tuple[Float
     return iron, coil
 
 
-def _reading(rig: Machine, states: _States, row: Floats, j: int) -> Floats:
+def _reading(rig: RigMachine, states: _States, row: Floats, j: int) -> Floats:
     signal = np.zeros(states.width)
     signal[: len(row)] = row
     bandwidth = rig.sensors[j].bandwidth

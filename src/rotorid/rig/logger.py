@@ -16,7 +16,7 @@ from rotorid.data.record import Channel, Drive, Record
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential, Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
-from rotorid.rig.machine import Machine
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.parts import Actuator, sensor_unit
 from rotorid.rig.plant import Plant
 from rotorid.rig.rotation import Encoder, Keyphasor, encoder_counts, keyphasor_pulses, read_mark
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @frozen
-class Column:
+class LoggedColumn:
     """A column of the logger in SI, and how its samples relate to the quantity, as in `Channel`."""
 
     name: str
@@ -72,7 +72,7 @@ class Logged:
     """
 
     sample_rate: float
-    columns: tuple[Column, ...]
+    columns: tuple[LoggedColumn, ...]
     truth: Truth = field(repr=False)
 
     @property
@@ -88,7 +88,7 @@ class RigRecord(Record):
     `rotorid.force.reading.forces` turns them into forces. Those of other actuators are forces.
     """
 
-    columns: tuple[Column, ...] = ()
+    columns: tuple[LoggedColumn, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
 
 
@@ -97,7 +97,7 @@ def label(name: str, part: Actuator, kind: str = "i") -> str:
     return name if part.law is None else f"{kind}_{name.removeprefix('F_')}"
 
 
-def how_recorded(rig: Machine, part: Actuator) -> tuple[bool, float]:
+def how_recorded(rig: RigMachine, part: Actuator) -> tuple[bool, float]:
     """Return hold and delay of the recorded command or current of an actuator.
 
     The quantity, a hold of commands delayed by d and smoothed by the amplifier, is later than
@@ -115,7 +115,7 @@ def how_recorded(rig: Machine, part: Actuator) -> tuple[bool, float]:
     return held, round((late + half) * 1e12) / 1e12 + 0.0
 
 
-def _lateness(rig: Machine, lag: float, *, command: bool) -> float:
+def _lateness(rig: RigMachine, lag: float, *, command: bool) -> float:
     """Return by how much the samples of a command, or of the current, are later than it, in s.
 
     Its images fold onto its lines where it is sampled: those of its steps, or of its kinks.
@@ -141,7 +141,7 @@ def _age(theta: float, period: float, delay: float, lag: float) -> float:
     return theta + period * (waiting + rest)
 
 
-def logged(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
+def logged(rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator) -> Logged:
     """Return what the logger makes of a run; the noise of its recording is drawn here."""
     rate = rig.logger.sample_rate
     time = np.arange(len(log.state)) / rate
@@ -162,7 +162,7 @@ def logged(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> Lo
     return Logged(rate, columns, truth)
 
 
-def read(rig: Machine, found: Logged) -> RigRecord:
+def read(rig: RigMachine, found: Logged) -> RigRecord:
     """Return the record that a reader makes of a rig's columns, told what the rig is."""
     by_name = {column.name: column for column in found.columns}
     mark = by_name.get("encoder", by_name.get("keyphasor"))
@@ -180,17 +180,19 @@ def read(rig: Machine, found: Logged) -> RigRecord:
 
 
 def _columns(
-    rig: Machine, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
-) -> tuple[Column, ...]:
+    rig: RigMachine, plant: Plant, log: Log, time: Floats, rng: np.random.Generator
+) -> tuple[LoggedColumn, ...]:
     positions = [
-        Column(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
+        LoggedColumn(sensor.name, sensor_unit(sensor.combination, rig.model.units), reading)
         for sensor, reading in zip(rig.sensors, log.reading.T, strict=True)
     ]
     drives = _drive_columns(rig, plant, log, rng)
     return (*drives, *positions, *_mark_column(rig, time, rng))
 
 
-def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generator) -> list[Column]:
+def _drive_columns(
+    rig: RigMachine, plant: Plant, log: Log, rng: np.random.Generator
+) -> list[LoggedColumn]:
     found = []
     described = rig if rig.described is None else rig.described
     command = rig.logger.current == "command"
@@ -204,18 +206,20 @@ def _drive_columns(rig: Machine, plant: Plant, log: Log, rng: np.random.Generato
         samples = shown[:, j] + part.noise * rng.normal(size=len(shown))
         known = described.parts[j].bandwidth if command else None
         behind = known and FirstOrder(bandwidth=Constant("bandwidth", "Hz", known), actuator=True)
-        found.append(Column(label(name, part), part.unit, samples, hold, delay, behind or None))
+        found.append(
+            LoggedColumn(label(name, part), part.unit, samples, hold, delay, behind or None)
+        )
         if part.flux is not None and isinstance(part.law, Differential):
             current = _unfolded(rig, part, log.effective[:, j])
             densities = part.flux.law.densities(part.law, current, position[:, j])
             for kind, density in zip(("b1", "b2"), densities, strict=True):
                 flux = decimated(density, log.every)
                 samples = flux + part.flux.noise * rng.normal(size=len(flux))
-                found.append(Column(label(name, part, kind), "T", samples))
+                found.append(LoggedColumn(label(name, part, kind), "T", samples))
     return found
 
 
-def _unfolded(rig: Machine, part: Actuator, current: Floats) -> Floats:
+def _unfolded(rig: RigMachine, part: Actuator, current: Floats) -> Floats:
     """Return fine samples of a current as a filter before the converter leaves them.
 
     A delay of the column could not stand for what the kinks of the current add: the position, which
@@ -247,16 +251,16 @@ def decimated(samples: Floats, every: int) -> Floats:
     )
 
 
-def _mark_column(rig: Machine, time: Floats, rng: np.random.Generator) -> list[Column]:
+def _mark_column(rig: RigMachine, time: Floats, rng: np.random.Generator) -> list[LoggedColumn]:
     match rig.logger.angle:
         case Encoder() as mark:
-            return [Column("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
+            return [LoggedColumn("encoder", "1", encoder_counts(mark, rig.rotation, time, rng))]
         case Keyphasor() as mark:
-            return [Column("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))]
+            return [LoggedColumn("keyphasor", "1", keyphasor_pulses(mark, rig.rotation, time, rng))]
     return []
 
 
-def force_reading(rig: Machine, plant: Plant, index: int) -> ForceReading:
+def force_reading(rig: RigMachine, plant: Plant, index: int) -> ForceReading:
     """Return how a reader gets the force of an actuator with a law from the columns."""
     name, part = rig.model.inputs[index], rig.parts[index]
     if part.flux is not None:
@@ -267,24 +271,24 @@ def force_reading(rig: Machine, plant: Plant, index: int) -> ForceReading:
     return ForceReading(part.law, (label(name, part),), place)
 
 
-def actuator_position(rig: Machine, plant: Plant, index: int) -> dict[str, float]:
+def actuator_position(rig: RigMachine, plant: Plant, index: int) -> dict[str, float]:
     row = zip(rig.model.coordinates, plant.displacement[index].tolist(), strict=True)
     return {name: value for name, value in row if value}
 
 
-def sensor_channels(rig: Machine) -> list[Channel]:
+def sensor_channels(rig: RigMachine) -> list[Channel]:
     units = rig.model.units
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 
 
-def _channel(name: str, column: Column) -> Channel:
+def _channel(name: str, column: LoggedColumn) -> Channel:
     return Channel(
         name, column.unit, hold=column.hold, delay=column.delay, dynamics=column.dynamics
     )
 
 
 def _as_read(
-    rig: Machine, columns: tuple[Column, ...], angle: Floats | None, speed: float
+    rig: RigMachine, columns: tuple[LoggedColumn, ...], angle: Floats | None, speed: float
 ) -> Record:
     plant = rig.plant(1.0)
     by_name = {column.name: column for column in columns}
@@ -318,7 +322,7 @@ def _as_read(
     return forces(record, readings, drives=False, period=_period(rig)) if readings else record
 
 
-def _period(rig: Machine) -> int | None:
+def _period(rig: RigMachine) -> int | None:
     """Return the samples of a period of the excitation, where that is a whole number."""
     if rig.excitation is None:
         return None

@@ -21,7 +21,7 @@ from rotorid.signals.multisine import Multisine
 
 
 @frozen
-class Machine:
+class RigMachine:
     """A rotor on magnetic bearings, its controller and its logger: what a rig is made of.
 
     Raises
@@ -62,7 +62,7 @@ class Machine:
     # from times in s of the record to a factor on the controller's answer
     gain: Callable[[Floats], Floats] | None = None
     # what the experiment file takes the rig for; itself by default
-    described: Machine | None = None
+    described: RigMachine | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

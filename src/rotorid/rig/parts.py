@@ -150,7 +150,7 @@ class Actuator:
 
 
 @frozen
-class Runout:
+class SensorRunout:
     """What a sensor reads of the shaft's surface: cos cos(n phi) + sin sin(n phi), in m."""
 
     order: int
@@ -183,7 +183,7 @@ class PositionSensor:
     noise: float = 0.0
     bias: float = 0.0
     quantum: float = 0.0
-    runout: tuple[Runout, ...] = ()
+    runout: tuple[SensorRunout, ...] = ()
     bandwidth: float = np.inf  # of the sensor, first order, in Hz
     cubic: float = 0.0  # its reading r is bent to r (1 + cubic r^2); in 1/m^2
     heating: float = 0.0  # growth of its gain in 1/s, from the first sample on

@@ -14,11 +14,11 @@ from rotorid.core.watch import polled
 from rotorid.force.laws import Differential
 from rotorid.rig import assembly, kernel
 from rotorid.rig.lags import build_lags
-from rotorid.rig.logger import Column, Logged, RigRecord, logged, read
-from rotorid.rig.machine import Machine
+from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, logged, read
+from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
 
-Spoil = Callable[[Sequence[Column], "Rig", np.random.Generator], Sequence[Column]]
+Spoil = Callable[[Sequence[LoggedColumn], "Rig", np.random.Generator], Sequence[LoggedColumn]]
 
 
 class RigError(InputError):
@@ -49,7 +49,7 @@ SETTLED = 60.0
 
 
 @frozen
-class Rig(Machine):
+class Rig(RigMachine):
     """A machine that can be run; its parameters are those of `Machine`, and one more."""
 
     described: Rig | None = None

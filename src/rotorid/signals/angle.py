@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Floats
-from rotorid.signals.rotation_fit import Readings, fit_rotation
+from rotorid.signals.rotation_fit import AngleReadings, fit_rotation
 
 LOST = 0.6
 """Step of a counter, in lines, that is a line lost or counted twice: rounding leaves 0.15."""
@@ -96,7 +96,7 @@ def encoder_angle(
     if not step:  # an angle without steps is taken as it is
         return MeasuredAngle(angle, *_regression(time, angle))
     angle, missing, extra = _without_lost_lines(angle, step)
-    fit = fit_rotation(Readings(time, angle + step / 2, np.full(len(angle), step / 2)))
+    fit = fit_rotation(AngleReadings(time, angle + step / 2, np.full(len(angle), step / 2)))
     smooth = np.asarray(fit.spline(time))
     return MeasuredAngle(smooth, *_regression(time, smooth), fit.std, fit.noise, missing, extra)
 
@@ -225,7 +225,7 @@ def keyphasor_angle(
     missing = int(turns[-1] - turns[0] + 1 - len(turns))
     t, angle = t[kept], 2 * np.pi * turns
     speed, _, _ = _regression(t, angle)
-    fit = fit_rotation(Readings(t, angle, abs(speed) * open_))
+    fit = fit_rotation(AngleReadings(t, angle, abs(speed) * open_))
     time = np.arange(count) / sample_rate
     smooth = np.asarray(fit.spline(np.clip(time, t[0], t[-1])))
     # Beyond the pulses the rotation goes on with the speed that it has there.

@@ -53,7 +53,7 @@ _RESOLVED = 8  # steps of the grid in a deviation: of a uniform distribution to 
 
 
 @frozen
-class Readings:
+class AngleReadings:
     """Intervals of the angle: at time t it lies within middle +- half."""
 
     # (reading,): s, rad, rad; half is 0 for a reading without steps
@@ -61,7 +61,7 @@ class Readings:
     middle: Floats
     half: Floats
 
-    def some(self, most: int) -> Readings:
+    def some(self, most: int) -> AngleReadings:
         """Return at most so many, at irregular places: regular ones could keep step."""
         count = len(self.time)
         if count <= most:
@@ -69,8 +69,8 @@ class Readings:
         golden = np.arange(most) * 0.6180339887498949 % 1.0
         return self.at(((np.arange(most) + golden) * (count / most)).astype(int))
 
-    def at(self, places: Integers | Booleans) -> Readings:
-        return Readings(self.time[places], self.middle[places], self.half[places])
+    def at(self, places: Integers | Booleans) -> AngleReadings:
+        return AngleReadings(self.time[places], self.middle[places], self.half[places])
 
 
 @frozen
@@ -82,7 +82,7 @@ class RotationFit:
     noise: float  # deviation in rad of a reading besides its interval
 
 
-def fit_rotation(readings: Readings) -> RotationFit:
+def fit_rotation(readings: AngleReadings) -> RotationFit:
     """Fit the smoothest rotation that the readings bear."""
     used = readings.some(READINGS)
     best: tuple[float, scipy.interpolate.BSpline, float, int] | None = None
@@ -105,7 +105,7 @@ def fit_rotation(readings: Readings) -> RotationFit:
     return RotationFit(spline, _uncertainty(used, spline, noise, count), noise)
 
 
-def _candidates(readings: Readings) -> list[tuple[int, int]]:
+def _candidates(readings: AngleReadings) -> list[tuple[int, int]]:
     """Return degrees and numbers of interior knots, the simplest first: a constant speed."""
     count, span = len(readings.time), float(readings.time[-1] - readings.time[0])
     found = [(degree, 0) for degree in (1, 2, 3) if degree < count]
@@ -116,7 +116,7 @@ def _candidates(readings: Readings) -> list[tuple[int, int]]:
     return found
 
 
-def _uncertainty(readings: Readings, spline: BSpline, noise: float, count: int) -> float:
+def _uncertainty(readings: AngleReadings, spline: BSpline, noise: float, count: int) -> float:
     """Return the deviation of the angle, taken as common to all times.
 
     What the readings between two knots leave to a local offset, on average; and no less than what
@@ -134,7 +134,7 @@ def _uncertainty(readings: Readings, spline: BSpline, noise: float, count: int) 
     return float(max(np.sqrt(np.mean(squares)), least))
 
 
-def _fit(readings: Readings, count: int, degree: int) -> tuple[BSpline, float, float]:
+def _fit(readings: AngleReadings, count: int, degree: int) -> tuple[BSpline, float, float]:
     """Return the spline with so many knots, the noise and the logarithm of the likelihood."""
     time = readings.time
     inner = np.linspace(time[0], time[-1], count + 2)[1:-1]
@@ -159,12 +159,12 @@ def _noises(left: Floats, width: float) -> tuple[float, ...]:
     return tuple(part for part in NOISES if part <= most)
 
 
-def _floor(readings: Readings) -> float:
+def _floor(readings: AngleReadings) -> float:
     return float(1e-12 * max(1.0, np.abs(readings.middle).max()))
 
 
 def _least_squares(
-    readings: Readings, values: Floats, weights: Floats, inner: Floats, degree: int
+    readings: AngleReadings, values: Floats, weights: Floats, inner: Floats, degree: int
 ) -> BSpline:
     # Values relative to a straight line, so that thousands of radians cost no figures.
     line = np.polynomial.Polynomial.fit(readings.time, readings.middle, 1)
@@ -179,7 +179,7 @@ def _least_squares(
 
 
 def _newton(
-    readings: Readings, spline: BSpline, noise: float, inner: Floats, degree: int
+    readings: AngleReadings, spline: BSpline, noise: float, inner: Floats, degree: int
 ) -> tuple[BSpline, float]:
     """Raise the likelihood by Newton's method; each step is a weighted least-squares spline."""
     value = _likelihood(readings, spline, noise)
@@ -204,7 +204,7 @@ def _newton(
     return spline, value
 
 
-def _likelihood(readings: Readings, spline: BSpline, noise: float) -> float:
+def _likelihood(readings: AngleReadings, spline: BSpline, noise: float) -> float:
     left = readings.middle - spline(readings.time)
     return float(_log_chance(left, readings.half, noise).sum())
 
@@ -222,7 +222,7 @@ def _log_chance(left: Floats, half: Floats, noise: float) -> Floats:
     return np.asarray(np.where(half > 0, inside, density))
 
 
-def _slopes(readings: Readings, spline: BSpline, noise: float) -> tuple[Floats, Floats]:
+def _slopes(readings: AngleReadings, spline: BSpline, noise: float) -> tuple[Floats, Floats]:
     """Return slope and curvature of each logarithm, in units of the noise."""
     left = readings.middle - spline(readings.time)
     high, low = (left + readings.half) / noise, (left - readings.half) / noise
@@ -237,7 +237,7 @@ def _slopes(readings: Readings, spline: BSpline, noise: float) -> tuple[Floats, 
     return score, np.where(plain, 1.0, np.clip(curvature, 0.0, 1.0))
 
 
-def _offset(readings: Readings, spline: BSpline, noise: float) -> tuple[float, float]:
+def _offset(readings: AngleReadings, spline: BSpline, noise: float) -> tuple[float, float]:
     """Return mean and deviation of the offset that the readings leave, whatever their noise.
 
     Noises that explain the readings as well as the likeliest one cannot be told apart. They differ

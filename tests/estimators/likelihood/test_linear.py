@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rotorid.likelihood.linear import Linear
+from rotorid.likelihood.linear import Linearized
 
 ROWS, FREE = 60, 6
 KINDS = ("plain", "related", "open", "open and related", "few rows")
@@ -35,12 +35,12 @@ class Random:
         if kind == "open and related":
             self.expected_rank += 1  # the relations tell what was open
 
-    def of(self, jacobian: np.ndarray, residual: np.ndarray) -> Linear:
+    def of(self, jacobian: np.ndarray, residual: np.ndarray) -> Linearized:
         shifts = np.zeros(jacobian.shape[1], dtype=bool)
         missing = jacobian.shape[1] - FREE
         relations = np.pad(self.relations, ((0, 0), (0, missing)))
         typical = np.append(self.scale, np.ones(missing))
-        return Linear.of(jacobian, residual, relations, typical, shifts)
+        return Linearized.of(jacobian, residual, relations, typical, shifts)
 
     def refit(self, columns: np.ndarray, rows: np.ndarray | slice = slice(None)) -> float:
         """Return the least cost with further columns, of some rows, along the relations."""
@@ -116,7 +116,7 @@ def test_columns_that_the_unknowns_take_over_lower_no_cost(made: Random) -> None
 @pytest.mark.parametrize(("share", "drop"), [(0.9e-5, 0.0), (1.1e-5, 4.0)])
 def test_a_column_that_is_taken_over_but_for_rounding_lowers_no_cost(share, drop) -> None:
     jacobian, none = np.eye(3)[:, :1], np.zeros((0, 1))
-    linear = Linear.of(jacobian, np.array([0.0, 2.0, 0.0]), none, np.ones(1), np.zeros(1, bool))
+    linear = Linearized.of(jacobian, np.array([0.0, 2.0, 0.0]), none, np.ones(1), np.zeros(1, bool))
     column = 7.0 * np.array([[np.sqrt(1 - share**2)], [share], [0.0]])
     assert linear.score(column)[0] == pytest.approx(drop)
 
@@ -145,7 +145,7 @@ def test_a_row_that_alone_tells_an_unknown_fits_itself() -> None:
     jacobian = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
     residual = np.array([0.0, 2.0, -1.0])
     none = np.zeros((0, 2))
-    linear = Linear.of(jacobian, residual, none, np.ones(2), np.zeros(2, dtype=bool))
+    linear = Linearized.of(jacobian, residual, none, np.ones(2), np.zeros(2, dtype=bool))
     assert linear.without(np.array([0])) == 0.0
     assert linear.without(np.array([1])) == pytest.approx(5.0)  # the third row fits by itself
 
@@ -177,16 +177,18 @@ def test_what_counts_as_rounding() -> None:
     """A column by which nothing moves is none, unless it belongs to a shift."""
     jacobian = np.array([[1.0, 1e-13, 1e-13], [2.0, 1e-13, -1e-13], [0.0, 1e-13, 0.0]])
     shifts = np.array([False, False, True])
-    found = Linear.of(jacobian, np.ones(3), np.zeros((0, 3)), np.ones(3), shifts)
+    found = Linearized.of(jacobian, np.ones(3), np.zeros((0, 3)), np.ones(3), shifts)
     assert found.undetermined.tolist() == [False, True, False]
     assert found.rank == 2
     none, alike = np.zeros((0, 2)), np.array([[2.0, 1.0], [1.0, 2.0]])
-    coarse = Linear.of(alike, np.ones(2), none, np.ones(2), np.zeros(2, dtype=bool))
+    coarse = Linearized.of(alike, np.ones(2), none, np.ones(2), np.zeros(2, dtype=bool))
     assert (coarse.rank, coarse.cut(0.5).rank) == (2, 1)
 
 
 def test_a_derivative_beyond_all_bounds_is_no_information() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="beyond all bounds"):
-        Linear.of(np.full((2, 1), 1e200), np.ones(2), np.zeros((0, 1)), np.ones(1), np.ones(1) > 0)
+        Linearized.of(
+            np.full((2, 1), 1e200), np.ones(2), np.zeros((0, 1)), np.ones(1), np.ones(1) > 0
+        )
     with pytest.raises(np.linalg.LinAlgError, match="without a free unknown"):
-        Linear.of(np.ones((2, 1)), np.ones(2), np.zeros((1, 1)), np.ones(1), np.ones(1) > 0)
+        Linearized.of(np.ones((2, 1)), np.ones(2), np.zeros((1, 1)), np.ones(1), np.ones(1) > 0)

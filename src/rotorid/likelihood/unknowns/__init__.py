@@ -17,7 +17,7 @@ from rotorid.likelihood.unknowns.force_constants import (
     CurrentGain,
     DisplacementGain,
     Knee,
-    LawConstant,
+    MagnetConstant,
     Scale,
 )
 from rotorid.likelihood.unknowns.nonlinearity import Cubic, Loop
@@ -47,7 +47,7 @@ KINDS: tuple[type[Unknown], ...] = (
     CurrentGain,
     DisplacementGain,
     Scale,
-    LawConstant,
+    MagnetConstant,
     Knee,
     Cubic,
     Loop,

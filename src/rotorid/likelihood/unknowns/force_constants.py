@@ -136,7 +136,7 @@ class DisplacementGain(Unknown):
 
 
 @frozen
-class LawConstant(Unknown):
+class MagnetConstant(Unknown):
     """Changes a constant of the force laws of some inputs, all by as much."""
 
     setting = "law"
@@ -203,7 +203,7 @@ class LawConstant(Unknown):
         return found
 
 
-class Knee(LawConstant):
+class Knee(MagnetConstant):
     """How near the iron of all inputs is to its saturation, from not at all: (b_0 / b_s)^4."""
 
     @staticmethod

@@ -178,7 +178,7 @@ class Support:
 
 
 @frozen
-class Unbalance:
+class DrawnUnbalance:
     """Unbalance in the rotor's frame, in kg m."""
 
     at: float
@@ -208,7 +208,7 @@ class Rotor:
     # by the name of the place; the last two are positions
     discs: Mapping[str, Disc] = field(default_factory=dict)
     supports: Mapping[str, Support] = field(default_factory=dict)
-    unbalance: Mapping[str, Unbalance] = field(default_factory=dict)
+    unbalance: Mapping[str, DrawnUnbalance] = field(default_factory=dict)
     actuators: Mapping[str, float] = field(default_factory=dict)
     sensors: Mapping[str, float] = field(default_factory=dict)
     # damping of the shaft: that turns with it, in s, times its K; of the air, in 1/s, times its M;

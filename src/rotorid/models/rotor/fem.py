@@ -29,7 +29,7 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class UnbalanceLoad:
     """``factors * Omega^2 (cosine cos(phi) + sine sin(phi))``, (row,) each, on the right side."""
 
     factors: Factors
@@ -128,7 +128,7 @@ def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]
     return gathered.pieces()
 
 
-def loads_of(rotor: Rotor) -> tuple[Load, ...]:
+def loads_of(rotor: Rotor) -> tuple[UnbalanceLoad, ...]:
     """Return the unbalance loads."""
     found = []
     size = PLANES * len(rotor.nodes)
@@ -136,8 +136,8 @@ def loads_of(rotor: Rotor) -> tuple[Load, ...]:
         first = PLANES * rotor.node(plane.at)
         along, across = np.zeros(size), np.zeros(size)
         along[first], across[first + 1] = 1.0, 1.0
-        found += [Load(f, c * along, c * across) for f, c in plane.x.terms]
-        found += [Load(f, c * across, -c * along) for f, c in plane.y.terms]
+        found += [UnbalanceLoad(f, c * along, c * across) for f, c in plane.x.terms]
+        found += [UnbalanceLoad(f, c * across, -c * along) for f, c in plane.y.terms]
     return tuple(found)
 
 

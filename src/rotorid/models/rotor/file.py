@@ -11,15 +11,15 @@ from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.models.names import ParameterEntry, check_names
+from rotorid.models.names import DeclaredParameter, check_names
 from rotorid.models.rotor.drawing import (
     ENDS,
     Disc,
+    DrawnUnbalance,
     Quantity,
     Rotor,
     Section,
     Support,
-    Unbalance,
     read_quantity,
 )
 from rotorid.models.rotor.fem import divided
@@ -90,7 +90,7 @@ class UnbalanceEntry(Schema):
     y: Text = "0 kg m"
 
 
-class DampingEntry(Schema):
+class ShaftDampingEntry(Schema):
     """Damping of the shaft."""
 
     internal: Text = "0 s"
@@ -110,8 +110,8 @@ class RotorFile(Schema):
     sensors: dict[str, PlaceEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
     supports: dict[str, SupportEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
     unbalance: dict[str, UnbalanceEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
-    damping: DampingEntry = Field(default_factory=DampingEntry)
-    parameters: dict[str, ParameterEntry] = Field(default_factory=dict, max_length=MAX_SECTIONS)
+    damping: ShaftDampingEntry = Field(default_factory=ShaftDampingEntry)
+    parameters: dict[str, DeclaredParameter] = Field(default_factory=dict, max_length=MAX_SECTIONS)
 
 
 @frozen
@@ -180,7 +180,7 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
         discs,
         {name: _support(name, support, reader) for name, support in entry.supports.items()},
         {
-            name: Unbalance(
+            name: DrawnUnbalance(
                 plane.at,
                 reader.constant(plane.x, "kg m", f"unbalance.{name}.x"),
                 reader.constant(plane.y, "kg m", f"unbalance.{name}.y"),

@@ -15,12 +15,26 @@ from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, monomial_name
-from rotorid.models.equations import DERIVATIVES, Equations, Names, sort_monomials
-from rotorid.models.linear import InputTerm, Kind, LinearForm, StiffnessTable, StiffnessTerm, Term
+from rotorid.models.equations import DERIVATIVES, Names, SplitEquations, sort_monomials
+from rotorid.models.linear import (
+    InputTerm,
+    LinearForm,
+    StiffnessTable,
+    StiffnessTerm,
+    Term,
+    TermKind,
+)
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, Factors, Rotor
 from rotorid.models.rotor.elements import PLANES
-from rotorid.models.rotor.fem import Load, Piece, coordinates_of, inputs_of, loads_of, pieces_of
+from rotorid.models.rotor.fem import (
+    Piece,
+    UnbalanceLoad,
+    coordinates_of,
+    inputs_of,
+    loads_of,
+    pieces_of,
+)
 from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
 from rotorid.models.structure import Structure, find_structure
 from rotorid.models.text import Expression, Monomial, product, symbol
@@ -52,7 +66,7 @@ class RotorModel(Model):
     # parameters that were replaced by numbers
     fixed: Mapping[str, float] = field(kw_only=True, default_factory=dict)
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
-    loads: tuple[Load, ...] = field(kw_only=True, compare=False, repr=False)
+    loads: tuple[UnbalanceLoad, ...] = field(kw_only=True, compare=False, repr=False)
     push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
     # of a reduced rotor: its basis
     reduction: Reduction | None = field(kw_only=True, default=None, compare=False, repr=False)
@@ -101,12 +115,12 @@ class RotorModel(Model):
 
     @cached_property
     def _stiffness(self) -> StiffnessTable:
-        kinds: dict[Kind, int] = {}
+        kinds: dict[TermKind, int] = {}
         numbers: list[Integers] = []
         places: list[tuple[Integers, Integers, Floats]] = []
         for piece in self.pieces:
             speed = [(symbol("Omega"), Fraction(piece.power))] if piece.power else []
-            kind = Kind(piece.order, product(speed), piece.structural)
+            kind = TermKind(piece.order, product(speed), piece.structural)
             pair = kinds.setdefault(kind, len(kinds)), self._numbers[piece.factors]
             entries = piece.matrix.tocoo()
             numbers.append(np.repeat([pair], entries.nnz, axis=0))
@@ -298,7 +312,7 @@ class RotorModel(Model):
             pieces.append(replace(piece, factors=left, matrix=size * piece.matrix))
         for load in self.loads:
             size, left = _split(load.factors, fixed)
-            loads.append(Load(left, size * load.cosine, size * load.sine))
+            loads.append(UnbalanceLoad(left, size * load.cosine, size * load.sine))
         return replace(
             self,
             names=replace(self.names, parameters=tuple(p.name for p in kept)),
@@ -366,7 +380,7 @@ def rotor_model(
         Names(coordinates, inputs, tuple(p.name for p in parameters)),
         {**units, **dict.fromkeys(inputs, "N")},
         tuple(parameters),
-        Equations((), ()),
+        SplitEquations((), ()),
         rotor=rotor,
         pieces=pieces_of(rotor),
         loads=loads_of(rotor),

@@ -20,7 +20,7 @@ import scipy
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.rotor.drawing import Factors
 from rotorid.models.rotor.elements import PLANES
-from rotorid.models.rotor.fem import Load, Piece
+from rotorid.models.rotor.fem import Piece, UnbalanceLoad
 
 WORTH = 4e7
 """Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
@@ -44,9 +44,9 @@ class Reduction:
         sparse = scipy.sparse.csr_array
         return tuple(replace(p, matrix=sparse(basis.T @ (p.matrix @ basis))) for p in pieces)
 
-    def of_loads(self, loads: Sequence[Load]) -> tuple[Load, ...]:
+    def of_loads(self, loads: Sequence[UnbalanceLoad]) -> tuple[UnbalanceLoad, ...]:
         basis = self.transform.T
-        return tuple(Load(x.factors, basis @ x.cosine, basis @ x.sine) for x in loads)
+        return tuple(UnbalanceLoad(x.factors, basis @ x.cosine, basis @ x.sine) for x in loads)
 
 
 @dataclass(frozen=True, eq=False)

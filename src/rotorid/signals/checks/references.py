@@ -117,7 +117,7 @@ NEARLY = 0.05
 
 
 @frozen
-class Motion:
+class DrivenMotion:
     """Lines of a record, from DC on."""
 
     # (line, ...): and those of what drove it, where it is known
@@ -149,8 +149,8 @@ class Motion:
 
 def check_quiet(
     channels: Sequence[Channel],
-    record: Motion,
-    quiet: Motion,
+    record: DrivenMotion,
+    quiet: DrivenMotion,
     speeds: tuple[float, float],
     shown: float | None = None,
 ) -> list[Note]:

@@ -206,7 +206,7 @@ def _match(cross: Complexes, omega: Floats, late: Floats | float) -> Floats:
 
 
 @frozen
-class Fit:
+class StepFit:
     """The shift as a line with one step: slope per period, step with its deviation."""
 
     slope: float
@@ -215,7 +215,7 @@ class Fit:
     place: int
 
 
-def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
+def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> StepFit:
     """Fit a line and a step: at the place given, or where it helps most."""
     count = len(tau)
     at = 1 + int(np.argmax(_explained_by_steps(tau))) if at is None else at
@@ -229,7 +229,7 @@ def fit_shifts(tau: Floats, noise: float, at: int | None = None) -> Fit:
     solved = np.linalg.lstsq(r, q.T @ tau, rcond=None)[0]
     deviation = _long_run(tau - table @ solved, len(solved), noise)
     root = np.linalg.norm(np.linalg.pinv(r), axis=1)
-    return Fit(float(solved[1]), float(solved[2]), float(deviation * root[2]), at)
+    return StepFit(float(solved[1]), float(solved[2]), float(deviation * root[2]), at)
 
 
 def _may_step(channels: dict[int, Shifts]) -> list[int]:
@@ -347,7 +347,11 @@ def _largest_step(
 
 
 def _lost(
-    periods: PeriodicRecord, amount: float, at: int, moved: dict[int, Fit], all_: dict[int, Fit]
+    periods: PeriodicRecord,
+    amount: float,
+    at: int,
+    moved: dict[int, StepFit],
+    all_: dict[int, StepFit],
 ) -> Note:
     names = [periods.names[c] for c in moved]
     # A channel that would show the loss and does not has kept its samples.
@@ -368,7 +372,7 @@ def _lost(
     )
 
 
-def _abrupt(tau: Floats, fit: Fit) -> bool:
+def _abrupt(tau: Floats, fit: StepFit) -> bool:
     """Tell a step from a bend: most of it lies between the two periods before and behind."""
     low, high = max(fit.place - 2, 0), min(fit.place + 1, len(tau) - 1)
     local = tau[high] - tau[low] - fit.slope * (high - low)
