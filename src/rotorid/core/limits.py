@@ -60,14 +60,6 @@ NODES = 10_000
 """Groups and data sets of a file that are looked through for a name: each takes 0.1 ms. A data set
 that is named by its whole path is found among any number."""
 
-VISITS = 300_000
-"""Objects of the segments of a TDMS file, and the segments: each is looked at by itself, in 5 us,
-when the file is opened and when it is read. Ten segments a second are an hour of five channels."""
-
-SETS = 20_000
-"""Data sets of a universal file, each of which is looked at: 0.15 ms. A structure of a thousand
-places, moved at six of them in three directions, has 18,000 functions."""
-
 DEPTH = 64
 """Groups in groups, and structures in structures: loggers nest up to five."""
 

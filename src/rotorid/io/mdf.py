@@ -48,8 +48,6 @@ _REMOTE_MASTER = 1 << 3  # flag of a group of MDF 4: its times are those of anot
 
 @frozen
 class MdfTable(NamedArrays):
-    """An MDF file; its numbers are read when they are asked for."""
-
     channels: Mapping[str, tuple[int, int]]
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:

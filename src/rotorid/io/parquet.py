@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from rotorid.core.errors import ReadError
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import COLUMNS
 from rotorid.core.values import Floats
+from rotorid.io.child import in_child
 from rotorid.io.table import (
     Column,
-    NamedArrays,
+    StoredArrays,
     check_content,
     check_size,
     package,
@@ -24,28 +25,29 @@ from rotorid.io.table import (
 
 
 @frozen
-class ParquetTable(NamedArrays):
-    """A Parquet file; its numbers are read when they are asked for."""
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        wanted = {name: self.place(name).path for name in names}
-        self.check_held(list(wanted))
+class ParquetTable(StoredArrays):
+    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
+        paths = {name: self.place(name).path for name in names}
         with reading(self.file, "Parquet data"), _opened(self.file) as data:
-            table = data.read(columns=list(dict.fromkeys(wanted.values())))
-            return {
-                name: Column(_numbers(table.column(path)), _unit(table.schema.field(path)))
-                for name, path in wanted.items()
-            }
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        with reading(self.file, "Parquet data"), _opened(self.file) as data:
-            units = {name: _unit(data.schema_arrow.field(name)) for name in names}
-            for batch in data.iter_batches(batch_size=max(rows, 1024), columns=list(names)):
-                yield {n: Column(_numbers(batch.column(n)), units[n]) for n in names}
+            units = {name: _unit(data.schema_arrow.field(path)) for name, path in paths.items()}
+            if rows is None:
+                for name, path in paths.items():
+                    column = data.read(columns=[path], use_threads=False).column(path)
+                    yield {name: Column(_numbers(column), units[name])}
+                return
+            asked = list(dict.fromkeys(paths.values()))
+            for batch in data.iter_batches(max(rows, 1024), columns=asked, use_threads=False):
+                yield {n: Column(_numbers(batch.column(p)), units[n]) for n, p in paths.items()}
 
 
 def open_parquet(path: Path) -> ParquetTable:
     check_content(path, "Parquet data")
+    package("pyarrow.parquet", str(path))  # here once: a child would take its time to import it
+    found: ParquetTable = in_child(_table, str(path), path)
+    return found
+
+
+def _table(path: Path) -> ParquetTable:
     with reading(str(path), "Parquet data"), _opened(str(path)) as data:
         import pyarrow.types as kinds
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cached_property
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,6 +24,7 @@ from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import COMPRESSION, DEPTH, NAME_CHARACTERS, NAMES, RATES, UNPACKED_BYTES
 from rotorid.core.values import Floats
+from rotorid.io.child import from_child
 
 _INDEXED = re.compile(r"(?P<name>.+)\[(?P<rows>:,)?(?P<index>\d{1,6})(?P<columns>,:)?\]")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -349,6 +351,23 @@ def loaded(
     """Return a table of arrays that are in memory, and of what else is in the file."""
     shapes = {name: np.shape(column.values) for name, column in arrays.items()}
     return LoadedArrays(file, shapes, arrays, others=others or {})
+
+
+@frozen
+class StoredArrays(NamedArrays):
+    """Arrays that stay in the file: a child reads them, whole or in blocks of rows."""
+
+    @abstractmethod
+    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
+        """Yield so many rows of all columns after others, or whole columns: in the child."""
+
+    def read(self, names: Iterable[str]) -> dict[str, Column]:
+        names = list(names)
+        self.check_held(names)
+        return dict(chain.from_iterable(part.items() for part in self.blocks(names, None)))
+
+    def blocks(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
+        return from_child(self.rows, self.file, names, rows)
 
 
 def is_column(shape: tuple[int, ...]) -> bool:

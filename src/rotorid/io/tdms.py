@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import ReadError
-from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import VISITS
 from rotorid.core.values import Floats
+from rotorid.io.child import in_child
 from rotorid.io.table import (
     Column,
-    NamedArrays,
     Rate,
+    StoredArrays,
     check_content,
     check_size,
     is_numeric,
@@ -27,41 +24,36 @@ from rotorid.io.table import (
     silent,
 )
 
-_LEAD = struct.Struct("<4siiqq")  # of a segment: its contents as bits, its version, two sizes
-_LISTS, _ANEW, _BIG = 1 << 1, 1 << 2, 1 << 6  # objects listed, all anew, numbers of the other order
-
 
 @frozen
-class TdmsTable(NamedArrays):
-    """A TDMS file; its numbers are read when they are asked for."""
-
+class TdmsTable(StoredArrays):
     channels: Mapping[str, tuple[str, str]]
 
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        names = list(names)
-        self.check_held(names)
+    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
         with _opened(self.file) as data:
-            found = {name: self._channel(data, name) for name in names}
-            return {name: Column(_floats(c[:]), *_stated(c)) for name, c in found.items()}
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        with _opened(self.file) as data:
-            channels = {name: self._channel(data, name) for name in names}
-            count = max(len(channel) for channel in channels.values())
-            for begin in range(0, count, rows):
+            channels = {}
+            for name in names:
+                group, channel = self.channels[self.place(name).path]
+                channels[name] = data[group][channel]
+            if rows is None:
+                for name, channel in channels.items():
+                    yield {name: Column(_floats(channel[:]), *_stated(channel))}
+                return
+            for begin in range(0, max(len(channel) for channel in channels.values()), rows):
                 yield {
                     name: Column(_floats(c[begin : begin + rows]), *_stated(c))
                     for name, c in channels.items()
                 }
 
-    def _channel(self, data: Any, name: str) -> Any:
-        group, channel = self.channels[self.place(name).path]
-        return data[group][channel]
-
 
 def open_tdms(path: Path) -> TdmsTable:
     check_content(path, "TDMS data")
-    _check_segments(path)
+    package("nptdms", str(path))  # here once: each child would take its time to import it
+    found: TdmsTable = in_child(_table, str(path), path)
+    return found
+
+
+def _table(path: Path) -> TdmsTable:
     channels, shapes = {}, {}
     with _opened(str(path)) as data:
         for group in data.groups():
@@ -71,31 +63,6 @@ def open_tdms(path: Path) -> TdmsTable:
                     check_size(len(channel), str(path))
                     channels[name], shapes[name] = (group.name, channel.name), (len(channel),)
     return TdmsTable(str(path), shapes, channels)
-
-
-def _check_segments(path: Path) -> None:
-    """Refuse a file of more pieces than one has patience for: each is looked at by itself."""
-    visits, listed, place, size = 0, 0, 0, path.stat().st_size
-    with open_regular(path) as stream:
-        while place + _LEAD.size <= size and visits <= VISITS:
-            stream.seek(place)
-            lead = stream.read(_LEAD.size + 4)
-            tag, contents, _version, after, _raw = _LEAD.unpack_from(lead)
-            if tag != b"TDSm" or not 0 <= after < size:  # damaged, or the last of a broken record
-                return
-            if contents & _LISTS and len(lead) > _LEAD.size:
-                order: Literal["big", "little"] = "big" if contents & _BIG else "little"
-                number = int.from_bytes(lead[_LEAD.size :], order)
-                listed = number if contents & _ANEW else max(listed, number)
-            visits += 1 + listed
-            place += _LEAD.size + after
-    if visits > VISITS:
-        raise ReadError(
-            f"more than {VISITS} pieces of channels",
-            "longer pieces",
-            "put them together: TDMS Defragment in LabVIEW",
-            file=str(path),
-        )
 
 
 @contextmanager

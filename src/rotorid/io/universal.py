@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rotorid.core.errors import ReadError
-from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
-from rotorid.core.limits import SETS
 from rotorid.core.values import Complexes, Floats
+from rotorid.io.child import in_child
 from rotorid.io.table import (
     Column,
     LoadedArrays,
@@ -26,7 +25,6 @@ from rotorid.io.table import (
     reading,
 )
 
-_ENDS = (b"\n", b"\r", 74 * b" ")  # of the line above and below a data set, after its number
 _FUNCTION = 58  # the data set of a function at nodal degrees of freedom
 _TIME_RESPONSE, _TIME_AXIS = 1, 17
 _EVEN = 1
@@ -40,7 +38,19 @@ def open_universal(path: Path) -> LoadedArrays:
     A column has the name in the first line of its data set, or its node and direction, ``12+X``,
     where that line does not tell the sets apart.
     """
-    found, types = read_sets(path)
+    return loaded(str(path), _in_child(_columns, path))
+
+
+def _in_child(work: Callable[[Path], Any], path: Path) -> Any:
+    start = head(path)
+    if not start.lstrip(b"\r\n").startswith(b"    -1"):
+        raise not_what_it_says(path, content(start), "a universal file")
+    package("pyuff", str(path))  # here once: each child would take its time to import it
+    return in_child(work, str(path), path)
+
+
+def _columns(path: Path) -> dict[str, Column]:
+    found, types = _read_sets(path)
     with reading(str(path), "universal file data"):
         sets = [one for one in found if _is_over_time(one)]
         columns = {name: _column(s) for name, s in zip(_names(sets), sets, strict=True)}
@@ -51,34 +61,16 @@ def open_universal(path: Path) -> LoadedArrays:
             "export the time histories",
             file=str(path),
         )
-    return loaded(str(path), columns)
+    return columns
 
 
-def read_sets(path: Path) -> tuple[list[Any], list[int]]:
+def _read_sets(path: Path) -> tuple[list[Any], list[int]]:
     """Return the functions of a universal file, and the types of all its data sets."""
-    start = head(path)
-    if not start.lstrip(b"\r\n").startswith(b"    -1"):
-        raise not_what_it_says(path, content(start), "a universal file")
     pyuff = package("pyuff", str(path))
-    _check_sets(path)
     with reading(str(path), "universal file data"), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))
         types = [int(kind) for kind in np.atleast_1d(file.get_set_types())]
         return [file.read_sets(i) for i, kind in enumerate(types) if kind == _FUNCTION], types
-
-
-def _check_sets(path: Path) -> None:
-    """Refuse a file of more data sets than one has patience for."""
-    with open_regular(path) as stream:
-        data = stream.read()
-    count = sum(data.count(b"    -1" + end) for end in _ENDS) // 2
-    if count > SETS:
-        raise ReadError(
-            f"{count} data sets",
-            f"{SETS} at most",
-            "export those of one measurement",
-            file=str(path),
-        )
 
 
 def _is_over_time(found: Mapping[str, Any]) -> bool:
@@ -132,7 +124,12 @@ class StoredResponse:
 
 def read_responses(path: Path) -> dict[str, StoredResponse]:
     """Return the frequency responses of a universal file by name."""
-    sets, types = read_sets(path)
+    responses: dict[str, StoredResponse] = _in_child(_stored_responses, path)
+    return responses
+
+
+def _stored_responses(path: Path) -> dict[str, StoredResponse]:
+    sets, types = _read_sets(path)
     with reading(str(path), "universal file data"):
         found = _responses(sets, path)
     if not found:
