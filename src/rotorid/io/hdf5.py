@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,13 +24,12 @@ from rotorid.core.files import check_beside, check_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import CHUNK_BYTES, COLUMNS, DEPTH, NODES, PARTS, REFERENCES
 from rotorid.core.units import si_factor
-from rotorid.io.child import from_child, in_child
+from rotorid.io.child import in_child
 from rotorid.io.table import (
     Column,
     ColumnPlace,
-    NamedArrays,
     Rate,
-    as_column,
+    StoredArrays,
     check_held,
     content,
     head,
@@ -54,41 +52,42 @@ class Told:
 
     def column(self, stored: Any) -> Column:
         """Return the column of numbers as they are stored."""
-        return Column(self.packing.unpacked(stored), self.unit, self.rate)
+        values = np.asarray(self.packing.unpacked(stored), dtype=np.float64)
+        return Column(np.ascontiguousarray(values.ravel()), self.unit, self.rate)
 
 
 @frozen
-class Hdf5Table(NamedArrays):
-    """An HDF5 file; its numbers are read when they are asked for.
+class Hdf5Table(StoredArrays):
+    """A damaged file ends the process that reads it, so that a child does all asked of HDF5."""
 
-    A damaged one ends the process that reads it, now and then, so that a child does all that is
-    asked of HDF5.
-    """
+    def check_held(self, names: Sequence[str]) -> None:
+        """Leave it to the child, which knows the files that hold the samples."""
 
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        wanted = {name: self.place(name) for name in names}
-        places = list(wanted.values())
-        answers = from_child(_arrays, self.file, self.file, places, self.bytes_of(list(wanted)))
-        told: Mapping[ColumnPlace, Told] = next(answers)
-        stored: dict[ColumnPlace, Any] = dict(answers)
-        sources, columns = _sources(places), {}
-        for name, place in wanted.items():
-            source = sources[place]
-            values = as_column(stored[source], ColumnPlace("") if source == place else place)
-            columns[name] = told[place].column(values)
-        return columns
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        wanted = {name: self.place(name) for name in names}
-        places = list(wanted.values())
-        count = max(max(self.shapes[place.path]) for place in places)
-        answers = from_child(_blocks, self.file, self.file, places, count, rows)
-        told: Mapping[ColumnPlace, Told] = next(answers)
-        for stored in answers:
-            yield {
-                name: told[place].column(as_column(stored[_rows_of(place)], place))
-                for name, place in wanted.items()
-            }
+    def rows(self, names: Sequence[str], rows: int | None) -> Iterator[dict[str, Column]]:
+        places = {name: self.place(name) for name in names}
+        arrays: dict[tuple[str, int], dict[str, ColumnPlace]] = {}
+        for name, place in places.items():
+            arrays.setdefault((place.path, place.axis), {})[name] = place
+        with opened(self.file) as data:
+            nodes, held = _checked(data, self.file, list(places.values()))
+            told = {name: _told(nodes[p.path], p, self.file) for name, p in places.items()}
+            together = _together(nodes.values())
+            if rows is None:
+                check_held(self.bytes_of(names), held, self.file)
+                whole = _records(together, slice(None))
+                for (path, _), asked in arrays.items():
+                    found = _rows(nodes[path], asked, slice(None), whole)
+                    yield {name: told[name].column(stored) for name, stored in found.items()}
+                return
+            count = max(max(self.shapes[path]) for path, _ in arrays)
+            step = _whole_chunks(nodes.values(), rows)
+            for begin in range(0, count, step):
+                samples = slice(begin, begin + step)
+                records, block = _records(together, samples), dict[str, Column]()
+                for (path, _), asked in arrays.items():
+                    found = _rows(nodes[path], asked, samples, records)
+                    block |= {name: told[name].column(stored) for name, stored in found.items()}
+                yield block
 
     def scalar(self, name: str) -> float:
         found: float = in_child(_scalar, self.file, self.file, self.find_scalar(name))
@@ -109,46 +108,6 @@ def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
     """Return what is in a file; a record is opened by blocks, and again where it is too small."""
     shapes = Contents(file)
     return Hdf5Table(file, shapes, others=shapes.others)
-
-
-def _arrays(file: str, places: Sequence[ColumnPlace], size: int) -> Iterator[Any]:
-    """Yield what the file says of places, and then their numbers."""
-    sources = _sources(places)
-    with opened(file) as data:
-        nodes, held = _checked(data, file, places)
-        check_held(size, held, file)
-        yield {place: _told(nodes[place.path], place, file) for place in sources}
-        together = _together(nodes.values())
-        records = {table: table.fields(names)[()] for table, names in together.items()}
-        for source in dict.fromkeys(sources.values()):
-            node = nodes[source.path]
-            part: Any = ()
-            if source.index is not None:
-                part = (slice(None), source.index) if source.axis == 1 else source.index
-            if node.dataset in records:
-                yield source, np.ascontiguousarray(records[node.dataset][node.field])
-            else:
-                yield source, _numbers(node)[part]
-
-
-def _blocks(file: str, places: Sequence[ColumnPlace], count: int, rows: int) -> Iterator[Any]:
-    """Yield what the file says of places, and then their rows."""
-    with opened(file) as data:
-        nodes, _ = _checked(data, file, places)
-        yield {place: _told(nodes[place.path], place, file) for place in places}
-        sources = {_rows_of(place): nodes[place.path] for place in places}
-        step, together = _whole_chunks(nodes.values(), rows), _together(nodes.values())
-        for begin in range(0, count, step):
-            records = {
-                table: table.fields(names)[begin : begin + step]
-                for table, names in together.items()
-            }
-            yield {
-                s: np.ascontiguousarray(records[node.dataset][node.field])
-                if node.dataset in records
-                else _rows(_numbers(node), s, begin, step)
-                for s, node in sources.items()
-            }
 
 
 def _scalar(file: str, path: str) -> float:
@@ -180,17 +139,6 @@ def _checked(
     return nodes, held
 
 
-def _sources(places: Sequence[ColumnPlace]) -> dict[ColumnPlace, ColumnPlace]:
-    """Return what is read for each place: an array of which several columns are asked for whole."""
-    count = Counter(place.path for place in dict.fromkeys(places))
-    return {place: ColumnPlace(place.path) if count[place.path] > 1 else place for place in places}
-
-
-def _rows_of(place: ColumnPlace) -> ColumnPlace:
-    """Return what stands for all columns of the rows of an array."""
-    return place if place.index is None else ColumnPlace(place.path, 0, place.axis)
-
-
 def _numbers(node: Hdf5Node) -> Any:
     """Return a data set, or the field of a table of records."""
     return node.dataset if node.field is None else node.dataset.fields(node.field)
@@ -214,14 +162,26 @@ def _whole_chunks(nodes: Iterable[Hdf5Node], rows: int) -> int:
     return rows if rows < longest // 64 else longest * max(1, round(rows / longest))
 
 
-def _rows(dataset: Any, place: ColumnPlace, begin: int, step: int) -> Any:
-    """Read some rows of a dataset, all its columns."""
-    samples = slice(begin, begin + step)
-    if place.index is not None:
-        return dataset[samples] if place.axis == 1 else dataset[:, samples]
-    if len(dataset.shape) == 1:
-        return dataset[samples]
-    return np.ravel(dataset[samples] if dataset.shape[0] > 1 else dataset[:, samples])
+def _records(together: Mapping[h5py.Dataset, list[str]], samples: slice) -> dict[Any, Any]:
+    return {table: table.fields(names)[samples] for table, names in together.items()}
+
+
+def _rows(
+    node: Hdf5Node, asked: Mapping[str, ColumnPlace], samples: slice, records: Mapping[Any, Any]
+) -> dict[str, Any]:
+    """Return some rows of an array: of a 2-D one the columns that are asked for, read at once."""
+    first = next(iter(asked.values()))
+    if node.dataset in records:
+        return dict.fromkeys(asked, records[node.dataset][node.field])
+    numbers = _numbers(node)
+    if first.index is None:
+        along = len(node.dataset.shape) == 1 or node.dataset.shape[0] > 1
+        return dict.fromkeys(asked, numbers[samples] if along else numbers[:, samples])
+    if len(asked) == 1:
+        one = (samples, first.index) if first.axis == 1 else (first.index, samples)
+        return dict.fromkeys(asked, numbers[one])
+    several = numbers[samples] if first.axis == 1 else numbers[:, samples].T
+    return {name: several[:, place.index] for name, place in asked.items()}
 
 
 def _told(node: Hdf5Node, place: ColumnPlace, file: str) -> Told:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from rotorid.core.watch import watch
 from rotorid.data.record import Channel, Record
 from rotorid.force.channel_dynamics import Dynamics
 from rotorid.io.clock import RecordClock, on_grid, weigh_clock
-from rotorid.io.table import Column, ColumnFile, open_tables
+from rotorid.io.table import Column, ColumnFile, StoredArrays, open_tables
 
 _TIME, _MASK = "time", "mask"
 
@@ -373,17 +372,6 @@ ROWS = 1 << 16
 """Samples of a block, of each channel."""
 
 
-@runtime_checkable
-class BlockedTable(Protocol):
-    """A table that can be read in blocks of rows."""
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, Column]]:
-        """Yield successive rows of columns, by the names that `find` returned."""
-
-    def bytes_of(self, names: Sequence[str]) -> int:
-        """Return the size of columns in memory."""
-
-
 @frozen
 class RecordBlocks:
     """What a `Record` says of itself, and its samples in blocks."""
@@ -420,7 +408,7 @@ def open_blocks(
     Parameters are those of `rotorid.read_record`, in SI.
     """
     table = open_tables(paths, header_row=header_row)
-    if not isinstance(table, BlockedTable):
+    if not isinstance(table, StoredArrays):
         return None
     with naming(table.file):
         found = _find_columns(table, columns)
@@ -449,10 +437,9 @@ def open_blocks(
 
 
 def _blocks(
-    table: ColumnFile, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
+    table: StoredArrays, keys: Sequence[str], factors: Mapping[str, float], clock: RecordClock
 ) -> Iterator[Floats]:
     """Yield blocks of samples in SI, up to the end that the clock knows."""
-    assert isinstance(table, BlockedTable)
     left, done = clock.end, 0
     whole = table.bytes_of(keys) if left is None else 8 * left * len(keys)
     say = f"reading megabytes of {printable(Path(table.file).name)}"
