@@ -1,6 +1,7 @@
 """Base parameters: their names, their merge, and that only the equations' content matters."""
 
 import re
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals, monomial_name
-from rotorid.models.model import build_model
+from rotorid.models.equations import split_equations
 from rotorid.models.symbolic import from_sympy, symbol, to_sympy
 
 
@@ -31,7 +32,7 @@ def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):
 
 
 def rewritten(model, texts):
-    return build_model(model.name, "", "", texts, model.names, model.units, model.parameters)
+    return replace(model, texts=tuple(texts), equations=split_equations(texts, model.names))
 
 
 @pytest.mark.parametrize("problem", BANK, ids=lambda p: p.name)

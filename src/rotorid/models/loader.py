@@ -14,9 +14,9 @@ from pydantic import Field
 from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
 from rotorid.core.units import check_unit
-from rotorid.models.equations import Names
+from rotorid.models.equations import Names, split_equations
 from rotorid.models.linear import runs_by_time
-from rotorid.models.model import Model, build_model
+from rotorid.models.model import Model
 from rotorid.models.names import MAX_NAMES, DeclaredParameter, check_names
 from rotorid.models.text import RESERVED, symbol
 
@@ -179,9 +179,10 @@ def _build(data: bytes, name: str, file: str) -> Model:
             for table, rows in (("coordinates", entry.coordinates), ("inputs", entry.inputs))
             for key, unit in rows.items()
         }
-        parameters = [row.parameter(key) for key, row in entry.parameters.items()]
-        head = (name, entry.title, entry.source)
-        model = build_model(*head, entry.equations, names, units, parameters, data.decode())
+        parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
+        equations = split_equations(entry.equations, names)
+        head = (name, entry.title, entry.source, tuple(entry.equations), names, units)
+        model = Model(*head, parameters, equations, data.decode())
         _check_use(model)
         _check_angle(model)
     return model

@@ -26,7 +26,6 @@ from rotorid.models.equations import (
     out_of_range,
     product_dimensions,
     sort_monomials,
-    split_equations,
     unit_faults,
 )
 from rotorid.models.linear import (
@@ -381,17 +380,21 @@ class Model:
         ModelError
             Naming the term that is not linear.
         """
-        stiffness, loads = classify(self.terms, self.coordinates)
+        stiffness, loads = self._linear_terms()
         return LinearForm(
             rows=len(self.texts),
             coordinates=len(self.coordinates),
             inputs=len(self.inputs),
-            stiffness=StiffnessTable.of(stiffness),
+            stiffness=stiffness,
             input_terms=self.input_terms,
             load_terms=loads,
             monomial_values=self.monomial_values,
             monomials=len(self._monomials),
         )
+
+    def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
+        stiffness, loads = classify(self.terms, self.coordinates)
+        return StiffnessTable.of(stiffness), loads
 
     def __repr__(self) -> str:
         inputs = ", ".join(self.inputs) or "none"
@@ -441,22 +444,6 @@ class Model:
             return self.require_linear()
         except ModelError:
             return None
-
-
-def build_model(
-    name: str,
-    title: str,
-    source: str,
-    texts: Sequence[str],
-    names: Names,
-    units: Mapping[str, str],
-    parameters: Sequence[Parameter],
-    file_text: str = "",
-) -> Model:
-    """Expand the equations and return the model."""
-    equations = split_equations(texts, names)
-    head = (name, title, source, tuple(texts), names, units)
-    return Model(*head, tuple(parameters), equations, file_text)
 
 
 def _substituted(

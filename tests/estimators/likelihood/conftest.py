@@ -19,7 +19,8 @@ from rotorid import (
     load_model,
 )
 from rotorid.core.values import Floats
-from rotorid.models.model import Parameter, build_model
+from rotorid.models.equations import split_equations
+from rotorid.models.model import Parameter
 from rotorid.testing import add_noise, line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)
@@ -286,14 +287,14 @@ COORDINATE = re.compile(r"\b(theta_[xy]|[xy][123])\b")
 
 def with_term(model: Model, texts: Sequence[str], name: str, unit: str) -> Model:
     """Return a model with other equations and one more parameter."""
-    return build_model(
-        model.name,
-        model.title,
-        model.source,
-        texts,
-        replace(model.names, parameters=(*model.parameter_names, name)),
-        model.units,
-        (*model.parameters, Parameter(name, unit)),
+    names = replace(model.names, parameters=(*model.parameter_names, name))
+    return replace(
+        model,
+        texts=tuple(texts),
+        names=names,
+        parameters=(*model.parameters, Parameter(name, unit)),
+        equations=split_equations(texts, names),
+        file_text="",
     )
 
 

@@ -98,6 +98,12 @@ class ShaftDampingEntry(Schema):
     structural: Text = 0.0
 
 
+# Units of the quantities of a table, as its entry has them.
+DISC_UNITS = {"mass": "kg", "I_t": "kg m^2", "I_p": "kg m^2"}
+PLANE_UNITS = {"x": "kg m", "y": "kg m"}
+DAMPING_UNITS = {"internal": "s", "external": "1/s", "structural": "1"}
+
+
 class RotorFile(Schema):
     """A rotor file."""
 
@@ -137,6 +143,13 @@ class _Reader:
             )
         return found
 
+    def constants(self, entry: Schema, place: str, units: Mapping[str, str]) -> dict[str, Quantity]:
+        """Return the quantities of a table, by the unit of each."""
+        return {
+            name: self.constant(getattr(entry, name), unit, f"{place}.{name}")
+            for name, unit in units.items()
+        }
+
     def at_nominal(self, quantity: Quantity, place: str) -> float:
         """Return the positive value at the nominal values."""
         missing = [name for name in quantity.names if name not in self.nominal]
@@ -163,27 +176,17 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
     reader = _Reader(units, nominal)
     sections = tuple(_section(k, entry, reader) for k in range(len(entry.sections)))
     discs = {
-        name: Disc(
-            disc.at,
-            reader.constant(disc.mass, "kg", f"discs.{name}.mass"),
-            reader.constant(disc.I_t, "kg m^2", f"discs.{name}.I_t"),
-            reader.constant(disc.I_p, "kg m^2", f"discs.{name}.I_p"),
-        )
+        name: Disc(disc.at, **reader.constants(disc, f"discs.{name}", DISC_UNITS))
         for name, disc in entry.discs.items()
     }
-    damping = {
-        name: reader.constant(getattr(entry.damping, name), unit, f"damping.{name}")
-        for name, unit in (("internal", "s"), ("external", "1/s"), ("structural", "1"))
-    }
+    damping = reader.constants(entry.damping, "damping", DAMPING_UNITS)
     rotor = Rotor(
         sections,
         discs,
         {name: _support(name, support, reader) for name, support in entry.supports.items()},
         {
             name: DrawnUnbalance(
-                plane.at,
-                reader.constant(plane.x, "kg m", f"unbalance.{name}.x"),
-                reader.constant(plane.y, "kg m", f"unbalance.{name}.y"),
+                plane.at, **reader.constants(plane, f"unbalance.{name}", PLANE_UNITS)
             )
             for name, plane in entry.unbalance.items()
         },
@@ -337,14 +340,11 @@ def _check_channels(rotor: Rotor) -> None:
 
 def _check_numbers(rotor: Rotor) -> None:
     """Refuse discs and damping that are numbers below zero."""
-    for name, disc in rotor.discs.items():
-        for what in ("mass", "I_t", "I_p"):
-            number = getattr(disc, what).number
+    tables = [(f"discs.{name}", disc, DISC_UNITS) for name, disc in rotor.discs.items()]
+    for place, table, units in (*tables, ("damping", rotor, DAMPING_UNITS)):
+        for what in units:
+            number = getattr(table, what).number
             if number is not None and number < 0:
                 raise ModelError(
-                    f"{number:g}", "0 or more", "drop the sign", place=f"discs.{name}.{what}"
+                    f"{number:g}", "0 or more", "drop the sign", place=f"{place}.{what}"
                 )
-    for what in ("internal", "external", "structural"):
-        number = getattr(rotor, what).number
-        if number is not None and number < 0:
-            raise ModelError(f"{number:g}", "0 or more", "drop the sign", place=f"damping.{what}")

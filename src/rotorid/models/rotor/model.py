@@ -12,18 +12,10 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.core.frozen import frozen
-from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, Integers
-from rotorid.models.base import BaseParameters, monomial_name
+from rotorid.models.base import BaseParameters, monomial_name, monomial_unit
 from rotorid.models.equations import DERIVATIVES, Names, SplitEquations, sort_monomials
-from rotorid.models.linear import (
-    InputTerm,
-    LinearForm,
-    StiffnessTable,
-    StiffnessTerm,
-    Term,
-    TermKind,
-)
+from rotorid.models.linear import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, Factors, Rotor
 from rotorid.models.rotor.elements import PLANES
@@ -178,17 +170,8 @@ class RotorModel(Model):
         """None: units are checked where the drawing is read."""
         return ()
 
-    def require_linear(self) -> LinearForm:
-        return LinearForm(
-            rows=len(self.texts),
-            coordinates=len(self.coordinates),
-            inputs=len(self.inputs),
-            stiffness=self._stiffness,
-            input_terms=self.input_terms,
-            load_terms=self._load_terms,
-            monomial_values=self.monomial_values,
-            monomials=len(self._monomials),
-        )
+    def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
+        return self._stiffness, self._load_terms
 
     @cached_property
     def base(self) -> BaseParameters:
@@ -199,30 +182,24 @@ class RotorModel(Model):
         size = np.linalg.norm(columns, axis=0)
         scaled = np.asarray(np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r"))
         kept: list[int] = []
-        gather: list[Floats] = []
-        merged: dict[int, tuple[list[int], Floats]] = {}
+        gather = np.zeros((len(size), len(size)))
         for number, monomial in enumerate(self._monomials):
             if not any(monomial) or not size[number]:
                 continue
             found, *_ = np.linalg.lstsq(scaled[:, kept], scaled[:, number], rcond=None)
             rest = scaled[:, number] - scaled[:, kept] @ found
             if np.linalg.norm(rest) > DEPENDENT:
+                gather[len(kept), number] = 1.0
                 kept.append(number)
             else:
-                merged[number] = (list(range(len(kept))), found * size[number] / size[kept])
-        for place, number in enumerate(kept):
-            row = np.zeros(len(self._monomials))
-            row[number] = 1.0
-            for other, (places, shares) in merged.items():
-                if place in places and abs(shares[place]) > DEPENDENT:
-                    row[other] = shares[place]
-            gather.append(row)
-        units = self.parameter_units
-        named = [self._monomials[number] for number in kept]
+                shares = found * size[number] / size[kept]
+                gather[: len(kept), number] = np.where(np.abs(shares) > DEPENDENT, shares, 0.0)
+        names, units = self.parameter_names, self.parameter_units
+        held = [self._monomials[number] for number in kept]
         return BaseParameters(
-            tuple(monomial_name(monomial, self.parameter_names) for monomial in named),
-            tuple(_unit(monomial, self.parameter_names, units) for monomial in named),
-            np.array(gather).reshape(len(kept), len(self._monomials)),
+            tuple(monomial_name(monomial, names) for monomial in held),
+            tuple(monomial_unit(monomial, names, units) for monomial in held),
+            gather[: len(kept)].copy(),
             tuple(kept),
         )
 
@@ -358,11 +335,6 @@ def _split(factors: Factors, fixed: Mapping[str, float]) -> tuple[float, Factors
     """Return the number that fixed values make of factors, and what is left."""
     size = float(np.prod([fixed[name] ** power for name, power in factors if name in fixed]))
     return size, tuple(factor for factor in factors if factor[0] not in fixed)
-
-
-def _unit(monomial: Monomial, names: Sequence[str], units: Mapping[str, str]) -> str:
-    powers = zip(names, monomial, strict=True)
-    return multiply_units([(units[name], n) for name, n in powers if n])
 
 
 def rotor_model(
