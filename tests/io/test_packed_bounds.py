@@ -69,13 +69,11 @@ def test_mdf(tmp_path: Path) -> None:
     assert len(open_table(path).read(["0/x"])["0/x"].values) == 20_000
     place = whole.find(b"##DZ")
     damaged = bytearray(whole)
-    struct.pack_into("<Q", damaged, place + 32, 64_000_001)
-    path.write_bytes(damaged)
-    with pytest.raises(ReadError, match=TOO_MANY):
-        open_table(path)
-    chance = whole + bytes(damaged[place : place + 16]) + b"\1" + bytes(damaged[place + 17 :])
-    path.write_bytes(chance)  # no such block has links: numbers that look like one
-    assert len(open_table(path).read(["0/x"])["0/x"].values) == 20_000
+    for size in (64_000_001, 20_000_000_000, 1 << 62):
+        struct.pack_into("<Q", damaged, place + 32, size)
+        path.write_bytes(damaged)
+        with pytest.raises(ReadError, match=r"ends the program that reads it|damaged MDF data"):
+            open_table(path).read(["0/x"])
 
 
 def test_many_names_take_time_by_their_number(tmp_path: Path) -> None:

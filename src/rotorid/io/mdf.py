@@ -7,8 +7,6 @@ Only numbers are taken from the file. A conversion may also be a formula, which 
 from __future__ import annotations
 
 import gc
-import mmap
-import struct
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from rotorid.core.errors import ReadError
-from rotorid.core.files import open_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.io.child import in_child
@@ -39,10 +36,6 @@ from rotorid.io.table import (
     silent,
 )
 
-# A packed block: its name, its size, no links, what it was, two bytes and a number of how it was
-# packed, its size before and after.
-_PACKED, _PACKED_HEAD = b"##DZ", struct.Struct("<4s4xQQ2s6xQQ")
-_PACKED_KINDS = (b"DT", b"SD", b"RD", b"DV", b"DI", b"RV", b"RI", b"dt", b"sd", b"rd")
 _REMOTE_MASTER = 1 << 3  # flag of a group of MDF 4: its times are those of another group
 
 
@@ -132,7 +125,6 @@ class _Channels:
 def open_mdf(path: Path) -> MdfTable:
     """Open an MDF file; a channel is named by its name, or by its group and name: ``1/x``."""
     check_content(path, "MDF data")
-    _check_packed(path)
     package("asammdf", str(path))  # here once: each child would take its time to import it
     with TemporaryDirectory() as folder:
         found: MdfTable = in_child(_table, str(path), path, folder)
@@ -151,23 +143,6 @@ def _table(path: Path, folder: str) -> MdfTable:
                 name = f"{number}/{channel.name}"
                 channels[name], shapes[name] = (number, index), (samples,)
     return MdfTable(str(path), shapes, channels)
-
-
-def _check_packed(path: Path) -> None:
-    """Refuse packed blocks that say that they are far more than the file can hold."""
-    total = 0
-    with open_regular(path) as stream, reading(str(path), "MDF data"):
-        data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        with data:
-            place = data.find(_PACKED)
-            while place >= 0:
-                block = data[place : place + _PACKED_HEAD.size]
-                if len(block) == _PACKED_HEAD.size:
-                    _id, size, links, kind, unpacked, packed = _PACKED_HEAD.unpack(block)
-                    is_block = not links and kind in _PACKED_KINDS and size >= packed
-                    total += unpacked if is_block else 0
-                place = data.find(_PACKED, place + 4)
-    check_size(total, str(path), itemsize=1)
 
 
 @contextmanager
