@@ -11,7 +11,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.units import to_si
 from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.experiment.channels import unknown
-from rotorid.experiment.schema import Effort, ExperimentFile, Knowledge, Method, OwnEntry
+from rotorid.experiment.schema import Effort, ExperimentFile, Method, OwnEntry, PriorKeys
 from rotorid.models import Model
 from rotorid.models.equations import polynomial
 from rotorid.models.model import Parameter
@@ -89,7 +89,7 @@ def _parameter(name: str, model: Model, place: str) -> Parameter:
     return known[name]
 
 
-def _in_si(entry: Knowledge | OwnEntry, unit: str, place: str) -> dict[str, float]:
+def _in_si(entry: PriorKeys | OwnEntry, unit: str, place: str) -> dict[str, float]:
     """Return the quantities of an entry by their keys."""
     found = {}
     for key in ("fixed", "value", "std", "start", "min", "max"):
@@ -210,7 +210,7 @@ def _refuse_deviations(entry: ExperimentFile) -> None:
 
 def _inexact(entry: ExperimentFile) -> Iterator[tuple[str, str]]:
     """Yield places of what is not known exactly, or not of all records, and what stands there."""
-    knowledge: dict[str, Knowledge] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
+    knowledge: dict[str, PriorKeys] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
     knowledge |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
     channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}
     for number, record in enumerate(entry.records):

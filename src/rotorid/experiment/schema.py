@@ -556,7 +556,7 @@ class RecordEntry(RecordKeys):
         return self.fundamental is not None or self.period_samples is not None
 
 
-class Knowledge(Schema):
+class PriorKeys(Schema):
     """What a parameter and a combination of parameters have in common."""
 
     value: Quantity | None = None
@@ -569,7 +569,7 @@ class Knowledge(Schema):
         return self.min is not None or self.max is not None
 
 
-class ParameterEntry(Knowledge):
+class ParameterEntry(PriorKeys):
     """What is known of a parameter beforehand."""
 
     fixed: Quantity | None = None
@@ -592,7 +592,7 @@ class ParameterEntry(Knowledge):
         return self
 
 
-class ConstraintEntry(Knowledge):
+class ConstraintEntry(PriorKeys):
     """A combination of parameters that is known."""
 
     expression: str

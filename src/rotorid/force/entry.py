@@ -16,7 +16,7 @@ from rotorid.force.laws import MU0, Differential, Flux, Linear
 LawName = Literal["linear", "differential", "flux"]
 
 
-class Constant(NamedTuple):
+class StatedConstant(NamedTuple):
     """A constant of a force law, SI; `std` 0: exact, infinite: unknown, with a value to start."""
 
     value: float
@@ -25,9 +25,9 @@ class Constant(NamedTuple):
 
 
 def _constant(unit: str) -> BeforeValidator:
-    def read(value: object) -> Constant:
+    def read(value: object) -> StatedConstant:
         if not isinstance(value, dict):
-            return Constant(to_si(value, unit))
+            return StatedConstant(to_si(value, unit))
         keys, shared = set(value) - {"shared"}, value.get("shared", "")
         if keys not in ({"value", "std"}, {"start"}) or not isinstance(shared, str):
             raise InputError(
@@ -36,9 +36,9 @@ def _constant(unit: str) -> BeforeValidator:
                 f"write {{ value = '1 {unit}', std = '0.01 {unit}' }}, or {{ start = '1 {unit}' }}",
             )
         if keys == {"start"}:
-            return Constant(to_si(value["start"], unit, place="start"), np.inf, shared)
+            return StatedConstant(to_si(value["start"], unit, place="start"), np.inf, shared)
         number, std = (to_si(value[key], unit, place=key) for key in ("value", "std"))
-        return Constant(number, std, shared)
+        return StatedConstant(number, std, shared)
 
     return BeforeValidator(read)
 
@@ -63,18 +63,18 @@ class LawEntry(Schema):
     """
 
     law: LawName
-    ki: Annotated[Constant | None, _constant("N/A")] = None
-    ks: Annotated[Constant | None, _constant("N/m")] = None
-    K: Annotated[Constant | None, _constant("N m^2/A^2")] = None
-    area: Annotated[Constant | None, _constant("m^2")] = None
+    ki: Annotated[StatedConstant | None, _constant("N/A")] = None
+    ks: Annotated[StatedConstant | None, _constant("N/m")] = None
+    K: Annotated[StatedConstant | None, _constant("N m^2/A^2")] = None
+    area: Annotated[StatedConstant | None, _constant("m^2")] = None
     turns: Annotated[float | None, Field(gt=0, allow_inf_nan=False)] = None
-    bias: Annotated[Constant | None, _constant("A")] = None
-    gap: Annotated[Constant | None, _constant("m")] = None
-    angle: Annotated[Constant | None, _constant("rad")] = None
+    bias: Annotated[StatedConstant | None, _constant("A")] = None
+    gap: Annotated[StatedConstant | None, _constant("m")] = None
+    angle: Annotated[StatedConstant | None, _constant("rad")] = None
     poles: StrictInt | None = None
-    bias_difference: Annotated[Constant | None, _constant("A")] = None
-    iron: Annotated[Constant | None, _constant("m")] = None
-    saturation: Annotated[Constant | None, _constant("A/m")] = None
+    bias_difference: Annotated[StatedConstant | None, _constant("A")] = None
+    iron: Annotated[StatedConstant | None, _constant("m")] = None
+    saturation: Annotated[StatedConstant | None, _constant("A/m")] = None
 
     @property
     def uncertain(self) -> tuple[str, ...]:
@@ -82,10 +82,10 @@ class LawEntry(Schema):
         return tuple(key for key, constant in self._constants.items() if constant.std)
 
     @property
-    def _constants(self) -> dict[str, Constant]:
+    def _constants(self) -> dict[str, StatedConstant]:
         """Constants that are given, by their keys."""
         every = {key: getattr(self, key) for key in type(self).model_fields}
-        return {key: value for key, value in every.items() if isinstance(value, Constant)}
+        return {key: value for key, value in every.items() if isinstance(value, StatedConstant)}
 
     @property
     def shared(self) -> dict[str, str]:
@@ -135,7 +135,7 @@ class LawEntry(Schema):
         magnet = {key: c for key, c in given.items() if key not in ("K", "area")}
         return Differential(**_with_deviations({"constant": self._magnet(), **magnet}))
 
-    def _magnet(self) -> Constant:
+    def _magnet(self) -> StatedConstant:
         """Return K of one magnet, given or of its geometry."""
         geometry = (self.area, self.turns)
         if (self.K is None) == (None in geometry):
@@ -146,12 +146,12 @@ class LawEntry(Schema):
             )
         if self.K is not None:
             return self.K
-        area, turns = self.area or Constant(0.0), self.turns or 0.0
+        area, turns = self.area or StatedConstant(0.0), self.turns or 0.0
         factor = MU0 * turns**2 / 4
-        return Constant(factor * area.value, factor * area.std, area.shared)
+        return StatedConstant(factor * area.value, factor * area.std, area.shared)
 
 
-def _with_deviations(given: Mapping[str, Constant]) -> dict[str, Any]:
+def _with_deviations(given: Mapping[str, StatedConstant]) -> dict[str, Any]:
     """Return the arguments of a law: its constants and their deviations."""
     values = {name: constant.value for name, constant in given.items()}
     return values | {f"{name}_std": constant.std for name, constant in given.items()}

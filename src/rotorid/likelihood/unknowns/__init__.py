@@ -20,7 +20,7 @@ from rotorid.likelihood.unknowns.force_constants import (
     MagnetConstant,
     Scale,
 )
-from rotorid.likelihood.unknowns.nonlinearity import Cubic, Loop
+from rotorid.likelihood.unknowns.nonlinearity import Cubic, Hysteresis
 from rotorid.likelihood.unknowns.own import Own
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
 from rotorid.likelihood.unknowns.terms import Lever, Missing, Share
@@ -50,7 +50,7 @@ KINDS: tuple[type[Unknown], ...] = (
     MagnetConstant,
     Knee,
     Cubic,
-    Loop,
+    Hysteresis,
     Runout,
     Gain,
     CommonDelay,

@@ -72,7 +72,7 @@ class Cubic(Bend):
         return found
 
 
-class Loop(Bend):
+class Hysteresis(Bend):
     """An input that lags by half the width of a loop, whichever way it goes: hysteresis."""
 
     @staticmethod
