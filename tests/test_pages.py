@@ -80,7 +80,7 @@ def test_commands_of_the_pages_are_ones_that_there_are() -> None:
 def examples() -> list[list[str]]:
     """Return the examples of every help, in an order in which each has what it reads."""
     order = ("simulate", "identify", "report", "inspect", "validate", "modes", "balance")
-    order = (*order, "export", "models", "new", "sensitivity")
+    order = (*order, "export", "models", "new", "sensitivity", "schema")
     assert {*order, "demo"} == {*cli.cli.commands}  # that of demo runs in test_demo
     texts = [str(cli.cli.commands[name].epilog) for name in order]
     return [shlex.split(text.partition("rotorid ")[2]) for text in texts]

@@ -125,7 +125,7 @@ def test_demo_report_holds_table_findings_and_deviations(demo: DemoResult, demo_
 @pytest.mark.slow
 def test_demo_report_of_one_run() -> None:
     page = Page(demo_report(run_demo(1, rng=np.random.default_rng(3))))
-    assert "bias cannot be told from scatter" in page.words
+    assert "cannot tell bias from scatter" in page.words
     assert "Do the stated deviations hold?" not in page.words
 
 

@@ -49,57 +49,6 @@ class Recording:
         return [self.folder / name for name in self.entry.paths]
 
 
-def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
-    """Refuse channels in `[channels]` of a kind that no record is of."""
-    kinds = {record.channel_kind for record in records}
-    for name, entry in common.items():
-        if entry.kind not in kinds:
-            raise InputError(
-                f"a channel of {entry.kind} that no record takes",
-                f"a channel of {' or '.join(sorted(kinds))}",
-                "leave the channel out, or give a record its kind",
-                place=f"channels.{name}",
-            )
-
-
-def plan_record(
-    record: RecordEntry, common: Entries, model: Model, folder: Path, place: str
-) -> Recording:
-    """Return where the channels of a record come from, everything checked but the files.
-
-    Of the channels that all records share, those of another kind are not this record's.
-    """
-    kind = record.channel_kind
-    common = {name: entry for name, entry in common.items() if entry.kind == kind}
-    with naming(place=place):
-        for name, entry in record.channels.items():
-            if entry.kind != kind:
-                raise InputError(
-                    f"a channel of {entry.kind} in a record of {kind}",
-                    f"a channel of {kind}",
-                    "move the channel to a record of its kind, or give this record that kind",
-                    place=f"channels.{name}",
-                )
-        _planned(record, record.channels, model, common, folder)
-    entries = {**common, **record.channels}
-    check_columns(entries)
-    if not entries and kind != "samples":
-        raise InputError(f"no channel of {kind}", "one or more", "add them", place="channels")
-    return _planned(record, entries, model, {}, folder)
-
-
-def _planned(
-    record: RecordEntry, entries: Entries, model: Model, others: Entries, folder: Path
-) -> Recording:
-    if record.channel_kind == "samples":
-        return Recording(record, folder, entries, *_of_samples(entries, model, others, folder))
-    from rotorid.experiment import tables  # which few records need
-
-    check = tables.check_phasors if record.kind == "phasors" else tables.check_responses
-    check(entries, model, folder)
-    return Recording(record, folder, entries)
-
-
 def unknown(name: str, known: Iterable[str], what: str, place: str) -> InputError:
     """Return the error for a name that the model does not have, with the nearest that it has."""
     there = list(known)
@@ -224,7 +173,7 @@ def _response(names: Sequence[str], columns: Sequence[Column]) -> tuple[Floats, 
     return hertz, np.asarray(first + 1j * second)
 
 
-def _of_samples(
+def of_samples(
     entries: Entries, model: Model, others: Entries, folder: Path
 ) -> tuple[dict[str, Source], dict[str, ForceReading]]:
     """Return where channels over time come from; `others` may be read by the law of an input."""

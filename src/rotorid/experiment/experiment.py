@@ -19,7 +19,7 @@ from rotorid.data.line_inspection import LineInspection, inspect_lines
 from rotorid.data.observation import Measured
 from rotorid.data.order_tracking import phasors
 from rotorid.data.record import Record
-from rotorid.experiment.channels import Recording, check_shared, plan_record, shared_currents
+from rotorid.experiment.channels import Recording, shared_currents
 from rotorid.experiment.duplicates import (
     Overlaps,
     alike,
@@ -33,10 +33,12 @@ from rotorid.experiment.duplicates import (
 from rotorid.experiment.priors import Priors, build_estimator, default_method, own_values
 from rotorid.experiment.read import (
     averaged,
+    check_shared,
     filtered_of,
     lines_of,
     measured,
     period_of,
+    plan_record,
     read_table,
     said_of,
 )

@@ -1,21 +1,23 @@
-"""From the channels of an experiment file to a record: columns, force laws, rotor angle."""
+"""From the entries of an experiment file to a record: columns, force laws, rotor angle."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import naming
+from rotorid.core.errors import InputError, naming
 from rotorid.core.values import Floats
 from rotorid.data.filtered import FilteredRecord, filtered
 from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment.channels import Recording
+from rotorid.experiment import tables
+from rotorid.experiment.channels import Entries, Recording, check_columns, of_samples
 from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
@@ -29,6 +31,55 @@ from rotorid.signals.checks.rotation import rotation_warnings
 
 _MARK = "the mark of the rotor angle"
 _REFERENCE = "reference "
+
+
+def check_shared(records: Sequence[RecordEntry], common: Entries) -> None:
+    """Refuse channels in `[channels]` of a kind that no record is of."""
+    kinds = {record.channel_kind for record in records}
+    for name, entry in common.items():
+        if entry.kind not in kinds:
+            raise InputError(
+                f"a channel of {entry.kind} that no record takes",
+                f"a channel of {' or '.join(sorted(kinds))}",
+                "leave the channel out, or give a record its kind",
+                place=f"channels.{name}",
+            )
+
+
+def plan_record(
+    record: RecordEntry, common: Entries, model: Model, folder: Path, place: str
+) -> Recording:
+    """Return where the channels of a record come from, everything checked but the files.
+
+    Of the channels that all records share, those of another kind are not this record's.
+    """
+    kind = record.channel_kind
+    common = {name: entry for name, entry in common.items() if entry.kind == kind}
+    with naming(place=place):
+        for name, entry in record.channels.items():
+            if entry.kind != kind:
+                raise InputError(
+                    f"a channel of {entry.kind} in a record of {kind}",
+                    f"a channel of {kind}",
+                    "move the channel to a record of its kind, or give this record that kind",
+                    place=f"channels.{name}",
+                )
+        _planned(record, record.channels, model, common, folder)
+    entries = {**common, **record.channels}
+    check_columns(entries)
+    if not entries and kind != "samples":
+        raise InputError(f"no channel of {kind}", "one or more", "add them", place="channels")
+    return _planned(record, entries, model, {}, folder)
+
+
+def _planned(
+    record: RecordEntry, entries: Entries, model: Model, others: Entries, folder: Path
+) -> Recording:
+    if record.channel_kind == "samples":
+        return Recording(record, folder, entries, *of_samples(entries, model, others, folder))
+    check = tables.check_phasors if record.kind == "phasors" else tables.check_responses
+    check(entries, model, folder)
+    return Recording(record, folder, entries)
 
 
 def measured(
@@ -246,8 +297,6 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
 
 def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
     """Read a record that is a table; responses to several inputs are several."""
-    from rotorid.experiment import tables  # which few records need
-
     read = tables.read_phasors if plan.entry.kind == "phasors" else tables.read_responses
     return read(plan, model)
 
