@@ -16,7 +16,7 @@ EVIDENCE_DIGITS = 6
 """Of evidence, which its file rounds to six digits."""
 FEW = 24
 """The longest list of numbers, or of rows, that is kept as it is."""
-DROPPED = {"version", "environment", "sha256"}
+DROPPED = {"version", "environment", "sha256", "written"}
 LONG_TEXT = 200
 """Texts of files stand in a result as they were read; longer ones of several lines are dropped."""
 

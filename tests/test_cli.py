@@ -179,7 +179,7 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text in ("Table 1", "batch-100", "k1*L1^2 + k2*L2^2", "0.120", "bias", "ml", "bound"):
         assert text in printed.out
     data = json.loads(target.read_text())
-    assert set(data) == {"runs", "noise", "estimators", "bound"}
+    assert set(data) == {"runs", "noise", "estimators", "bound", "written"}
     assert data["runs"] == 3
     assert set(data["estimators"]) == {"batch-100", "batch-10", "sequential", "ls", "ml"}
     row = data["estimators"]["ls"]["I_t*mu - I_p*mu"]

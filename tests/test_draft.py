@@ -124,6 +124,8 @@ def test_what_is_left_open_is_told_in_one_line(
     told = capfd.readouterr().err
     assert told.count("\n") == 1
     assert '"?" in model, records.0.sample_rate, records.0.speed' in told
+    assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 0  # nobody edited it
+    out.write_text(out.read_text().replace('"?"', '"jeffcott"', 1))
     assert run(["new", str(tmp_path / "run.txt"), "--out", str(out)]) == 2
     assert "choose another name" in capfd.readouterr().err
     assert run(["new", str(tmp_path / "gone.csv")]) == 2

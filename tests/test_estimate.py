@@ -39,6 +39,8 @@ from rotorid.core.notes import Severity
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
+NAMED = NAMES.filter(lambda name: name.isprintable() and name.strip())
+UNITS = st.sampled_from(["1", "kg", "N/m", "kg m^2", "m", "rad", "N s/m", "V m"])
 DEVIATIONS = st.none() | FINITE.map(abs)
 ROOTS = st.floats(-1e100, 1e100).map(lambda x: x if abs(x) > 1e-100 else 0.0)
 ASSIGNMENTS = st.lists(st.tuples(NAMES, FINITE), max_size=3).map(tuple)
@@ -60,8 +62,8 @@ NOTES = st.builds(
 
 @st.composite
 def estimates(draw):
-    values = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS, DEVIATIONS, st.booleans())
-    bare = st.builds(Value, NAMES, NAMES, FINITE, DEVIATIONS)
+    values = st.builds(Value, NAMED, UNITS, FINITE, DEVIATIONS, DEVIATIONS, st.booleans())
+    bare = st.builds(Value, NAMED, UNITS, FINITE, DEVIATIONS)
     parameters, nuisance = draw(st.lists(values, max_size=3)), draw(st.lists(bare, max_size=3))
     free = [v for v in [*parameters, *nuisance] if not v.fixed] if draw(st.booleans()) else []
     size = len(free)
@@ -510,3 +512,19 @@ def test_a_prediction_that_noise_spoils_is_explained_where_the_cost_is_in_order(
         assert "beside a resonance" not in str(other)
     assert "beside a resonance" in str(replace(good, prediction={"x1": Prediction(0.31)}))
     assert "\n260 periods, 2 lines" in str(replace(good, periods=260))
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [("unit", "kg\x1b[2J"), ("unit", "=cmd"), ("name", "a\nb"), ("name", "")],
+)
+def test_names_and_units_of_a_file_are_checked(key, text, tmp_path):
+    path = tmp_path / "run.json"
+    Estimate("one", "ls", "ok", (Value("m", "kg", 2.0, std=0.01),)).save(path)
+    assert load_estimate(path).value("m") == 2.0
+    data = json.loads(path.read_text())
+    data["parameters"][0][key] = text
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=rf"parameters\.0\.{key}") as told_of:
+        load_estimate(path)
+    assert str(told_of.value).isprintable()

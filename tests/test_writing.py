@@ -8,9 +8,9 @@ import pytest
 
 from rotorid import InputError
 from rotorid.commands import console
-from rotorid.core.files import Kind, check_apart, check_target, seen, write_files, write_whole
+from rotorid.core.files import MARK, Kind, check_apart, check_target, seen, write_files, write_whole
 
-KIND = Kind("rotorid test", rb'\{\s*"kind": "test"')
+KIND = Kind("rotorid test")
 
 
 def fail() -> bytes:
@@ -119,10 +119,14 @@ def test_a_file_of_others_is_kept(tmp_path: Path) -> None:
     check_target(target, KIND)
     target.touch()  # as mktemp does: there is nothing to lose
     check_target(target, KIND)
-    target.write_text('{"kind": "test"}')
-    check_target(target, KIND)
-    for text in ('{"kind": "other"}', ' {"kind": "test"}', "[]", "\0"):
-        target.write_text(text)
+    own = KIND.signed(f'{{"mass": 2, "written": "{MARK}"}}'.encode())
+    quoting = own.replace(b"2", b'"%s"' % MARK.encode().replace(b"0", b"1"), 1)
+    for data in (own, KIND.signed(quoting.replace(own[-66:-2], b"0" * 64))):
+        target.write_bytes(data)
+        check_target(target, KIND)
+    other = Kind("rotorid other").signed(f'{{"mass": 2, "written": "{MARK}"}}'.encode())
+    for data in (other, own.replace(b"2", b"3", 1), own + b"\n", MARK.encode(), b"[]", b"\0"):
+        target.write_bytes(data)
         with pytest.raises(InputError, match=r"`rotorid test` did not write.*--force"):
             check_target(target, KIND)
         check_target(target, KIND, force=True)

@@ -26,6 +26,7 @@ from click.shell_completion import CompletionItem
 from rotorid.commands import BROKEN_PIPE, INTERRUPTED, NO_ANSWER, OK, SIGNALLED, WRONG_INPUT
 from rotorid.commands.console import STDOUT, Outputs, progress, put, silence
 from rotorid.core.errors import LINE, InputError, UnfinishedError, one_line
+from rotorid.core.files import Kind
 from rotorid.core.watch import watch
 
 MAX_RUNS = 100_000  # of the demonstration: a day's work
@@ -99,13 +100,14 @@ _record_option = click.option(
 
 def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     """Give a command the options of where its answer goes; it takes them as one."""
+    kind = Kind(f"rotorid {command.__name__} --json")
 
     @click.pass_obj
     @wraps(command)
     def work(
         given: str, /, json: Path | None, report: Path | None, force: bool, **options: Any
     ) -> int:
-        return command(answer=Outputs(json, report, force, given), **options)
+        return command(answer=Outputs(json, report, force, given, kind), **options)
 
     return _report_option(_json_option(_force_option(_quiet_option(_debug_option(work)))))
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from rotorid import Estimate, InputError, Value, export
+from rotorid import Estimate, InputError, Value, export, load_model
+from rotorid.cli import run
 
 ESTIMATE = Estimate(
     "three-mass",
@@ -76,3 +77,29 @@ def test_a_covariance_of_other_size_is_left_out(tmp_path, size):
         export(odd, tmp_path / name)
     assert "cov[" not in (tmp_path / "a.csv").read_text(encoding="utf-8")
     assert "covariance" not in (tmp_path / "a.tex").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("ending", ["csv", "mat", "tex", "json"])
+def test_a_table_that_a_user_edited_is_kept(ending, tmp_path, capsys):
+    result, table = tmp_path / "run.json", tmp_path / f"table.{ending}"
+    model = load_model("jeffcott")
+    named = zip(model.parameter_names, model.parameter_units.values(), strict=True)
+    Estimate("jeffcott", "ml", "ok", tuple(Value(n, u, 2.0) for n, u in named)).save(result)
+    order = ["export", str(result), "--to", str(table)]
+    assert run(order) == 0
+    assert run(order) == 0  # nobody edited it
+    edited = table.read_bytes().replace(b"0", b"1", 1)
+    assert edited != table.read_bytes()
+    table.write_bytes(edited)
+    assert run(order) == 2
+    assert "edited since" in capsys.readouterr().err
+    assert table.read_bytes() == edited
+    assert run([*order, "--force"]) == 0
+
+
+def test_a_name_is_no_formula_of_a_spreadsheet(tmp_path):
+    names = ["-k1*L1 + k2", "=1+1", "m1"]
+    estimate = Estimate("one", "ls", "ok", tuple(Value(n, "kg", 2.0) for n in names))
+    export(estimate, tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as stream:
+        assert [row["name"] for row in csv.DictReader(stream)] == ["'-k1*L1 + k2", "'=1+1", "m1"]

@@ -17,7 +17,7 @@ from rotorid.answer import tables as page_of
 from rotorid.answer.judge import judge
 from rotorid.answer.parts import Answer, Value
 from rotorid.core.errors import InputError
-from rotorid.core.files import write_whole
+from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, page_html, page_text
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 SCHEMA = "rotorid-estimate/2"
+RESULT = Kind("rotorid identify --json")
 
 
 @frozen
@@ -220,11 +221,11 @@ class Estimate(Answer):
 
     def to_json(self) -> bytes:
         """Return the content of the result file."""
-        data = self.to_dict()
+        data = {**self.to_dict(), "written": MARK}
         try:
-            return _json(data)
+            return RESULT.signed(_json(data))
         except ValueError:  # names of files are bytes, and may be no text
-            return _json(_encodable(data))
+            return RESULT.signed(_json(_encodable(data)))
 
 
 def _json(data: dict[str, Any]) -> bytes:

@@ -12,11 +12,12 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rotorid.answer.estimate import SCHEMA, Estimate, adapter
 from rotorid.answer.parts import Suspect
-from rotorid.core.errors import InputError, ReadError
+from rotorid.core.errors import InputError, ReadError, naming, one_line
 from rotorid.core.files import read_regular
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES
 from rotorid.core.notes import VERDICTS, Note
+from rotorid.core.units import check_unit
 
 READABLE = ("rotorid-estimate/1", SCHEMA)
 EDITED = 1e-6  # share by which covariance and deviations of a file differ that was not edited
@@ -68,11 +69,29 @@ def load_estimate(path: str | Path) -> Estimate:
             raise ReadError(f"{count} faults", "a result file", cure, file=file) from None
         fault = error.errors(include_url=False)[0]
         raise _refusal(fault, cure).at(file=file) from None
+    _check_names(estimate, file)
     if (wrong := _contradiction(estimate)) is not None:
         place, said = wrong
         expected = "deviations of zero or more that are those of the covariance"
         raise ReadError(said, expected, f"{cure}: this one was edited", file=file, place=place)
     return estimate
+
+
+def _check_names(estimate: Estimate, file: str) -> None:
+    """Refuse names and units that no estimate has: other programs read them from exports."""
+    for kind in ("parameters", "nuisance", "derived"):
+        for number, value in enumerate(getattr(estimate, kind)):
+            place = f"{kind}.{number}"
+            if not value.name.strip() or not value.name.isprintable():
+                raise ReadError(
+                    f"the name {one_line(repr(value.name))}",
+                    "the name of a quantity, in printable characters",
+                    "write the file with identify --json",
+                    file=file,
+                    place=f"{place}.name",
+                )
+            with naming(file):
+                check_unit(value.unit, place=f"{place}.unit")
 
 
 def _contradiction(estimate: Estimate) -> tuple[str, str] | None:

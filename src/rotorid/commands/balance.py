@@ -9,7 +9,7 @@ from typing import Any
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import BALANCE, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -33,7 +33,7 @@ def run(
     record: int,
     answer: Outputs,
 ) -> int:
-    targets = answer.check(BALANCE)
+    targets = answer.check()
     check_apart(targets, [result])
     estimate = load_estimate(result)
     speeds = list(speed) or speeds_of(estimate)

@@ -20,7 +20,16 @@ import click
 
 from rotorid.commands import BROKEN_PIPE
 from rotorid.core.errors import InputError, UnfinishedError, one_line
-from rotorid.core.files import Content, Kind, Seen, check_target, seen, write_files
+from rotorid.core.files import (
+    MARK,
+    REPORT,
+    Content,
+    Kind,
+    Seen,
+    check_target,
+    seen,
+    write_files,
+)
 from rotorid.core.tables import Page, page_text
 from rotorid.core.watch import Pace, watch, watched, words
 
@@ -28,19 +37,6 @@ if TYPE_CHECKING:
     from rich.live import Live
 
 Output = tuple[Path | None, Content]
-RESULT = Kind("rotorid identify --json", rb'\{\s*"schema": "rotorid-estimate/')
-INSPECTION = Kind("rotorid inspect --json", rb'\{\s*"verdict": "\w+",\s*"checks": \[')
-VALIDATION = Kind("rotorid validate --json", rb'\{\s*"verdict": "\w+",\s*"channels": \[')
-MODES = Kind("rotorid modes --json", rb'\{\s*"speed_rad_s": [-+.\de]+,\s*"modes": \[')
-BALANCE = Kind("rotorid balance --json", rb'\{\s*"corrections": \[')
-SENSITIVITY = Kind("rotorid sensitivity --json", rb'\{\s*"axes": \[')
-FIGURES = Kind("rotorid demo --json", rb'\{\s*"runs": \d+,\s*"noise": \{')
-REPORT = Kind(
-    "rotorid ... --report",
-    rb'<!DOCTYPE html>[^>]*>\s*<head>\s*<meta name="generator" content="rotorid ',
-)
-# A draft is made to be edited, and names nothing that a hand would not write.
-DRAFT = Kind("rotorid new", rb"(?!)", "a file, which may have been completed by hand")
 _COLOURS = {
     "rejected": "yellow",
     "ok": "green",
@@ -248,11 +244,12 @@ class Outputs(NamedTuple):
     report: Path | None
     force: bool = False
     given: str = ""
+    kind: Kind = REPORT  # of the JSON
 
-    def check(self, kind: Kind, *reports: Path | None) -> list[Path]:
+    def check(self, *reports: Path | None) -> list[Path]:
         """Refuse what cannot be written before the work begins; return the targets there are."""
         pages = ((path, REPORT) for path in (self.report, *reports))
-        return check_outputs((self.json, kind), *pages, force=self.force)
+        return check_outputs((self.json, self.kind), *pages, force=self.force)
 
     def give(self, page: Page, data: Any, html: Callable[[], str]) -> None:
         """Write the figures, show the page, and make the report last.
@@ -262,7 +259,7 @@ class Outputs(NamedTuple):
         """
         faults: list[Exception] = []
         try:
-            write((self.json, data if callable(data) else _as_json(data)))
+            write((self.json, data if callable(data) else as_json(data, self.kind)))
         except (InputError, click.exceptions.Exit, OSError) as error:
             faults.append(error)
         try:
@@ -273,7 +270,7 @@ class Outputs(NamedTuple):
             if self.report is not None:
                 watch("writing the report")
             try:
-                write((self.report, as_text(html)))
+                write((self.report, as_text(html, REPORT)))
             except Exception as error:
                 faults.insert(0, _unfinished(self.report, error))
         if faults:
@@ -293,12 +290,14 @@ def _unfinished(report: Path | None, error: Exception) -> UnfinishedError:
     return told
 
 
-def as_text(text: Callable[[], str]) -> Content:
-    return lambda: text().encode("utf-8", "backslashreplace")
+def as_text(text: Callable[[], str], kind: Kind) -> Content:
+    """Return the content of a file of text that holds its mark."""
+    return lambda: kind.signed(text().encode("utf-8", "backslashreplace"))
 
 
-def _as_json(data: Any) -> Content:
-    return as_text(lambda: json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
+def as_json(data: Any, kind: Kind) -> Content:
+    marked = {**data, "written": MARK}
+    return as_text(lambda: json.dumps(_finite(marked), indent=2, allow_nan=False) + "\n", kind)
 
 
 def _finite(data: Any) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorid.commands import OK
-from rotorid.commands.console import FIGURES, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
 from rotorid.demo.machine import run_machine
@@ -17,7 +17,7 @@ NOISE = 2026  # starts the generator of the noise, so that every run shows the s
 
 
 def run(runs: int, machine: Path | None, answer: Outputs) -> int:
-    check_apart(answer.check(FIGURES, machine), [])
+    check_apart(answer.check(machine), [])
     _show_machine(machine)
     result = run_demo(runs, rng=np.random.default_rng(NOISE))
 

@@ -8,11 +8,12 @@ from rotorid.answer.result_file import load_estimate
 from rotorid.commands import OK
 from rotorid.commands.console import check_outputs, show, write
 from rotorid.core.files import check_apart
-from rotorid.results.export import exported, kind_of, plant_of
+from rotorid.results.export import EXPORT, exported, known_ending, plant_of
 
 
 def run(result: Path, target: Path, speed: str, force: bool) -> int:
-    targets = check_outputs((target, kind_of(target)), force=force)
+    known_ending(target)
+    targets = check_outputs((target, EXPORT), force=force)
     estimate = load_estimate(result)
     check_apart(targets, [result])
     write((target, lambda: exported(estimate, target, speed=speed)))

@@ -10,7 +10,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK, REJECTED
-from rotorid.commands.console import RESULT, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import environment, source_of
 from rotorid.core.errors import naming
 from rotorid.core.files import check_apart
@@ -34,7 +34,7 @@ def run(
     answer: Outputs,
 ) -> int:
     """Identify what an experiment file describes; the exit code says whether there is an answer."""
-    targets = answer.check(RESULT)
+    targets = answer.check()
     watch("reading")
     plan = load_experiment(experiment)
     check_apart(targets, plan.files)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import INSPECTION, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.notes import worst
@@ -20,7 +20,7 @@ from rotorid.signals.inspection import Inspection
 
 def run(experiment: Path, answer: Outputs) -> int:
     """Say what is in the records of an experiment, before identifying."""
-    targets = answer.check(INSPECTION)
+    targets = answer.check()
     if targets:
         check_apart(targets, named_files(experiment))
     watch("reading")

@@ -10,7 +10,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import MODES, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
@@ -28,7 +28,7 @@ def run(
     record: int,
     answer: Outputs,
 ) -> int:
-    targets = answer.check(MODES)
+    targets = answer.check()
     check_apart(targets, [Path(source)])
     read = source_of(source)
     watch("computing")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import OK
-from rotorid.commands.console import REPORT, as_text, check_outputs, show, write
-from rotorid.core.files import check_apart
+from rotorid.commands.console import as_text, check_outputs, show, write
+from rotorid.core.files import REPORT, check_apart
 from rotorid.core.watch import watch
 from rotorid.report.estimate import WITHOUT, estimate_report
 
@@ -22,6 +22,6 @@ def run(result: Path, out: Path | None, force: bool) -> int:
         targets, [result, *(Path(source.file) for source in files if os.path.isfile(source.file))]
     )
     watch("writing the report")
-    write((target, as_text(lambda: estimate_report(estimate))))
+    write((target, as_text(lambda: estimate_report(estimate), REPORT)))
     show([*([] if estimate.evidence else [WITHOUT]), f"report: {target}"])
     return OK

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import SENSITIVITY, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -27,7 +27,7 @@ def run(
     pair: Sequence[str],
     answer: Outputs,
 ) -> int:
-    targets = answer.check(SENSITIVITY)
+    targets = answer.check()
     watch("reading")
     plan = load_experiment(experiment)
     plan.require_records()

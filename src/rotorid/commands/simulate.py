@@ -11,7 +11,7 @@ from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.report.record_tables import fault_page, record_page
 from rotorid.rig.file import load_rig
-from rotorid.rig.files import EXPERIMENT, RECORD, experiment_path, experiment_text, record_bytes
+from rotorid.rig.files import RECORD, experiment_path, experiment_text, record_bytes
 
 
 def run(
@@ -32,14 +32,14 @@ def run(
             "name both: a rig, such as three-mass, and the record to write, such as run.h5",
         )
     experiment = experiment_path(out, rig)
-    targets = check_outputs((out, RECORD), (experiment, EXPERIMENT), force=force)
+    targets = check_outputs((out, RECORD), (experiment, RECORD), force=force)
     plan = load_rig(rig).with_faults(fault)
     check_apart(targets, [Path(rig), Path(plan.model)])
     watch("running")
     record = plan.record(seed)
     write(
         (out, lambda: record_bytes(record, rig_text=plan.text, faults=fault)),
-        (experiment, as_text(lambda: experiment_text(plan, record, out.name))),
+        (experiment, as_text(lambda: experiment_text(plan, record, out.name), RECORD)),
     )
     show(record_page(record, str(out), str(experiment)))
     return OK

@@ -13,7 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import VALIDATION, Outputs
+from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import done, source_of
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
@@ -29,7 +29,7 @@ def run(
     experiment: Path,
     answer: Outputs,
 ) -> int:
-    targets = answer.check(VALIDATION)
+    targets = answer.check()
     estimate = load_estimate(result)
     watch("reading")
     plan = load_experiment(experiment)

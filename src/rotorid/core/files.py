@@ -16,6 +16,8 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -119,21 +121,40 @@ def _unreadable(path: str | Path, error: Exception, expected: str) -> ReadError:
 Content = Callable[[], bytes]
 Seen = tuple[int, int, int, int] | None
 """What tells a file from another, or from itself before it was edited; None where there is none."""
-_HEAD = 4096  # bytes at the beginning of a file that say who wrote it
+_NOTHING = b"0" * 64
+MARK = f"rotorid-sha256:{_NOTHING.decode()}"
+"""What stands in a file, in a place that its format has for such, until `Kind.signed` fills it."""
+_SIGNED = re.compile(rb"(?<=rotorid-sha256:)[0-9a-f]{64}")
+_LARGEST = 4_000_000_000  # bytes of a file that is read to see who wrote it
+_MARKS = 10  # of a file: a result holds the text of its experiment file, with the mark of that
 
 
 @frozen
 class Kind:
-    """A kind of file that a command writes, and how a file of it is known again."""
+    """A kind of file that a command writes, and how one is known that nobody edited since."""
 
-    writer: str  # the command, for messages
-    begins: bytes  # A regular expression that the beginning of such a file matches
-    # what another file is called in a message
-    found: str = "a file that `{}` did not write, or that was edited since"
+    writer: str  # the command
+
+    def signed(self, data: bytes) -> bytes:
+        """Return the content of a file with its hash in the place of `MARK`."""
+        return data.replace(MARK.encode(), MARK.encode()[:-64] + self._hash(data), 1)
 
     def wrote(self, path: Path) -> bool:
-        with path.open("rb") as stream:
-            return re.match(self.begins, stream.read(_HEAD)) is not None
+        """Tell whether this command wrote a file, and nobody edited it since."""
+        if path.stat().st_size > _LARGEST:
+            return False
+        data = path.read_bytes()
+        said = islice(_SIGNED.finditer(data), _MARKS)
+        return any(
+            self._hash(data[: mark.start()] + _NOTHING + data[mark.end() :]) == mark.group()
+            for mark in said
+        )
+
+    def _hash(self, data: bytes) -> bytes:
+        return sha256(self.writer.encode() + data).hexdigest().encode()
+
+
+REPORT = Kind("rotorid ... --report")
 
 
 def check_target(path: Path, kind: Kind | None = None, *, force: bool = False) -> None:
@@ -189,7 +210,7 @@ def _require_own(path: Path, kind: Kind) -> None:
         mine = False
     if not mine:
         raise InputError(
-            kind.found.format(kind.writer),
+            f"a file that `{kind.writer}` did not write, or that was edited since",
             "a new name, or a file of its own",
             "choose another name, or replace the file with --force",
             file=str(path),

@@ -15,6 +15,7 @@ import tomlkit
 import tomlkit.items
 
 from rotorid.core.errors import InputError, ReadError
+from rotorid.core.files import MARK, Kind
 from rotorid.core.frozen import frozen
 from rotorid.core.units import converts, si_factor
 from rotorid.core.values import Floats
@@ -336,6 +337,14 @@ class _Run:
         return [c for c in self.channels() if is_excitation(c) and np.ptp(c.values) > 0]
 
 
+DRAFT = Kind("rotorid new")
+_SCHEMA = """#:schema experiment.schema.json
+# By that file an editor completes and checks. To write it:
+#   rotorid schema experiment --out experiment.schema.json
+
+"""
+
+
 def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """Return the text of an experiment file for some records.
 
@@ -360,7 +369,9 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     text["channels"] = _channels(runs[0], loaded, named)
     if loaded is not None:
         text["parameters"] = _parameters(loaded)
-    return tomlkit.dumps(text)
+    text.add(tomlkit.nl())
+    _remark(text, f"as written: {MARK}")
+    return _SCHEMA + tomlkit.dumps(text)
 
 
 def _runs(files: Sequence[Path]) -> list[_Run]:

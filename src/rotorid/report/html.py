@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rotorid.core.errors import printable
+from rotorid.core.files import MARK
 from rotorid.core.frozen import frozen
 from rotorid.report.interactive import spec
 from rotorid.report.panels import Curve, Panel, key_of, thinned
@@ -103,7 +104,7 @@ def render(template: str, **content: Any) -> str:
     environment = _environment()
     drawn = PagePanels([])
     page = environment.get_template(template).render(
-        version=__version__, drawn=drawn, scripts=(), **content
+        version=__version__, mark=MARK, drawn=drawn, scripts=(), **content
     )
     if not drawn.panels:
         return page.replace(_PLACE, "")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 from collections.abc import Callable, Iterable, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError, one_line, printable, require_names
-from rotorid.core.files import Kind, write_whole
+from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
 from rotorid.core.values import ByContent, Floats, Integers
 from rotorid.models import Model
@@ -243,9 +242,9 @@ def _solved(machine: Machine, matrix: Floats, right: Floats) -> Floats:
 
 SCHEMA = "rotorid-state-space/1"
 _COLUMNS = ("kind", "name", "unit", "value", "std", "std_inflated", "fixed")
-_MAT_TEXT = b"MATLAB 5.0 MAT-file, written by rotorid export"
+_MAT_TEXT = f"MATLAB 5.0 MAT-file, {MARK}".encode()
 _MAT_TEXT_BYTES = 116
-_TEX_MARK = "% Written by rotorid export: "
+EXPORT = Kind("rotorid export")
 _LATEX = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _LATEX |= {c: "\\" + c for c in "&%$#_{}"}
 
@@ -292,17 +291,10 @@ def exported(
     estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
 ) -> bytes:
     """Return the content of the file that `export` writes."""
-    write, _ = _WRITERS[_known_ending(path, ending)]
-    return write(estimate, speed)
+    return EXPORT.signed(_WRITERS[known_ending(path, ending)](estimate, speed))
 
 
-def kind_of(path: str | Path) -> Kind:
-    """Return how a file of this name is known as written by `export`."""
-    _, begins = _WRITERS[_known_ending(path)]
-    return Kind("rotorid export", begins)
-
-
-def _known_ending(path: str | Path, ending: str | None = None) -> str:
+def known_ending(path: str | Path, ending: str | None = None) -> str:
     ending = (ending or Path(path).suffix).lower()
     cure = "name the file so, for example result.csv"
     require_names([ending], _WRITERS, "the ending {}", cure, file=str(path))
@@ -329,11 +321,17 @@ def _csv(estimate: Estimate, _: float | str) -> bytes:
     covariance = iter(estimate.covariance.tolist() if names else [])
     stream = StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*_COLUMNS, *(f"cov[{name}]" for name in names)])
+    writer.writerow([*_COLUMNS, *(f"cov[{name}]" for name in names), MARK])
     for kind, v in _quantities(estimate):
         row: list[float] = next(covariance, []) if kind != "derived" and not v.fixed else []
-        writer.writerow([kind, v.name, v.unit, v.value, v.std, v.std_inflated, v.fixed, *row])
+        texts = map(_cell, (kind, v.name, v.unit))
+        writer.writerow([*texts, v.value, v.std, v.std_inflated, v.fixed, *row])
     return _encoded(stream.getvalue())
+
+
+def _cell(text: str) -> str:
+    """Return a text that a spreadsheet shows as it is: one that begins like a formula is run."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def plant_of(estimate: Estimate, speed: float | str) -> StateSpace | None:
@@ -347,7 +345,8 @@ def plant_of(estimate: Estimate, speed: float | str) -> StateSpace | None:
 
 def _json(estimate: Estimate, speed: float | str) -> bytes:
     plant = state_space(estimate, speed=speed).to_dict()
-    return (json.dumps({"schema": SCHEMA, **plant}, indent=1, allow_nan=False) + "\n").encode()
+    marked = {"schema": SCHEMA, **plant, "written": MARK}
+    return (json.dumps(marked, indent=1, allow_nan=False) + "\n").encode()
 
 
 def _mat(estimate: Estimate, speed: float | str) -> bytes:
@@ -400,7 +399,7 @@ def _tex(estimate: Estimate, _: float | str) -> bytes:
         )
         tables.append((("covariance", *names), rows, (False, *[True] * len(names))))
     title = f"{estimate.model}, {estimate.method}: {estimate.status}"
-    lines = [_TEX_MARK + one_line(title)]
+    lines = [f"% {one_line(title)}", f"% {MARK}"]
     for headings, body, numeric in tables:
         lines += [rf"\begin{{tabular}}{{{''.join('r' if n else 'l' for n in numeric)}}}", r"\hline"]
         lines += [_tex_row(headings), r"\hline", *map(_tex_row, body)]
@@ -417,10 +416,10 @@ def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
 
 
-_WRITERS: dict[str, tuple[Callable[[Estimate, float | str], bytes], bytes]] = {
-    ".csv": (_csv, re.escape(",".join(_COLUMNS).encode())),
-    ".mat": (_mat, re.escape(_MAT_TEXT)),
-    ".tex": (_tex, re.escape(_TEX_MARK.encode())),
-    ".json": (_json, rb'\{\s*"schema": "rotorid-state-space/'),
+_WRITERS: dict[str, Callable[[Estimate, float | str], bytes]] = {
+    ".csv": _csv,
+    ".mat": _mat,
+    ".tex": _tex,
+    ".json": _json,
 }
-"""How a file of each ending is written, and how one that was begins."""
+"""How a file of each ending is written."""

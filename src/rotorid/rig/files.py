@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,7 @@ import tomlkit.items
 from scipy.io import wavfile
 
 from rotorid.core.errors import InputError, one_line, printable
-from rotorid.core.files import Kind, write_whole
-from rotorid.core.frozen import frozen
-from rotorid.core.limits import TOML_BYTES
+from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.rig.file import RigPlan
 from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, Truth, actuator_position, label
@@ -26,8 +23,7 @@ from rotorid.rig.rig import Rig
 from rotorid.rig.rotation import Encoder, Keyphasor
 from rotorid.signals.multisine import Multisine
 
-_WRITER = "rotorid simulate"
-_MARK = f"Written by `{_WRITER}`"
+RECORD = Kind("rotorid simulate")
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
@@ -47,13 +43,13 @@ def record_bytes(
 ) -> bytes:
 
     def fill(data: h5py.File) -> None:
-        data.attrs["written_by"] = _WRITER
+        data.attrs.update(written_by=RECORD.writer, written=MARK)
         _write_columns(data, record.columns, record.sample_rate)
         if record.truth is not None:
             _write_truth(data.create_group("truth"), record.truth)
             data["truth"].attrs.update(rig=rig_text, faults=list(faults))
 
-    return _in_memory(fill)
+    return RECORD.signed(_in_memory(fill))
 
 
 def _in_memory(fill: Callable[[h5py.File], None]) -> bytes:
@@ -128,12 +124,7 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
         text["parameters"].comment("they multiply forces: a ruler gives them")
     said = printable(tomlkit.dumps(text), keep="\n")
     source = f"{one_line(plan.name)}: {one_line(plan.title)}"
-    return f"# {_MARK}, from the rig {source}\n{_sum(said)}{said}"
-
-
-def _sum(text: str) -> str:
-    """Return the comment by which a file is known that nobody edited since it was written."""
-    return f"# as written: {sha256(text.encode()).hexdigest()}\n"
+    return f"# Written by `{RECORD.writer}`, from the rig {source}\n# {MARK}\n{said}"
 
 
 def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
@@ -298,33 +289,6 @@ def _known_parameters(rig: Rig) -> dict[str, Any]:
         for name in rig.model.parameter_names
         if name in held
     }
-
-
-@frozen
-class _Record(Kind):
-    """A record of `simulate`, which has the attribute ``written_by``."""
-
-    def wrote(self, path: Path) -> bool:
-        with h5py.File(path) as data:
-            return bool(data.attrs.get("written_by") == _WRITER)
-
-
-@frozen
-class _Experiment(Kind):
-    """An experiment file of `simulate`, as long as it is as it was written.
-
-    People complete these files by hand: the comment alone would give their work away.
-    """
-
-    def wrote(self, path: Path) -> bool:
-        if path.stat().st_size > TOML_BYTES:
-            return False
-        mark, said, text = path.read_text(encoding="utf-8").split("\n", 2)
-        return mark.startswith(f"# {_MARK}") and f"{said}\n" == _sum(text)
-
-
-RECORD = _Record(_WRITER, b"")
-EXPERIMENT = _Experiment(_WRITER, b"")
 
 
 def write_excitation(
