@@ -21,7 +21,7 @@ LONG_TEXT = 200
 """Texts of files stand in a result as they were read; longer ones of several lines are dropped."""
 
 _NORMAL = (
-    (re.compile(r"\b[0-9a-f]{32,}\b"), "<hash>"),
+    (re.compile(r"(rotorid-sha256:)?\b[0-9a-f]{32,}\b"), "<hash>"),
     (re.compile(r"\b\d{4}-\d\d-\d\d([ T]\d\d:\d\d(:\d\d)?)?\b"), "<date>"),
     (re.compile(r"\brotorid,? (version )?\d+\.\d+(\.\w+)*"), "rotorid <version>"),
 )

@@ -124,7 +124,7 @@ def experiment_text(plan: RigPlan, record: Logged | RigRecord, file: str) -> str
         text["parameters"].comment("they multiply forces: a ruler gives them")
     said = printable(tomlkit.dumps(text), keep="\n")
     source = f"{one_line(plan.name)}: {one_line(plan.title)}"
-    return f"# Written by `{RECORD.writer}`, from the rig {source}\n# {MARK}\n{said}"
+    return f"# Written by `{RECORD.writer}`, from the rig {source}\n# as written: {MARK}\n{said}"
 
 
 def _table(entries: Mapping[str, Any]) -> tomlkit.items.Table:
