@@ -23,14 +23,14 @@ from rotorid.likelihood.effects import (
     Adds,
     Calibration,
     Drives,
-    Loads,
+    Entry,
     Reads,
     Rereads,
+    RowLoad,
     Scales,
-    Terms,
     Turns,
 )
-from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
 from rotorid.models.equations import SensorTerm
@@ -75,7 +75,7 @@ class Stiffness:
 
     @classmethod
     def of(cls, layout: Layout, lines: Lines) -> Stiffness:
-        table = linear_form(layout.model).stiffness
+        table = layout.model.require_linear().stiffness
         sizes: list[float] = []
         profiles: list[tuple[int, Complexes | None]] = []
         for order, factor, structural in table.kinds:
@@ -96,7 +96,7 @@ def other_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     An input whose channel holds a current acts as ``ki i + ks x``: ki scales its column of B, and
     ks x, with the true displacement, is a stiffness of the machine.
     """
-    linear, drives, terms = linear_form(layout.model), layout.acting(Drives), []
+    linear, drives, terms = layout.model.require_linear(), layout.acting(Drives), []
     for b in linear.input_terms:
         factors = layout.monomial_factors[b.monomial]
         assert factors is not None
@@ -131,13 +131,12 @@ def _further_terms(layout: Layout, observation: Observation) -> list[MatrixTerm]
     speed = observation.lines.speed
     found: list[MatrixTerm] = []
     powers: dict[int, tuple[float, Complexes | None]] = {}
-    for effect, at in layout.acting(Terms):
-        for e in effect.entries:
-            if e.speed_power not in powers:
-                powers[e.speed_power] = _common(speed**e.speed_power)
-            size, along = powers[e.speed_power]
-            term = (e.row, e.column, e.order, (int(at[e.unknown]),))
-            found.append(MatrixTerm(*term, -e.coefficient * size, along))
+    for e, at in layout.acting(Entry):
+        if e.speed_power not in powers:
+            powers[e.speed_power] = _common(speed**e.speed_power)
+        size, along = powers[e.speed_power]
+        term = (e.row, e.column, e.order, (int(at[e.unknown]),))
+        found.append(MatrixTerm(*term, -e.coefficient * size, along))
     return found
 
 
@@ -237,14 +236,13 @@ class Load:
 
 def every_load(layout: Layout) -> list[Load]:
     found = []
-    for term in linear_form(layout.model).load_terms:
+    for term in layout.model.require_linear().load_terms:
         factors = layout.monomial_factors[term.monomial]
         if factors is not None:
             found.append(Load(term.row, tuple(sorted(factors)), term.signal, term.coefficient))
-    for effect, at in layout.acting(Loads):
-        for load in effect.loads:
-            where = (int(at[load.unknown]),)
-            found.append(Load(load.row, where, load.signal, load.coefficient))
+    for load, at in layout.acting(RowLoad):
+        where = (int(at[load.unknown]),)
+        found.append(Load(load.row, where, load.signal, load.coefficient))
     return found
 
 
@@ -252,7 +250,7 @@ def load_lines(
     layout: Layout, lines: Lines, where: Mapping[Factors, int], phase_unknown: bool
 ) -> tuple[Complexes, Floats]:
     """Return the columns of g by order of the rotor angle, and the orders."""
-    linear, loads = linear_form(layout.model), every_load(layout)
+    linear, loads = layout.model.require_linear(), every_load(layout)
     signals = list(dict.fromkeys(load.signal for load in loads))
     timed = any(symbol("t") in signal.free_symbols for signal in signals)
     steps = phase_steps(signals) if phase_unknown else 1

@@ -70,7 +70,8 @@ class Rereads:
 class Entry:
     """``coefficient * Omega^speed_power * unknown * d^order / dt^order`` of a coordinate in a row.
 
-    It stands on the left side, as the stiffness does; `unknown` counts among the scalars.
+    It adds to the left side of the equations of motion, as the stiffness does; `unknown` counts
+    among the scalars.
     """
 
     row: int
@@ -82,15 +83,8 @@ class Entry:
 
 
 @frozen
-class Terms:
-    """Adds entries to the equations of motion."""
-
-    entries: tuple[Entry, ...]
-
-
-@frozen
 class RowLoad:
-    """``coefficient * signal(phi, Omega) * unknown`` on the right side of a row.
+    """``coefficient * signal(phi, Omega) * unknown``, added to the right side of a row.
 
     `unknown` counts among the scalars.
     """
@@ -99,13 +93,6 @@ class RowLoad:
     signal: Expression
     unknown: int
     coefficient: float = 1.0
-
-
-@frozen
-class Loads:
-    """Adds loads to the equations of motion."""
-
-    loads: tuple[RowLoad, ...]
 
 
 @frozen
@@ -144,7 +131,7 @@ class Replaces:
     alone: bool  # every record has a value of its own: none is shared
 
 
-Effect = Scales | Adds | Rereads | Terms | Loads | Drives | Reads | Turns | Replaces
+Effect = Scales | Adds | Rereads | Entry | RowLoad | Drives | Reads | Turns | Replaces
 E = TypeVar("E", bound=Effect)
 Placed = Sequence[tuple[E, Integers]]
 """Effects of one kind, each with where its scalars stand among the unknowns."""

@@ -20,7 +20,6 @@ from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.doubts import doubted
 from rotorid.likelihood.fit import Fit, Rough, Step, answered, approached, located
-from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.starts import FINER, NEGLIGIBLE, ROUGH, SHARE, reduced, shift_by_reduction
 from rotorid.likelihood.summary import nothing_found, summarize, trials_of
@@ -334,7 +333,7 @@ class MaximumLikelihood(Nuisances):
         InputError, ModelError
             As `estimate`, here or at a step.
         """
-        linear_form(model)
+        model.require_linear()
         _check_each(model, self.each)
         knowledge = self.knowledge(model)
         bound = bind_all(model, records) if records or not self.modes else ()

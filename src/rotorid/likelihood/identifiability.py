@@ -22,7 +22,7 @@ from rotorid.data.lines import PeriodicClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.likelihood.inference import Inference
-from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import simulated
 from rotorid.models import Model
@@ -333,7 +333,7 @@ def _trial_mass(trial: CureTrial, combinations: Sequence[Combination]) -> list[s
 def _weighed(model: Model) -> set[str]:
     """Return the parameters that stand alone before the acceleration of a length: masses."""
     names = set()
-    for term in linear_form(model).stiffness:
+    for term in model.require_linear().stiffness:
         powers = model.monomials[term.monomial]
         if (
             term.order == 2

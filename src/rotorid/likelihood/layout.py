@@ -15,12 +15,6 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import E, Reads, Replaces, of_kind
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.linear import LinearForm
-
-
-def linear_form(model: Model) -> LinearForm:
-    """Return the linear form, found once; a `ModelError` names the term that is not linear."""
-    return model.linear or model.require_linear()
 
 
 @frozen
@@ -106,7 +100,7 @@ class Layout:
     def load_only(self) -> set[int]:
         """Return the parameters that only loads hold, each load at most one: the unbalance."""
         model = self.model
-        linear = linear_form(model)
+        linear = model.require_linear()
         elsewhere = {*linear.stiffness.monomials, *(b.monomial for b in linear.input_terms)}
         others = {i for m in elsewhere for i in self.monomial_factors[m] or ()}
         found: set[int] = set()

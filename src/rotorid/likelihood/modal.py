@@ -19,8 +19,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.measured_modes import Mode, configurations, number
-from rotorid.likelihood.effects import Terms
-from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.effects import Entry
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.models.linear import speed_factor
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
@@ -245,7 +245,7 @@ def _configuration(layout: Layout, modes: Sequence[Mode], generic: Floats) -> Co
 
 
 def _pencil(layout: Layout, mode: Mode) -> Pencil:
-    linear = linear_form(layout.model)
+    linear = layout.model.require_linear()
     if linear.rows != linear.coordinates:
         raise InputError(
             f"{linear.rows} equations for {linear.coordinates} coordinates",
@@ -272,7 +272,7 @@ def pencil_at(layout: Layout, speed: float) -> Pencil:
         np.array(weights),
         Monomials.of(distinct, len(layout.unknowns)),
         {},
-        linear_form(layout.model).coordinates,
+        layout.model.require_linear().coordinates,
     )
 
 
@@ -293,15 +293,15 @@ def _entries(
 ) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[complex]]:
     """Return row, column and order, factors, and weight of each entry, what is freed included."""
     places, products, weights = [], [], []
-    for t in linear_form(layout.model).stiffness:
+    for t in layout.model.require_linear().stiffness:
         factors = layout.monomial_factors[t.monomial]
         if factors is not None:
             places.append((t.row, t.column, t.order))
             products.append(tuple(sorted(factors)))
             real = t.coefficient * speed_factor(t.factor, speed)
             weights.append(1j * real if t.structural else real)
-    for effect, at in layout.acting(Terms):
-        for e in (e for e in effect.entries if e.order < 3):  # beyond M there is no matrix
+    for e, at in layout.acting(Entry):
+        if e.order < 3:  # beyond M there is no matrix
             places.append((e.row, e.column, e.order))
             products.append((int(at[e.unknown]),))
             weights.append(e.coefficient * speed**e.speed_power)

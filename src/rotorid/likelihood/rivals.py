@@ -35,7 +35,7 @@ from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
 from rotorid.likelihood import rivals_channels, rivals_stated, rivals_tables, rivals_terms
 from rotorid.likelihood.case import CATALOGUE, GROSS, Case, Rival, Slopes
-from rotorid.likelihood.effects import Entry, Terms, of_kind
+from rotorid.likelihood.effects import Entry, of_kind
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.preparation import Prepared
 from rotorid.likelihood.problem import Point, Problem
@@ -407,8 +407,7 @@ def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
 
 def _entries_of(rival: Rival) -> set[Entry]:
     """Return what a rival adds to the equations."""
-    added = of_kind(Terms, rival.added.effects()) if rival.added else ()
-    return {entry for terms in added for entry in terms.entries}
+    return {*of_kind(Entry, rival.added.effects())} if rival.added else set()
 
 
 def sentence(case: Case, found: Sequence[Finding], which: str) -> str:

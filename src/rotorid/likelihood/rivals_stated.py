@@ -27,7 +27,6 @@ from rotorid.data.measured_modes import Mode, number
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Kind, Records, Rival, Small, mistake, rivals
 from rotorid.likelihood.effects import Replaces, of_kind
-from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.modal import ModalRows
 from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Known, Point
@@ -376,7 +375,7 @@ def trials(case: Case) -> list[Trial]:
 def _columns(case: Case, parameters: set[int]) -> dict[int, Complexes]:
     """Return the load once per revolution that each of some parameters makes by itself."""
     layout = case.prepared.layout
-    turns = linear_form(layout.model).rotation_columns(1.0)
+    turns = layout.model.require_linear().rotation_columns(1.0)
     return {
         factors[0]: turns[:, monomial]
         for monomial, factors in enumerate(layout.monomial_factors)

@@ -18,7 +18,7 @@ from rotorid.data.lines import PhasorClock, SilentClock
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Records, Rival, mistake, rivals
 from rotorid.likelihood.cost import Evaluation
-from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.modal import pencil_at
 from rotorid.likelihood.rivals_stated import without
 from rotorid.likelihood.unknowns import Scalar
@@ -60,7 +60,7 @@ def growing_mode(
 
     `covariance` is that of all unknowns.
     """
-    linear = linear_form(layout.model)
+    linear = layout.model.require_linear()
     if linear.rows != linear.coordinates:
         return None
     for number, record in enumerate(records):

@@ -112,16 +112,18 @@ class _Walk:
 
     def _corrected(self, trial: Point, point: Point, relaxation: float) -> Point | None:
         """Step back to the floor of the valley, square to the way; None where it leads up."""
-        free = self.problem.layout.free
         try:
-            there = self._tangent(trial)
-            across = there.across(trial.unknowns[free] - point.unknowns[free])
+            moved = self.across(trial, point, relaxation)
         except np.linalg.LinAlgError:
             return None
-        moved = self._stepped(trial, there, across, relaxation)
         if moved is None or moved.cost >= max(point.cost, 0.5 * trial.cost):
             return None
         return moved
+
+    def across(self, trial: Point, point: Point, relaxation: float = 0.0) -> Point | None:
+        free, there = self.problem.layout.free, self._tangent(trial)
+        across = there.across(trial.unknowns[free] - point.unknowns[free])
+        return self._stepped(trial, there, across, relaxation)
 
     def _stepped(
         self, point: Point, where: Tangent, along: Floats, relaxation: float
@@ -233,11 +235,9 @@ def beside(point: Point, change: Floats) -> Point | None:
         if trial is None:
             return None
         try:
-            there = tangent(trial, problem.exact)
-            across = there.across(trial.unknowns[free] - point.unknowns[free])
+            moved = walk.across(trial, point)
         except np.linalg.LinAlgError:
             return None
-        moved = walk._stepped(trial, there, across, 0.0)
         if moved is None or moved.cost > trial.cost - 1e-3:
             break
         trial = moved

@@ -34,7 +34,6 @@ from rotorid.data.measured_modes import Mode
 from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
-from rotorid.likelihood.layout import linear_form
 from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Polynomial, Relations, alone
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
@@ -193,7 +192,7 @@ def _force(record: Observation, values: Floats, chosen: Integers, motion: Comple
     for speed in np.unique(lines.speed[chosen]):
         here = lines.speed[chosen] == speed
         omega = lines.omega[chosen[here]]
-        stiffness = linear_form(model).dynamic_stiffness(omega, values, float(speed))
+        stiffness = model.require_linear().dynamic_stiffness(omega, values, float(speed))
         found[here] = (stiffness[:, :count] @ motion[here][:, :, None])[:, :, 0]
     return found
 

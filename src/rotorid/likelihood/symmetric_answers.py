@@ -22,7 +22,7 @@ from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import Stiffness, every_load, other_terms
 from rotorid.likelihood.inference import Inference
-from rotorid.likelihood.layout import Layout, linear_form
+from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
@@ -248,7 +248,7 @@ def _links(
 def _unread(layout: Layout) -> dict[Entry, float]:
     """Return the terms of a machine of which natural frequencies alone are known."""
     found: dict[Entry, float] = {}
-    for term in linear_form(layout.model).stiffness:
+    for term in layout.model.require_linear().stiffness:
         factors = layout.monomial_factors[term.monomial]
         if factors is not None:
             kind = TermKind(term.order, term.factor, term.structural)
@@ -269,7 +269,7 @@ def _terms_of(layout: Layout, record: Observation) -> dict[Entry, float]:
         found[key] = found.get(key, 0.0) + size
 
     table = Stiffness.of(layout, record.lines)
-    kinds = linear_form(layout.model).stiffness.kinds
+    kinds = layout.model.require_linear().stiffness.kinds
     columns = (table.row, table.column, table.place, table.monomial, table.coefficient)
     for row, column, place, monomial, size in zip(*(c.tolist() for c in columns), strict=True):
         factors = layout.monomial_factors[monomial] or ()

@@ -12,7 +12,7 @@ from typing import Self
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.likelihood.effects import Drives, Effect, Entry, Loads, Reads, RowLoad, Terms
+from rotorid.likelihood.effects import Drives, Effect, Entry, Reads, RowLoad
 from rotorid.likelihood.unknowns.base import Scalar, Unknown, amount
 
 
@@ -25,7 +25,7 @@ class Missing(Unknown):
     loads: tuple[RowLoad, ...] = ()
 
     def effects(self) -> Sequence[Effect]:
-        return Terms(self.entries), Loads(self.loads)
+        return *self.entries, *self.loads
 
     @property
     def term(self) -> str:
