@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from fitting import fit
 from rotor_files import random_rotor, uniform
 
 import rotorid as rid
@@ -16,7 +17,6 @@ from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import fit as fitting
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood import starts as reduction
-from rotorid.likelihood.fit import fit
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.starts import thinned
 from rotorid.likelihood.unknowns import Nuisances

@@ -29,7 +29,7 @@ J is expected to be as far off as K says: ``J E K / K``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -107,7 +107,9 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
     if len(chosen) < width:
         return None
     windows = _Windows(noise, beside, half, count)
-    costs, own, paired = np.zeros(len(chosen)), np.zeros(len(chosen)), windows.nothing()
+    costs, own = np.zeros(len(chosen)), np.zeros(len(chosen))
+    # T, (line, distance): the distance from - 2 half to 2 half
+    paired = np.zeros((len(noise), 4 * half + 1), dtype=np.complex128)
     for start in range(0, len(chosen), CHUNK):
         part = slice(start, start + CHUNK)
         lines = chosen[part]
@@ -120,7 +122,8 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
     gain, twice = n / (n - count), float((np.abs(paired) ** 2).sum())
     if beside.noise is None:
         mean = count * (own + (1 - own) * gain)
-        spread = gain**2 * _less_one(paired, centre[chosen], twice)
+        diagonal = paired[centre[chosen], paired.shape[1] // 2].real
+        spread = gain**2 * float(twice + (1 - 2 * diagonal).sum())  # tr (1 - T)^2
         pairs = len(chosen) * count / (3 * width)
     else:
         mean = np.full(len(chosen), count * gain)
@@ -130,12 +133,6 @@ def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:
     variance = float((c**2).mean()) * count * (spread + pairs)
     total = Sum(float(c @ costs) * weight, float(c @ mean) * weight, variance * weight**2)
     return total if total.cost > 0 else None
-
-
-def _less_one(paired: Complexes, centre: Integers, twice: float) -> float:
-    """Return ``tr (1 - T)^2``, 1 on the lines that are centres."""
-    diagonal = paired[centre, paired.shape[1] // 2].real
-    return float(twice + (1 - 2 * diagonal).sum())
 
 
 def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complexes, Complexes]:
@@ -203,10 +200,6 @@ class _Windows:
     half: int
     equations: int
 
-    def nothing(self) -> Complexes:
-        """Return an empty T, (line, distance), the distance from - 2 half to 2 half."""
-        return np.zeros((len(self.noise), 4 * self.half + 1), dtype=np.complex128)
-
     def costs(
         self, centre: Integers, errors: Complexes, paired: Complexes
     ) -> tuple[Floats, Floats] | None:
@@ -243,10 +236,6 @@ def _add(paired: Complexes, window: Integers, weights: Complexes) -> None:
     flat = (window[:, :, None] * paired.shape[1] + across).ravel()
     first = int(window.min()) * paired.shape[1]
     length = (int(window.max()) + 1) * paired.shape[1] - first
-    for view, part in _parts(paired.reshape(-1)[first : first + length], weights):
+    into = paired.reshape(-1)[first : first + length]
+    for view, part in ((into.real, weights.real), (into.imag, weights.imag)):
         view += np.bincount(flat - first, part.ravel(), length)
-
-
-def _parts(view: Complexes, weights: Complexes) -> Iterator[tuple[Floats, Floats]]:
-    yield view.real, weights.real
-    yield view.imag, weights.imag

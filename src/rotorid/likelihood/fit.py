@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Literal
@@ -190,19 +189,6 @@ def located(
     for step in _globally(prepared, records, rough):
         yield replace(step, refine=refined)
     yield Step(refined(step.fit), refine=lambda found: found)
-
-
-def fit(
-    model: Model,
-    records: Sequence[Observation],
-    knowledge: Knowledge,
-    nuisances: Nuisances,
-    *,
-    covariance: CovarianceChoice = "auto",
-) -> Fit:
-    """Return the minimum with its deviations, without the steps on the way."""
-    steps = located(model, records, knowledge, nuisances, covariance=covariance)
-    return answered(deque(steps, maxlen=1).pop().fit)
 
 
 def answered(found: Fit, *, ask: bool = True) -> Fit:

@@ -21,9 +21,7 @@ from rotorid.core.values import Floats
 from rotorid.data.lines import PeriodicClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
-from rotorid.likelihood.inference import Inference
-from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.problem import Point
+from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.response import simulated
 from rotorid.models import Model
 
@@ -61,20 +59,20 @@ class Combination:
         return f"{listed} scale together ({'; '.join(groups)})"
 
 
-def open_combinations(layout: Layout, point: Point, inference: Inference) -> list[Combination]:
+def open_combinations(fit: Fit) -> list[Combination]:
     """Return the directions that the records leave open, few members each."""
-    null = inference.linear.null
-    if not null.shape[1]:
+    linear, layout = fit.inference.linear, fit.prepared.layout
+    if not linear.null.shape[1]:
         return []
     free = layout.free
-    values = point.unknowns[free]
+    values = fit.solution.point.unknowns[free]
     additive = np.array([layout.unknowns[i].additive for i in free])
     nuisance = np.array([layout.unknowns[i].nuisance for i in free])
-    reduced, pivots = _reduced(null.T, nuisance)
+    reduced, pivots = _reduced(linear.null.T, nuisance)
     found = []
     for row, pivot in zip(reduced, pivots, strict=True):
         members = np.flatnonzero(np.abs(row) > MEMBER * np.abs(row).max())
-        change = row[members] * inference.linear.scale[members]
+        change = row[members] * linear.scale[members]
         exponents = None
         if not additive[members].any() and (values[members] != 0).all():
             exponents = _exponents(change / values[members])
@@ -148,14 +146,13 @@ def _exponents(relative: Floats) -> list[Fraction] | None:
     return None
 
 
-def determined_combinations(
-    layout: Layout, point: Point, inference: Inference, combinations: Sequence[Combination]
-) -> list[Value]:
+def determined_combinations(fit: Fit, combinations: Sequence[Combination]) -> list[Value]:
     """Return what is determined of the members: ratios where they scale, differences elsewhere.
 
     Each member but the first of its combination gives one quantity that the move along all open
     directions leaves as it is.
     """
+    layout, unknowns = fit.prepared.layout, fit.solution.point.unknowns
     where = {layout.unknowns[i].name: k for k, i in enumerate(layout.free)}
     firsts = [c.names[0] for c in combinations]
     found = []
@@ -167,8 +164,8 @@ def determined_combinations(
         gradient[where[name]] = 1.0
         for first, slope in slopes.items():
             gradient[where[first]] -= slope
-        spread = float(np.sqrt(max(float(gradient @ inference.covariance @ gradient), 0.0)))
-        value = float(point.unknowns[layout.index[name]])
+        spread = float(np.sqrt(max(float(gradient @ fit.inference.covariance @ gradient), 0.0)))
+        value = float(unknowns[layout.index[name]])
         if all(c.exponents is not None for c in involved):
             powers = {}
             for c in involved:
@@ -176,7 +173,7 @@ def determined_combinations(
                 powers[c.names[0]] = -c.exponents[c.names.index(name)] / c.exponents[0]
             factor = 1.0
             for first, power in powers.items():
-                factor *= float(point.unknowns[layout.index[first]]) ** float(power)
+                factor *= float(unknowns[layout.index[first]]) ** float(power)
             text = _power_text({name: Fraction(1), **powers})
             factors = [(unknown.unit, 1)]
             whole = all(p.denominator == 1 for p in powers.values())
@@ -189,7 +186,7 @@ def determined_combinations(
             text = name
             for first, slope in slopes.items():
                 text += f" {'-' if slope > 0 else '+'} {abs(slope):.6g}*{first}"
-                value -= slope * float(point.unknowns[layout.index[first]])
+                value -= slope * float(unknowns[layout.index[first]])
             found.append(Value(text, unknown.unit, value, spread))
     return found
 
@@ -200,34 +197,28 @@ def _power_text(powers: dict[str, Fraction]) -> str:
     return "/".join(["*".join(above), *below])
 
 
-@frozen
-class CureTrial:
-    """What the cures are tried on."""
-
-    layout: Layout
-    records: Sequence[Observation]
-    point: Point
-    inference: Inference
-
-    def left_open(self, record: Observation, number: int) -> int:
-        """Return how many directions would stay open with one more record like this."""
-        linear, free = self.inference.linear, self.layout.free
-        null, scale = linear.null, linear.scale
-        nothing = int(null.shape[1])
-        try:  # an answer astray says nothing of other records
-            with np.errstate(all="ignore"):
-                likelihood = simulated(self.layout, record, self.point.unknowns, number)
-                jacobian = likelihood.evaluate(self.point.unknowns).jacobian()[:, free] * scale
-                size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
-        except np.linalg.LinAlgError:
-            return nothing
-        if size == 0 or not np.isfinite(size):
-            return nothing
-        effect = np.linalg.svd(jacobian @ null / size, compute_uv=False)
-        return nothing - int((effect > SHRINKS).sum())
+def _left_open(fit: Fit, record: Observation, number: int) -> int:
+    """Return how many directions would stay open with one more record like this."""
+    linear, layout, unknowns = (
+        fit.inference.linear,
+        fit.prepared.layout,
+        fit.solution.point.unknowns,
+    )
+    nothing = int(linear.null.shape[1])
+    try:  # an answer astray says nothing of other records
+        with np.errstate(all="ignore"):
+            likelihood = simulated(layout, record, unknowns, number)
+            jacobian = likelihood.evaluate(unknowns).jacobian()[:, layout.free] * linear.scale
+            size = np.sqrt((jacobian**2).sum(axis=0)).max(initial=0.0)
+    except np.linalg.LinAlgError:
+        return nothing
+    if size == 0 or not np.isfinite(size):
+        return nothing
+    effect = np.linalg.svd(jacobian @ linear.null / size, compute_uv=False)
+    return nothing - int((effect > SHRINKS).sum())
 
 
-def find_cures(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
+def find_cures(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Return what would determine the open combinations, best first.
 
     Tried are: fixing members, a record at another speed, and a sensor of each coordinate.
@@ -236,28 +227,31 @@ def find_cures(trial: CureTrial, combinations: Sequence[Combination]) -> list[st
         return []
     cures = [
         _fixing(combinations),
-        *_further_modes(trial, combinations),
-        *_total_mass(trial, combinations),
-        *_trial_mass(trial, combinations),
+        *_further_modes(fit, combinations),
+        *_total_mass(fit, combinations),
+        *_trial_mass(fit, combinations),
     ]
     count = len(combinations)
-    speeds = _other_speeds(trial)
+    speeds = _other_speeds(fit)
     helped: list[tuple[int, str]] = []
     for number, hertz, left in speeds:
         if left < count:
-            where = f" as record {number + 1}" if len(trial.records) > 1 else ""
-            helped += [(left, text) for text in _rotation_left_out(trial.records[number], where)]
+            where = f" as record {number + 1}" if len(fit.records) > 1 else ""
+            helped += [(left, text) for text in _rotation_left_out(fit.records[number], where)]
             helped.append((left, f"a further record at another speed{where}, such as {hertz:g} Hz"))
     sensors: dict[int, list[str]] = {}
-    for name, left in _sensors(trial):
+    for name, left in _sensors(fit):
         if left < count:
             sensors.setdefault(left, []).append(name)
     for left, names in sensors.items():
         helped.append((left, f"a sensor of {' or '.join(names)}"))
     for left, text in sorted(helped, key=lambda pair: pair[0]):
-        rest = "" if left == 0 else f" ({left} of {count} combinations would stay open)"
-        cures.append(text + rest)
+        cures.append(text + _rest(left, count))
     return cures
+
+
+def _rest(left: int, count: int) -> str:
+    return "" if left == 0 else f" ({left} of {count} combinations would stay open)"
 
 
 def _fixing(combinations: Sequence[Combination]) -> str:
@@ -272,12 +266,12 @@ def _fixing(combinations: Sequence[Combination]) -> str:
     return f"fix {len(texts)} of them, such as {firsts}"
 
 
-def _further_modes(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
+def _further_modes(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Say which natural frequencies are missing, where they are all that was measured."""
-    modes = trial.point.problem.known.modes
-    if trial.records or not len(modes):
+    modes = fit.problem.known.modes
+    if fit.records or not len(modes):
         return []
-    unknowns = trial.layout.unknowns
+    unknowns = fit.prepared.layout.unknowns
     held = [
         {unknowns[i].name: v for i, v in each.pencil.held.items()} for each in modes.configurations
     ]
@@ -287,37 +281,36 @@ def _further_modes(trial: CureTrial, combinations: Sequence[Combination]) -> lis
         said = " and ".join(dict.fromkeys(f"{each[name]:g}" for each in held))
         found.append(
             f"natural frequencies with {name} as it is in service: all that were measured are "
-            f"with {name} = {said} {unknowns[trial.layout.index[name]].unit}"
+            f"with {name} = {said} {unknowns[fit.prepared.layout.index[name]].unit}"
         )
-    missing = len(trial.layout.free) - len(trial.point.problem.known)
+    missing = len(fit.prepared.layout.free) - len(fit.problem.known)
     if missing > 0:
         found.append(
             f"at least {missing} more measured in [[modes]], frequencies or damping ratios: "
-            f"{len(trial.point.problem.known)} for {len(trial.layout.free)} unknowns are too few"
+            f"{len(fit.problem.known)} for {len(fit.prepared.layout.free)} unknowns are too few"
         )
     return found
 
 
-def _total_mass(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
+def _total_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Try the sum of the masses, which a scale tells, as an exact constraint."""
-    unknowns, free = trial.layout.unknowns, trial.layout.free
-    weighed = _weighed(trial.layout.model)
+    unknowns, free = fit.prepared.layout.unknowns, fit.prepared.layout.free
+    weighed = _weighed(fit.prepared.layout.model)
     masses = [k for k, i in enumerate(free) if unknowns[i].name in weighed]
     if len(masses) < 2 or any(u.name in weighed and u.fixed for u in unknowns):
         return []
-    null = trial.inference.linear.null[masses]
-    along = null.T @ trial.inference.linear.scale[masses]
+    null = fit.inference.linear.null[masses]
+    along = null.T @ fit.inference.linear.scale[masses]
     if np.abs(null).max() < MEMBER or not np.abs(along).max() > 0:
         return []
     names = " + ".join(unknowns[free[k]].name for k in masses)
-    left = len(combinations) - 1
-    rest = "" if left == 0 else f" ({left} of {len(combinations)} combinations would stay open)"
+    rest = _rest(len(combinations) - 1, len(combinations))
     return [f"weigh the rotor: a constraint on {names}{rest}"]
 
 
-def _trial_mass(trial: CureTrial, combinations: Sequence[Combination]) -> list[str]:
+def _trial_mass(fit: Fit, combinations: Sequence[Combination]) -> list[str]:
     """Say that a known unbalance sets the scale, where no force is measured and all scales."""
-    forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in trial.records)
+    forced = any(np.abs(r.lines.mean[:, list(r.input_columns)]).any() for r in fit.records)
     together = any(
         c.exponents is not None and len(c.names) > 1 and len(set(c.exponents)) == 1
         for c in combinations
@@ -344,10 +337,10 @@ def _weighed(model: Model) -> set[str]:
     return names
 
 
-def _other_speeds(trial: CureTrial) -> list[tuple[int, float, int]]:
+def _other_speeds(fit: Fit) -> list[tuple[int, float, int]]:
     """Try each record at the speed of another of its lines."""
     tried = []
-    for number, record in enumerate(trial.records):
+    for number, record in enumerate(fit.records):
         speeds, frequency = np.unique(record.lines.speed), record.lines.frequency
         if len(speeds) > 1:
             continue
@@ -358,7 +351,7 @@ def _other_speeds(trial: CureTrial) -> list[tuple[int, float, int]]:
             continue
         nearest = float(others[np.abs(others - hertz).argmin()])
         moved = record.with_lines(record.lines.at_speed(2 * np.pi * nearest))
-        tried.append((number, nearest, trial.left_open(moved, number)))
+        tried.append((number, nearest, _left_open(fit, moved, number)))
     return tried
 
 
@@ -377,14 +370,14 @@ def _rotation_left_out(record: Observation, where: str) -> Iterator[str]:
         )
 
 
-def _sensors(trial: CureTrial) -> list[tuple[str, int]]:
-    if not trial.records:
+def _sensors(fit: Fit) -> list[tuple[str, int]]:
+    if not fit.records:
         return []
-    record, model = trial.records[0], trial.layout.model
+    record, model = fit.records[0], fit.prepared.layout.model
     single = [s.terms[0] for s in record.direct if len(s.terms) == 1]
     read = {model.coordinates[term.coordinate] for term in single}
     return [
-        (name, trial.left_open(record.with_sensor(Channel(name, model.units[name])), 0))
+        (name, _left_open(fit, record.with_sensor(Channel(name, model.units[name])), 0))
         for name in model.measurable
         if name not in read and name not in record.lines.names
     ]

@@ -104,10 +104,6 @@ class Configuration:
     toward: Floats
     _last: dict[bytes, Solved] = field(default_factory=dict, compare=False, repr=False)
 
-    def groups(self, found: Eigenmodes) -> list[Integers]:
-        """Return which modes make up each distinct natural frequency."""
-        return found.grouped(self.pattern)
-
     def solved(self, unknowns: Floats) -> Solved:
         """Return matrices and modes; residual and derivative ask for them one after the other."""
         key = unknowns.tobytes()
@@ -115,7 +111,7 @@ class Configuration:
             stiffness, damping, mass = self.pencil.matrices(unknowns)
             found = eigenmodes(mass, damping, stiffness)
             self._last.clear()
-            self._last[key] = Solved(mass, damping, found, self.groups(found))
+            self._last[key] = Solved(mass, damping, found, found.grouped(self.pattern))
         return self._last[key]
 
     def eigenvalues(self, unknowns: Floats) -> Complexes:
@@ -123,21 +119,18 @@ class Configuration:
         at = self.solved(unknowns)
         return np.array([at.modes.values[group].mean() for group in at.groups])
 
-    def measured(self, unknowns: Floats, slopes: bool) -> tuple[Complexes, Complexes]:
-        """Return lambda of each measured mode, and its derivative by every unknown if asked for."""
+    def measured(self, unknowns: Floats) -> Iterator[tuple[Mode, complex, Integers]]:
+        """Yield each measured mode with its lambda, and which modes of the machine are that one."""
         at = self.solved(unknowns)
         if number(self.modes[-1]) > len(at.groups):
             raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
-        values, jacobian = [], []
         for mode in self.modes:
             group = at.groups[number(mode) - 1]
-            value = complex(at.modes.values[group].mean())
-            values.append(value)
-            if slopes:
-                jacobian.append(self._slope(unknowns, at, group, value))
-        return np.array(values), np.array(jacobian)
+            yield mode, complex(at.modes.values[group].mean()), group
 
-    def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
+    def slope(self, unknowns: Floats, group: Integers, value: complex) -> Complexes:
+        """Return the derivative of a lambda by every unknown."""
+        at = self.solved(unknowns)
         together = next(each for each in at.modes.distinct if group[0] in each)
         cluster = together if len(together) > len(group) else group
         left, right = at.modes.left[cluster], at.modes.right[cluster]
@@ -183,8 +176,7 @@ class ModalRows:
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         rows: list[float] = []
         for each in self.configurations:
-            found, _ = each.measured(unknowns, slopes=False)
-            for mode, value in zip(each.modes, found, strict=True):
+            for mode, value, _ in each.measured(unknowns):
                 hertz, _, _ = mode.in_si
                 spread = _spreads(mode, relaxation)
                 rows.append((value.imag / (2 * np.pi) - hertz) / spread[0])
@@ -196,9 +188,8 @@ class ModalRows:
         """Return the derivative of `values`, shape (row, unknown)."""
         rows: list[Floats] = []
         for each in self.configurations:
-            found, slopes = each.measured(unknowns, slopes=True)
-            for mode, value, slope in zip(each.modes, found, slopes, strict=True):
-                spread = _spreads(mode, relaxation)
+            for mode, value, group in each.measured(unknowns):
+                spread, slope = _spreads(mode, relaxation), each.slope(unknowns, group, value)
                 rows.append(slope.imag / (2 * np.pi) / spread[0])
                 if mode.damping is not None:
                     along = (value.conjugate() * slope).real / abs(value) ** 2
@@ -261,7 +252,21 @@ def _pencil(layout: Layout, mode: Mode) -> Pencil:
 
 def pencil_at(layout: Layout, speed: float) -> Pencil:
     """Return the pencil of a machine as the layout has it, at a speed in rad/s."""
-    places, products, weights = _entries(layout, speed)
+    places: list[tuple[int, int, int]] = []
+    products: list[tuple[int, ...]] = []
+    weights: list[complex] = []
+    for t in layout.model.require_linear().stiffness:
+        factors = layout.monomial_factors[t.monomial]
+        if factors is not None:
+            places.append((t.row, t.column, t.order))
+            products.append(tuple(sorted(factors)))
+            real = t.coefficient * speed_factor(t.factor, speed)
+            weights.append(1j * real if t.structural else real)
+    for e, at in layout.acting(Entry):
+        if e.order < 3:  # beyond M there is no matrix
+            places.append((e.row, e.column, e.order))
+            products.append((int(at[e.unknown]),))
+            weights.append(e.coefficient * speed**e.speed_power)
     distinct = sorted(set(products))
     table = np.array(places, dtype=np.int64).reshape(-1, 3)
     return Pencil(
@@ -288,26 +293,6 @@ def _refuse_idle(layout: Layout, used: set[int]) -> None:
         )
 
 
-def _entries(
-    layout: Layout, speed: float
-) -> tuple[list[tuple[int, int, int]], list[tuple[int, ...]], list[complex]]:
-    """Return row, column and order, factors, and weight of each entry, what is freed included."""
-    places, products, weights = [], [], []
-    for t in layout.model.require_linear().stiffness:
-        factors = layout.monomial_factors[t.monomial]
-        if factors is not None:
-            places.append((t.row, t.column, t.order))
-            products.append(tuple(sorted(factors)))
-            real = t.coefficient * speed_factor(t.factor, speed)
-            weights.append(1j * real if t.structural else real)
-    for e, at in layout.acting(Entry):
-        if e.order < 3:  # beyond M there is no matrix
-            places.append((e.row, e.column, e.order))
-            products.append((int(at[e.unknown]),))
-            weights.append(e.coefficient * speed**e.speed_power)
-    return places, products, weights
-
-
 def _held(layout: Layout, mode: Mode) -> dict[int, float]:
     for name in mode.parameters:
         if layout.base:
@@ -330,10 +315,9 @@ def mode_fits(
     """Return what was measured beside what the estimate gives."""
     found = []
     for each in modes.configurations:
-        values, slopes = each.measured(unknowns, slopes=True)
-        for mode, value, slope in zip(each.modes, values, slopes, strict=True):
+        for mode, value, group in each.measured(unknowns):
             hertz, std, speed = mode.in_si
-            along = slope[free].imag / (2 * np.pi)
+            along = each.slope(unknowns, group, value)[free].imag / (2 * np.pi)
             ratio, spread = (None, None) if mode.damping is None else mode.damping
             found.append(
                 ModeFit(

@@ -10,14 +10,13 @@ from rotorid.answer.derived import base_from_physical, physical_from_base, physi
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
-from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, ModeFit, Value
+from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, Value
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case
 from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.identifiability import (
-    CureTrial,
     determined_combinations,
     find_cures,
     open_combinations,
@@ -40,8 +39,8 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
     values, held = _values(fit, inflation), _held(model, fit)
     # Where a search failed, nothing follows of what the records determine.
     arrived = fit.solution.converged
-    combinations = open_combinations(layout, point, inference) if arrived else []
-    cures = find_cures(CureTrial(layout, records, point, inference), combinations)
+    combinations = open_combinations(fit) if arrived else []
+    cures = find_cures(fit, combinations)
     notes = (
         *causes,
         *(Note("units", "doubts", fault) for fault in model.unit_faults),
@@ -59,7 +58,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         nuisance=tuple(v for v in values[count:] if not v.fixed),
         derived=(
             *_derived(model, fit),
-            *determined_combinations(layout, point, inference, combinations),
+            *determined_combinations(fit, combinations),
         ),
         covariance=inference.covariance,
         misfit=Misfit(cost, expectation.mean, expectation.dof, p_value),
@@ -69,7 +68,7 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
         notes=notes,
         condition_number=inference.linear.condition_number,
         line_misfit=tuple(_line_misfits(fit)),
-        modes=_mode_fits(fit),
+        modes=mode_fits(fit.problem.known.modes, point.unknowns, layout.free, inference.covariance),
         alternatives=tuple(_alternatives(fit)),
     )
 
@@ -168,11 +167,6 @@ def _line_misfits(fit: Fit) -> list[LineMisfit]:
         for hz, cost, mean in zip(record.lines.frequency, at.line_costs, expected, strict=True):
             found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
     return found
-
-
-def _mode_fits(fit: Fit) -> tuple[ModeFit, ...]:
-    free, covariance = fit.prepared.layout.free, fit.inference.covariance
-    return mode_fits(fit.problem.known.modes, fit.solution.point.unknowns, free, covariance)
 
 
 def _derived(model: Model, fit: Fit) -> tuple[Value, ...]:

@@ -10,11 +10,11 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from fitting import fit
 
 from rotorid import Constraint, Lines, MaximumLikelihood, average, identify
 from rotorid.data.observation import bind
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.fit import fit
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.problem import Problem

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from adverse_cases import CASES
+from fitting import fit
 
 from rotorid import MaximumLikelihood, identify
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals_stated as line_leads
 from rotorid.likelihood.case import Case
-from rotorid.likelihood.fit import fit
 from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.relations import Relations

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fitting import fit
 from rotor_bank import SETTINGS, Case, rotor_case
 
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import solver as solver_module
 from rotorid.likelihood import starts as search_module
-from rotorid.likelihood.fit import Fit, fit
+from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem
 from rotorid.likelihood.solver import Solution, solve

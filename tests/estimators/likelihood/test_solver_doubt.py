@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fitting import fit
 from rotor_bank import (
     ADVERSE,
     BEARINGS,
@@ -23,7 +24,6 @@ from rotorid import InputError, MaximumLikelihood, Plan, identify, predict_accur
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import other_answers as information
 from rotorid.likelihood.assembly import assemble
-from rotorid.likelihood.fit import fit
 from rotorid.likelihood.inference import infer
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Problem

@@ -1,0 +1,23 @@
+"""A fit as a whole, without the steps on the way to it."""
+
+from collections import deque
+from collections.abc import Sequence
+
+from rotorid.data.observation import Observation
+from rotorid.likelihood.fit import CovarianceChoice, Fit, answered, located
+from rotorid.likelihood.preparation import Knowledge
+from rotorid.likelihood.unknowns import Nuisances
+from rotorid.models import Model
+
+
+def fit(
+    model: Model,
+    records: Sequence[Observation],
+    knowledge: Knowledge,
+    nuisances: Nuisances,
+    *,
+    covariance: CovarianceChoice = "auto",
+) -> Fit:
+    """Return the minimum with its deviations."""
+    steps = located(model, records, knowledge, nuisances, covariance=covariance)
+    return answered(deque(steps, maxlen=1).pop().fit)
