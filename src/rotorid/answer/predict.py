@@ -126,7 +126,7 @@ def _own_values(
             elif f"{name}[{first + k}]" in values:
                 own[k] = values[f"{name}[{first + k}]"]
         for k, value in own.items():
-            unknown = Scalar(f"{name}[{k}]", parameter.unit, value, 0.0)
+            unknown = Scalar(f"{name}[{k}]", parameter.unit, value, 0.0, nuisance=False)
             alone = len(own) == len(records)
             found.append(Own((unknown,), frozenset([name]), index, alone, record=k))
     return found

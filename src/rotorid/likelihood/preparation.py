@@ -112,11 +112,11 @@ def prepare(
         held = {n: v for n, v in knowledge.fixed.items() if n in model.parameter_names}
         model = model.substitute(held)
         names = zip(model.base.names, model.base.units, strict=True)
-        parameters = [Scalar(name, unit, guess.get(name, np.nan)) for name, unit in names]
+        parameters = [Scalar(n, unit, guess.get(n, np.nan), nuisance=False) for n, unit in names]
         factors: Sequence[tuple[int, ...] | None] = base_factors(model)
     else:
         parameters = [
-            Scalar(p.name, p.unit, guess.get(p.name, np.nan), positive=p.positive)
+            Scalar(p.name, p.unit, guess.get(p.name, np.nan), nuisance=False, positive=p.positive)
             for p in model.parameters
         ]
         factors = physical_factors(model)

@@ -70,9 +70,7 @@ class Candidate:
         numbers = [load.unknown for load in self.loads] + [entry.unknown for entry in self.bends]
         count = 1 + max(numbers, default=0)
         names = [self.name] if count == 1 else [f"{self.name} ({i})" for i in range(count)]
-        unknowns = tuple(
-            Scalar(name, self.unit, 0.0, nuisance=True, additive=True) for name in names
-        )
+        unknowns = tuple(Scalar(name, self.unit, 0.0, additive=True) for name in names)
         found = Missing(unknowns, frozenset(), self.name, entries, self.loads)
         return replace(found, cure=self.cure) if self.cure else found
 
@@ -263,7 +261,7 @@ def levers(structure: Structure, model: RotorModel) -> Iterator[Lever]:
             for row, share in pushed.items()
         }
         inputs = model.inputs[2 * number : 2 * number + 2]
-        scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, nuisance=True, additive=True)
+        scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, additive=True)
         cure = f"give {name} in the rotor file the place (at) where it acts"
         yield Lever((scalar,), frozenset(inputs), arms, cure=cure)
 

@@ -30,17 +30,20 @@ class Scalar:
     start: float  # SI
     # deviation with which `prior` is known beforehand; ``None``: not known; 0: fixed
     std: float | None = None
-    prior: float = 0.0
-    nuisance: bool = False
+    prior: float = np.nan  # where nothing else is said, the start it was made with
+    nuisance: bool = True  # no parameter of the model
     positive: bool = False
     # it shifts what it acts on, so that no power of a common scale belongs to it
     additive: bool = False
     # it scales inputs or equations, and is held loosely while errors are granted to them
     anchored: bool = False
 
+    def __post_init__(self) -> None:
+        if np.isnan(self.prior):
+            object.__setattr__(self, "prior", self.start)
+
     @property
     def fixed(self) -> bool:
-        """Known exactly."""
         return self.std == 0.0
 
 

@@ -98,9 +98,7 @@ class Gain(Factor):
 
     @classmethod
     def of(cls, channel: Channel, std: float | None) -> Self:
-        unknown = Scalar(
-            f"gain[{channel.name}]", "1", 1.0, std, 1.0, nuisance=True, positive=True, anchored=True
-        )
+        unknown = Scalar(f"gain[{channel.name}]", "1", 1.0, std, positive=True, anchored=True)
         return cls((unknown,), frozenset([channel.name]))
 
     @classmethod
@@ -123,7 +121,7 @@ class Multiplier(Factor):
 
     @classmethod
     def of(cls, name: str, channels: Iterable[str], start: float = 1.0) -> Self:
-        unknown = Scalar(f"gain[{name}]", "1", start, nuisance=True, additive=True)
+        unknown = Scalar(f"gain[{name}]", "1", start, additive=True)
         cure = "check the unit, the sign and the calibration of the channel"
         return cls((unknown,), frozenset(channels), cure=cure)
 
@@ -160,7 +158,7 @@ class Delay(Factor):
 
     @classmethod
     def _late(cls, label: str, channels: frozenset[str], start: float, std: float | None) -> Self:
-        unknown = Scalar(f"delay[{label}]", "s", start, std, start, nuisance=True, additive=True)
+        unknown = Scalar(f"delay[{label}]", "s", start, std, additive=True)
         cure = f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]'
         return cls((unknown,), channels, start, cure=cure)
 
@@ -226,7 +224,9 @@ class Response(Factor):
     dynamics: Dynamics
 
     @classmethod
-    def of(cls, channels: Sequence[Channel], dynamics: Dynamics) -> Self:
+    def of(cls, channels: Sequence[Channel]) -> Self:
+        dynamics = channels[0].dynamics
+        assert dynamics is not None
         label = dynamics.shared or channels[0].name
         unknowns = tuple(
             Scalar(
@@ -234,8 +234,6 @@ class Response(Factor):
                 constant.unit,
                 constant.value,
                 None if constant.std == UNKNOWN else constant.std,
-                constant.value,
-                nuisance=True,
                 positive=True,
             )
             for constant in dynamics.constants
@@ -249,11 +247,7 @@ class Response(Factor):
             dynamics = channel.dynamics
             if dynamics is not None and any(c.std for c in dynamics.constants):
                 groups.setdefault(dynamics.shared or channel.name, []).append(channel)
-        return [
-            cls.of(channels, channels[0].dynamics)
-            for channels in groups.values()
-            if channels[0].dynamics is not None
-        ]
+        return [cls.of(channels) for channels in groups.values()]
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
@@ -269,7 +263,7 @@ class Response(Factor):
         """Return the bandwidth of channels that are said to have none, from a delay alike in s."""
         dynamics = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
         start = 1 / (2 * np.pi * abs(lag))
-        unknown = Scalar(f"bandwidth[{label}]", "Hz", start, nuisance=True, positive=True)
+        unknown = Scalar(f"bandwidth[{label}]", "Hz", start, positive=True)
         cure = "declare it: dynamics = { bandwidth = .. } of the channels"
         return cls((unknown,), channels, dynamics, cure=cure)
 

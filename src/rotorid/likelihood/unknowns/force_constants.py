@@ -35,9 +35,7 @@ class Scale(Unknown):
 
     @classmethod
     def of(cls, records: Sequence[Observation], std: float | None) -> Self:
-        unknown = Scalar(
-            "scale[force]", "1", 1.0, std, 1.0, nuisance=True, positive=True, anchored=True
-        )
+        unknown = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
         return cls((unknown,), frozenset(all_inputs(records)))
 
     @classmethod
@@ -63,21 +61,12 @@ class CurrentGain(Unknown):
 
     @classmethod
     def every(cls, records: Sequence[Observation]) -> list[Self]:
-        return [
-            cls(
-                (
-                    Scalar(
-                        f"ki[{name}]",
-                        "1" if channel.drive is None else "N/A",
-                        1.0 if channel.drive is None else channel.drive.ki,
-                        nuisance=True,
-                        anchored=True,
-                    ),
-                ),
-                frozenset([name]),
-            )
-            for name, channel in all_inputs(records).items()
-        ]
+        found = []
+        for name, channel in all_inputs(records).items():
+            unit, ki = ("1", 1.0) if channel.drive is None else ("N/A", channel.drive.ki)
+            unknown = Scalar(f"ki[{name}]", unit, ki, anchored=True)
+            found.append(cls((unknown,), frozenset([name])))
+        return found
 
     def effects(self) -> Sequence[Effect]:
         return (Drives(self.on, "ki"),)
@@ -115,21 +104,18 @@ class DisplacementGain(Unknown):
     def _common(cls, records: Sequence[Observation]) -> list[Self]:
         driven = _driven(records)
         mean = float(np.mean([drive.ks for drive in driven.values()]))
-        unknown = Scalar("ks", "N/m", mean, nuisance=True, anchored=True)
+        unknown = Scalar("ks", "N/m", mean, anchored=True)
         return [cls((unknown,), frozenset(driven))]
 
     @classmethod
     def _single(cls, records: Sequence[Observation]) -> list[Self]:
         driven = _driven(records)
         common = "ks" if len(driven) > 1 else ""
-        return [
-            cls(
-                (Scalar(f"ks[{name}]", "N/m", drive.ks, nuisance=True, anchored=True),),
-                frozenset([name]),
-                alternative_to=common,
-            )
-            for name, drive in driven.items()
-        ]
+        found = []
+        for name, drive in driven.items():
+            unknown = Scalar(f"ks[{name}]", "N/m", drive.ks, anchored=True)
+            found.append(cls((unknown,), frozenset([name]), alternative_to=common))
+        return found
 
     def effects(self) -> Sequence[Effect]:
         return (Drives(self.on, "ks"),)
@@ -161,8 +147,6 @@ class MagnetConstant(Unknown):
             stated[0].unit,
             mean,
             std,
-            mean,
-            nuisance=True,
             positive=stated[0].positive,
             additive=not stated[0].positive,
             anchored=True,
@@ -221,7 +205,7 @@ class Knee(MagnetConstant):
         """Return that of all inputs whose law knows a bias, and no saturation."""
         biased = [c for c in _bent(records) if "bias" in _law(c).constants]
         names = [c.name for c in biased if np.isinf(_saturation(c))]
-        unknown = Scalar("saturation", "1", 0.0, nuisance=True, additive=True)
+        unknown = Scalar("saturation", "1", 0.0, additive=True)
         return [cls((unknown,), frozenset(names), KNEE_CONSTANT, 0.0)] if names else []
 
     def size(self, values: Floats) -> float:

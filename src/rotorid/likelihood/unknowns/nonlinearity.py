@@ -50,7 +50,7 @@ class Bend(Unknown):
 
     @classmethod
     def _of(cls, what: str, label: str, unit: str, channels: Sequence[Channel]) -> Self:
-        unknown = Scalar(f"{what} {label}", unit, 0.0, nuisance=True, additive=True)
+        unknown = Scalar(f"{what} {label}", unit, 0.0, additive=True)
         return cls((unknown,), frozenset(c.name for c in channels))
 
 

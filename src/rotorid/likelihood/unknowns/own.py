@@ -43,7 +43,7 @@ class Own(Unknown):
                     parameter.unit,
                     value,
                     std,
-                    value if std else 0.0,
+                    nuisance=False,
                     positive=parameter.positive,
                 )
                 alone = len(owners) == len(records)

@@ -50,7 +50,7 @@ class Phase(Unknown):
 
     @classmethod
     def of(cls, number: int, std: float | None = None, start: float = 0.0) -> Self:
-        unknown = Scalar(f"phase[{number}]", "rad", start, std, nuisance=True, additive=True)
+        unknown = Scalar(f"phase[{number}]", "rad", start, std, additive=True)
         return cls((unknown,), frozenset(), record=number)
 
     @classmethod
@@ -136,8 +136,7 @@ class Runout(Unknown):
         times = "" if order == 1 else f", order {order}"
         name = f"runout[{channel.name}{times}]"
         cos, sin = (
-            Scalar(f"{name}.{part}", channel.unit, 0.0, nuisance=True, additive=True)
-            for part in ("cos", "sin")
+            Scalar(f"{name}.{part}", channel.unit, 0.0, additive=True) for part in ("cos", "sin")
         )
         return cls((cos, sin), frozenset([channel.name]), order)
 

@@ -66,7 +66,7 @@ class Share(Unknown):
         shares: Mapping[str, tuple[int, float]],
         given: float = 0.0,
     ) -> Self:
-        scalar = Scalar(term, unit, 0.0, nuisance=True, additive=True)
+        scalar = Scalar(term, unit, 0.0, additive=True)
         reads = tuple(Reads(name, *more) for name, more in shares.items())
         return cls((scalar,), frozenset(shares), said, reads, given)
 
