@@ -14,7 +14,7 @@ from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.unknowns import Own, Scalar, every_unknown
+from rotorid.likelihood.unknowns import Own, every_unknown
 from rotorid.linear.by_samples import filtered_records
 from rotorid.linear.equations import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
@@ -116,19 +116,16 @@ def _own_values(
 ) -> list[Own]:
     """Return the parameters that records have to themselves: as they state them, or as found."""
     given = [own_in_si(record) for record in records]
-    found = []
+    found: list[Own] = []
     for index, parameter in enumerate(model.parameters):
         name = parameter.name
-        own: dict[int, float] = {}
+        own = {}
         for k, stated in enumerate(given):
             if name in stated:
-                own[k] = stated[name][0]
+                own[k] = stated[name][0], 0.0
             elif f"{name}[{first + k}]" in values:
-                own[k] = values[f"{name}[{first + k}]"]
-        for k, value in own.items():
-            unknown = Scalar(f"{name}[{k}]", parameter.unit, value, 0.0, nuisance=False)
-            alone = len(own) == len(records)
-            found.append(Own((unknown,), frozenset([name]), index, alone, record=k))
+                own[k] = values[f"{name}[{first + k}]"], 0.0
+        found += Own.of(index, parameter, own, len(records))
     return found
 
 

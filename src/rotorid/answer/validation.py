@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -75,29 +76,21 @@ def channel_errors(
     InputError
         As `predict`.
     """
-    at = predict_lines(model, estimate, [record], number)[0]
-    bound = bind(model, record)
-    if model.linear is None or not np.abs(bound.lines.covariance.matrices).any():
-        return [
-            ChannelError(name, size, None, None)
-            for name, size in zip(at.names, _relative(at.wrong, at.size), strict=True)
-        ]
-    by_data = _by_data(model, estimate, bound, number, at)
-    covariance, freedom = _covariance(bound, by_data)
-    variance = _variance(by_data, covariance)
-    by_values = _by_values(model, estimate, bound, number, at)
-    noise = _relative(at.multiplicity @ variance, at.size)
-    spread = _relative(at.multiplicity @ (np.abs(by_values) ** 2).sum(axis=2), at.size)
+    forecast = Forecast(model, estimate, record, number)
+    at, noise = forecast.at, forecast.noise
+    sizes = _relative(at.wrong, at.size)
+    if noise is None:
+        return [ChannelError(n, size, None, None) for n, size in zip(at.names, sizes, strict=True)]
+    parts = _relative(at.multiplicity @ noise, at.size)
+    spreads = _relative(at.multiplicity @ forecast.spread, at.size)
     found = []
-    for j, (name, size) in enumerate(zip(at.names, _relative(at.wrong, at.size), strict=True)):
-        part = noise[j]
+    for j, (name, size, part) in enumerate(zip(at.names, sizes, parts, strict=True)):
         if part is None or part < NO_SCATTER:  # rounding
             found.append(ChannelError(name, size, None, None))
             continue
-        chance = _chance(
-            _error(at)[:, j], variance[:, j], by_values[:, j], at.multiplicity, freedom
-        )
-        found.append(ChannelError(name, size, part, chance, spread[j]))
+        root, freedom = forecast.by_values[:, j], forecast.covariance[1]
+        chance = _chance(_error(at)[:, j], noise[:, j], root, at.multiplicity, freedom)
+        found.append(ChannelError(name, size, part, chance, spreads[j]))
     return found
 
 
@@ -115,12 +108,12 @@ def at_best_phase(
         return record, None
     turns = 2 * np.pi * np.arange(3) / 3
     tried = [bound.with_lines(bound.lines.turned(turn)) for turn in turns]
-    found = [predict_lines(model, estimate, [one], number)[0] for one in tried]
-    noise = noise_of_difference(model, estimate, tried[0], number, found[0])
-    size = found[0].size if noise is None else np.where(noise > 0, noise, np.inf)
-    weight = np.sqrt(found[0].multiplicity[:, None] / np.where(size > 0, size, np.inf))
+    found = [Forecast(model, estimate, one, number) for one in tried]
+    at, noise = found[0].at, found[0].noise
+    size = at.size if noise is None else np.where(noise > 0, noise, np.inf)
+    weight = np.sqrt(at.multiplicity[:, None] / np.where(size > 0, size, np.inf))
     waves = np.exp(1j * np.outer(turns, [0, 1, -1]))
-    errors = np.stack([weight * _error(at) for at in found])
+    errors = np.stack([weight * _error(one.at) for one in found])
     parts = np.tensordot(waves.conj().T / 3, errors, axes=1).reshape(3, -1)
 
     def misfit(angle: float) -> float:
@@ -134,33 +127,89 @@ def at_best_phase(
     return bound.with_lines(bound.lines.turned(angle)), angle
 
 
-def noise_of_difference(
-    model: Model,
-    estimate: Estimate,
-    record: Observation,
-    number: int,
-    at: Predicted,
-    *,
-    deviations: bool = False,
-) -> Floats | None:
-    """Return the variance that the noise of a record gives predicted - measured.
+@frozen
+class Forecast:
+    """What an estimate predicts of a record, and what is unsure of the error."""
 
-    Shape (line, predicted); with that of the values' deviations where it is asked for, as another
-    record has them. None where the model is not linear or nothing is known of the noise.
-    """
-    if model.linear is None or not np.abs(record.lines.covariance.matrices).any():
-        return None
-    by_data = _by_data(model, estimate, record, number, at)
-    found = _variance(by_data, _covariance(record, by_data)[0])
-    if deviations:
-        by_values = _by_values(model, estimate, record, number, at)
-        found = found + (np.abs(by_values) ** 2).sum(axis=2)
-    return found
+    model: Model
+    estimate: Estimate
+    record: Data
+    number: int = 0  # that of the record
 
+    @cached_property
+    def bound(self) -> Observation:
+        return bind(self.model, self.record)
 
-def _variance(by_data: Complexes, covariance: Complexes) -> Floats:
-    found = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real
-    return np.asarray(found.clip(0))
+    @cached_property
+    def at(self) -> Predicted:
+        return predict_lines(self.model, self.estimate, [self.record], self.number)[0]
+
+    @cached_property
+    def noise(self) -> Floats | None:
+        """The variance that the noise of the record gives predicted - measured, (line, predicted).
+
+        None where the model is not linear or nothing is known of the noise.
+        """
+        if self.model.linear is None or not np.abs(self.bound.lines.covariance.matrices).any():
+            return None
+        by_data, (covariance, _) = self._by_data, self.covariance
+        found = np.einsum("ljc,lcd,ljd->lj", by_data, covariance, by_data.conj()).real
+        return np.asarray(found.clip(0))
+
+    @property
+    def spread(self) -> Floats:
+        """The variance that the deviations of the values give it, (line, predicted)."""
+        return np.asarray((np.abs(self.by_values) ** 2).sum(axis=2))
+
+    @cached_property
+    def _by_data(self) -> Complexes:
+        """The derivative of the error by the measured lines, (line, predicted, channel)."""
+        lines, columns = self.bound.lines, []
+        turns = np.exp(2j * np.pi * CHIRP * np.arange(len(lines.mean)) ** 2)
+        steps = np.where(lines.multiplicity > 1, turns, 1.0)  # real lines stay real
+        for channel in range(lines.mean.shape[1]):
+            size = float(np.abs(lines.mean[:, channel]).max()) or 1.0
+            mean = lines.mean.copy()
+            mean[:, channel] += size * steps
+            there = replace(self, record=self.bound.with_lines(replace(lines, mean=mean)))
+            columns.append(self._change(there) / (size * steps[:, None]))
+        return np.stack(columns, axis=2)
+
+    @cached_property
+    def by_values(self) -> Complexes:
+        """A root of the covariance that the values give the error, (line, predicted, value)."""
+        shape, covariance = _error(self.at).shape, self.estimate.covariance
+        if not covariance.size or not np.isfinite(covariance).all():
+            return np.zeros((*shape, 0), dtype=np.complex128)
+        columns = []
+        for value in self.estimate.free:
+            step = STEP * float(value.std or 0.0)
+            if not step > 0:
+                columns.append(np.zeros(shape, dtype=np.complex128))
+                continue
+            there = replace(self, estimate=_moved(self.estimate, value.name, step))
+            columns.append(self._change(there) / step)
+        size, along = np.linalg.eigh(covariance)
+        root = along * np.sqrt(size.clip(0))
+        return np.asarray(np.stack(columns, axis=2) @ root)
+
+    def _change(self, other: Forecast) -> Complexes:
+        return np.asarray(_error(other.at) - _error(self.at))
+
+    @cached_property
+    def covariance(self) -> tuple[Complexes, Floats]:
+        """That of the mean lines, and its degrees of freedom on each line.
+
+        From the neighbouring lines where the errors of one period resemble the next.
+        """
+        covariance, scatter = self.bound.lines.covariance, self.bound.lines.scatter
+        if scatter is not None and covariance.kind == "white":
+            each = np.einsum("ljc,plc->plj", self._by_data, scatter - scatter.mean(axis=0))
+            size = np.sqrt((np.abs(each) ** 2).mean(axis=0))
+            each = each / np.where(size > 0, size, 1.0)
+            if is_correlated(each.reshape(len(each), -1, 1)):
+                covariance = correlated_covariance(scatter)
+        return covariance.matrices, np.full(len(self._by_data), float(covariance.dof))
 
 
 def _error(at: Predicted) -> Complexes:
@@ -174,43 +223,6 @@ def _relative(power: Floats, size: Floats) -> list[float | None]:
     ]
 
 
-def _by_data(
-    model: Model, estimate: Estimate, record: Observation, number: int, at: Predicted
-) -> Complexes:
-    """Return the derivative of the error by the measured lines, (line, predicted, channel)."""
-    lines, columns = record.lines, []
-    turns = np.exp(2j * np.pi * CHIRP * np.arange(len(lines.mean)) ** 2)
-    steps = np.where(lines.multiplicity > 1, turns, 1.0)  # real lines stay real
-    for channel in range(lines.mean.shape[1]):
-        size = float(np.abs(lines.mean[:, channel]).max()) or 1.0
-        mean = lines.mean.copy()
-        mean[:, channel] += size * steps
-        moved = record.with_lines(replace(lines, mean=mean))
-        there = predict_lines(model, estimate, [moved], number)[0]
-        columns.append((_error(there) - _error(at)) / (size * steps[:, None]))
-    return np.stack(columns, axis=2)
-
-
-def _by_values(
-    model: Model, estimate: Estimate, record: Observation, number: int, at: Predicted
-) -> Complexes:
-    """Return a root of the covariance that the values give the error, (line, predicted, value)."""
-    shape = (*_error(at).shape, 0)
-    if not estimate.covariance.size or not np.isfinite(estimate.covariance).all():
-        return np.zeros(shape, dtype=np.complex128)
-    columns = []
-    for value in estimate.free:
-        step = STEP * float(value.std or 0.0)
-        if not step > 0:
-            columns.append(np.zeros(shape[:2], dtype=np.complex128))
-            continue
-        there = predict_lines(model, _moved(estimate, value.name, step), [record], number)[0]
-        columns.append((_error(there) - _error(at)) / step)
-    size, along = np.linalg.eigh(estimate.covariance)
-    root = along * np.sqrt(size.clip(0))
-    return np.asarray(np.stack(columns, axis=2) @ root)
-
-
 def _moved(estimate: Estimate, name: str, step: float) -> Estimate:
     moved = {
         kind: tuple(
@@ -220,21 +232,6 @@ def _moved(estimate: Estimate, name: str, step: float) -> Estimate:
         for kind in ("parameters", "nuisance")
     }
     return estimate.with_(**moved)
-
-
-def _covariance(record: Observation, by_data: Complexes) -> tuple[Complexes, Floats]:
-    """Return that of the mean lines, and its degrees of freedom on each line.
-
-    From the neighbouring lines where the errors of one period resemble the next.
-    """
-    covariance, scatter = record.lines.covariance, record.lines.scatter
-    if scatter is not None and covariance.kind == "white":
-        each = np.einsum("ljc,plc->plj", by_data, scatter - scatter.mean(axis=0))
-        size = np.sqrt((np.abs(each) ** 2).mean(axis=0))
-        each = each / np.where(size > 0, size, 1.0)
-        if is_correlated(each.reshape(len(each), -1, 1)):
-            covariance = correlated_covariance(scatter)
-    return covariance.matrices, np.full(len(by_data), float(covariance.dof))
 
 
 def _chance(

@@ -24,7 +24,7 @@ from rotorid.likelihood.case import Case, Records, Rival, freed, mistake, rivals
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_tables import SPEEDS, is_table
 from rotorid.likelihood.unknowns import Multiplier, Share, every_unknown
-from rotorid.likelihood.unknowns.channel_factors import FACTORS, factor_name, snap
+from rotorid.likelihood.unknowns.channels import FACTORS, factor_name, snap
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
 from rotorid.models import Model
 from rotorid.models.structure import Structure

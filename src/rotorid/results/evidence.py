@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
 from rotorid.answer.parts import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
-from rotorid.answer.predict import missing_values, predict_lines
-from rotorid.answer.validation import noise_of_difference
+from rotorid.answer.predict import missing_values
+from rotorid.answer.validation import Forecast
 from rotorid.core.errors import InputError
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
@@ -121,10 +121,11 @@ def _record(
         record = _at_its_phase(record, estimate, number)
     if speaks_of(record.model, estimate, record, number):
         with suppress(InputError):  # a record whose prediction is refused is shown as measured
-            (found,) = predict_lines(record.model, estimate, [record], number)
-            spread = noise_of_difference(
-                record.model, estimate, record, number, found, deviations=another
-            )
+            forecast = Forecast(record.model, estimate, record, number)
+            found = forecast.at
+            spread = forecast.noise
+            if another and spread is not None:
+                spread = spread + forecast.spread
     if record.filtered is not None:
         return _of_samples(record, found, max(FEWEST, min(most, 2 * MOST_SAMPLES)))
     lines = record.lines

@@ -14,7 +14,7 @@ from rotorid import load_model
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
 from rotorid.likelihood.case import Case, Rival, Slopes, Small
-from rotorid.likelihood.unknowns import channel_factors
+from rotorid.likelihood.unknowns import channels
 
 
 def rival(term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, **more) -> Rival:
@@ -243,13 +243,13 @@ def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
     assert {r.way for r in found} == {"near", "both"}
 
 
-@pytest.mark.parametrize(("name", "factor"), channel_factors.FACTORS.items())
+@pytest.mark.parametrize(("name", "factor"), channels.FACTORS.items())
 def test_factors_of_units_are_named(name, factor) -> None:
     for exact in (factor, 1 / factor):
         for off in (0.992, 1.008):  # between 9.807 and ten, the one that is nearer
-            assert channel_factors.snap(-off * exact) == pytest.approx(-exact, rel=1e-6)
-            assert channel_factors.factor_name(off * exact) == f" ({name})"
-        assert channel_factors.factor_name(-exact) == f" ({name}, upside down)"
+            assert channels.snap(-off * exact) == pytest.approx(-exact, rel=1e-6)
+            assert channels.factor_name(off * exact) == f" ({name})"
+        assert channels.factor_name(-exact) == f" ({name}, upside down)"
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_factors_of_units_are_named(name, factor) -> None:
     [(-1.029, -1.0), (-1.031, None), (0.971, 1.0), (0.969, None), (26.15, 25.4), (26.17, None)],
 )
 def test_how_close_a_gain_is_to_that_of_a_unit(gain, exact) -> None:
-    assert channel_factors.snap(gain) == (None if exact is None else pytest.approx(exact))
+    assert channels.snap(gain) == (None if exact is None else pytest.approx(exact))
 
 
 def jeffcott(speeds=(100.0,), sizes=(1.0, 1.0, 1.0, 1.0), frequency=(10.0, 20.0, 30.0)) -> Case:

@@ -1,4 +1,4 @@
-"""Unknowns of the measurement, one kind per file; `KINDS` is their order in results."""
+"""Unknowns of the measurement, one class per kind; `KINDS` is their order in results."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 from rotorid.data.observation import Observation
 from rotorid.likelihood.unknowns.base import Nuisances, Plausible, Scalar, Unknown
-from rotorid.likelihood.unknowns.channel_factors import (
+from rotorid.likelihood.unknowns.channels import (
     CommonDelay,
+    Cubic,
     Delay,
     Gain,
+    Hysteresis,
     Multiplier,
     Response,
 )
@@ -20,10 +22,8 @@ from rotorid.likelihood.unknowns.force_constants import (
     MagnetConstant,
     Scale,
 )
-from rotorid.likelihood.unknowns.nonlinearity import Cubic, Hysteresis
-from rotorid.likelihood.unknowns.own import Own
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
-from rotorid.likelihood.unknowns.terms import Lever, Missing, Share
+from rotorid.likelihood.unknowns.terms import Lever, Missing, Own, Share
 
 __all__ = [
     "TAKEN_AS_EXACT",

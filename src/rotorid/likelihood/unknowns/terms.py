@@ -1,7 +1,8 @@
-"""What the equations of motion may miss, and what sensors may read besides.
+"""What the equations of motion may miss or have otherwise, and what sensors may read besides.
 
-A term, a force that turns with the rotor, an actuator or a sensor beside its place. No setting asks
-for these: they are freed one at a time, to see what they explain.
+A term, a force that turns with the rotor, an actuator or a sensor beside its place: no setting asks
+for these, they are freed one at a time, to see what they explain. A parameter that is not the same
+in all records: a trial mass, an unbalance that was changed.
 """
 
 from __future__ import annotations
@@ -10,10 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Self
 
+import numpy as np
+
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.likelihood.effects import Drives, Effect, Entry, Reads, RowLoad
-from rotorid.likelihood.unknowns.base import Scalar, Unknown, amount
+from rotorid.data.observation import Observation
+from rotorid.likelihood.effects import Drives, Effect, Entry, Reads, Replaces, RowLoad
+from rotorid.likelihood.unknowns.base import Nuisances, Scalar, Unknown, amount
+from rotorid.models import Parameter
+from rotorid.models.priors import own_in_si
 
 
 @frozen
@@ -78,3 +84,47 @@ class Share(Unknown):
 
     def told(self, value: float | None) -> tuple[str, str]:
         return f"{self.phrase}{amount(value, self.unit)}", self.cure
+
+
+Stated = Mapping[int, tuple[float, float | None]]
+"""Values of single records, by their numbers, with deviations."""
+
+
+@frozen
+class Own(Unknown):
+    """The value of a parameter in one record, in place of the one that the others share."""
+
+    setting = "each"
+
+    record: int = field(kw_only=True)
+    parameter: int  # which of the model's
+    alone: bool  # every record has a value of its own: none is shared
+
+    def effects(self) -> Sequence[Effect]:
+        return (Replaces(self.parameter, self.alone),)
+
+    @classmethod
+    def of(cls, index: int, parameter: Parameter, told: Stated, records: int) -> list[Self]:
+        """Return a parameter of the model in the records, of so many, that say it themselves."""
+        name, unit, alone = parameter.name, parameter.unit, len(told) == records
+        found = []
+        for k, (value, std) in told.items():
+            one = Scalar(
+                f"{name}[{k}]", unit, value, std, nuisance=False, positive=parameter.positive
+            )
+            found.append(cls((one,), frozenset([name]), index, alone, record=k))
+        return found
+
+    @classmethod
+    def asked(cls, records: Sequence[Observation], wanted: Nuisances) -> list[Self]:
+        given = [own_in_si(record) for record in records]
+        found = []
+        for index, parameter in enumerate(records[0].model.parameters if records else ()):
+            name = parameter.name
+            told: Stated = {
+                k: own.get(name, (np.nan, None))
+                for k, own in enumerate(given)
+                if name in own or name in wanted.each
+            }
+            found += cls.of(index, parameter, told, len(records))
+        return found
