@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rotorid import ReadError
+from rotorid.cli import run
 from rotorid.io import hdf5
 from rotorid.io.child import in_child
 from rotorid.io.hdf5 import open_hdf5
@@ -274,6 +275,25 @@ def test_blocks_of_single_precision_are_those_of_the_whole(tmp_path: Path) -> No
     whole = opened.read(["x"])["x"].values * 1e-6
     parts = [block["x"].values * 1e-6 for block in opened.blocks(["x"], 300)]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_what_nobody_wrote_is_known_by_a_few_questions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One question for each field of a table took a minute; links lead to nothing more."""
+    with h5py.File(tmp_path / "run.h5", "w") as data:
+        table = np.dtype([(f"c{k}", "f8") for k in range(500)])
+        data.create_dataset("run/table", (700,), table)
+        data["run/link"] = h5py.SoftLink("/nowhere")
+        data["run/x"] = np.arange(700.0)
+    asked, fork = [], os.fork
+    monkeypatch.setattr(os, "fork", lambda: (asked.append(None), fork())[1])
+    assert run(["new", str(tmp_path / "run.h5")]) == 0
+    assert "# not used: x" in capsys.readouterr().out
+    assert 0 < len(asked) < 10
+    opened = open_hdf5(tmp_path / "run.h5")
+    with pytest.raises(ReadError, match=r"no sample written: a gap in '/run/table'"):
+        opened.read([opened.find("c3")])
 
 
 def test_the_fields_of_a_table_of_records_are_read_together(tmp_path: Path) -> None:

@@ -394,7 +394,10 @@ def _columns(table: ColumnFile) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found: list[Found] = []
     refused: list[InputError] = []
-    for name, column in _read(table, list(table.names), refused):
+    wrong = table.refused(table.names)
+    refused += wrong.values()
+    names = [name for name in table.names if name not in wrong]
+    for name, column in _read(table, names, refused):
         try:
             check_magnitude(largest_of(column.values), 1.0, name)
         except InputError:

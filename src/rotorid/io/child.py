@@ -32,7 +32,7 @@ MEMORY, COPIES = 2_000_000_000, 4
 FORKS = hasattr(os, "fork") and sys.platform != "darwin"
 """Whether this system makes a process that reads by itself, in milliseconds."""
 
-_ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, the parts of an error, no more
+_ANSWER, _REFUSAL, _END = range(3)  # what is sent: a value, an error, no more
 
 
 def in_child(work: Callable[..., Any], file: str, *arguments: Any) -> Any:
@@ -73,14 +73,13 @@ def from_child(work: Callable[..., Iterator[Any]], file: str, *arguments: Any) -
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
     if answer[0] == _REFUSAL:
-        kind, *parts, name, place = answer[1]
-        raise kind(*parts, file=name, place=place)
+        raise answer[1]
 
 
 def _answer(
     sender: int, file: str, work: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]
 ) -> None:
-    """Send what the work yields, or the parts of its `InputError`."""
+    """Send what the work yields, or its `InputError`."""
     if sender != 2:  # as where that is closed
         _silence()
     with open(sender, "wb") as stream:
@@ -92,11 +91,10 @@ def _answer(
         except BrokenPipeError:  # no more is asked for
             raise
         except InputError as error:
-            parts = (type(error), error.found, error.expected, error.cure, error.file, error.place)
-            _send(stream, (_REFUSAL, parts))
+            _send(stream, (_REFUSAL, error))
         except Exception as error:  # an end without an answer would say less
-            told = (f"{type(error).__name__}: {error}", "a whole file", "export it again", "", "")
-            _send(stream, (_REFUSAL, (ReadError, *told)))
+            told = f"{type(error).__name__}: {error}"
+            _send(stream, (_REFUSAL, ReadError(told, "a whole file", "export it again")))
 
 
 def _send(stream: BufferedWriter, answer: tuple[Any, ...]) -> None:

@@ -69,7 +69,9 @@ class Hdf5Table(StoredArrays):
         for name, place in places.items():
             arrays.setdefault((place.path, place.axis), {})[name] = place
         with opened(self.file) as data:
-            nodes, held = _checked(data, self.file, list(places.values()))
+            nodes, held, refused = _checked(data, self.file, list(places.values()))
+            for error in refused.values():
+                raise error
             told = {name: _told(nodes[p.path], p, self.file) for name, p in places.items()}
             together = _together(nodes.values())
             if rows is None:
@@ -88,6 +90,11 @@ class Hdf5Table(StoredArrays):
                     found = _rows(nodes[path], asked, samples, records)
                     block |= {name: told[name].column(stored) for name, stored in found.items()}
                 yield block
+
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        places = {name: self.place(name) for name in names}
+        by_path: dict[str, InputError] = in_child(_refused, self.file, self.file, places)
+        return {name: by_path[p.path] for name, p in places.items() if p.path in by_path}
 
     def scalar(self, name: str) -> float:
         found: float = in_child(_scalar, self.file, self.file, self.find_scalar(name))
@@ -112,31 +119,46 @@ def _table(file: str, state: tuple[int, ...]) -> Hdf5Table:
 
 def _scalar(file: str, path: str) -> float:
     with opened(file) as data:
-        node = _checked(data, file, [ColumnPlace(path)])[0][path]
+        nodes, _, refused = _checked(data, file, [ColumnPlace(path)])
+        for error in refused.values():
+            raise error
+        node = nodes[path]
         packing = packing_of(node.dataset, file)
         return float(np.ravel(packing.unpacked(np.asarray(_numbers(node)[()])))[0])
 
 
+def _refused(file: str, places: Mapping[str, ColumnPlace]) -> dict[str, InputError]:
+    with opened(file) as data:
+        return _checked(data, file, list(places.values()))[2]
+
+
 def _checked(
     data: h5py.File, file: str, places: Sequence[ColumnPlace]
-) -> tuple[dict[str, Hdf5Node], int]:
-    """Return data sets that are there whole, and the bytes of the files that hold the largest."""
+) -> tuple[dict[str, Hdf5Node], int, dict[str, InputError]]:
+    """Return data sets, the bytes of the files that hold the largest, and those not there whole."""
     nodes: dict[str, Hdf5Node] = {}
-    tables: dict[str, tuple[Hdf5Node, frozenset[str]]] = {}
+    refused: dict[str, InputError] = {}
+    tables: dict[str, tuple[Hdf5Node, frozenset[str], InputError | None]] = {}
     held = 0
     for path in dict.fromkeys(place.path for place in places):
         above, _, name = path.rpartition("/")
-        table, fields = tables.get(above, (None, ()))
+        table, fields, wrong = tables.get(above, (None, (), None))
         if table is not None and name in fields:  # what a thousand fields are takes its time
             nodes[path] = replace(table, field=name)
-            continue
-        node = find(data, path)
-        if node is None:
-            raise ValueError(f"{path!r} is gone")
-        nodes[path], held = node, max(held, check_stored(node.dataset, file))
-        if node.field is not None:
-            tables[above] = node, frozenset(node.dataset.dtype.names)
-    return nodes, held
+        else:
+            node = find(data, path)
+            if node is None:
+                raise ValueError(f"{path!r} is gone")
+            nodes[path], wrong = node, None
+            try:
+                held = max(held, check_stored(node.dataset, file))
+            except InputError as error:
+                wrong = error
+            if node.field is not None:
+                tables[above] = node, frozenset(node.dataset.dtype.names), wrong
+        if wrong is not None:
+            refused[path] = wrong
+    return nodes, held, refused
 
 
 def _numbers(node: Hdf5Node) -> Any:
@@ -259,13 +281,19 @@ class Hdf5Node:
 class Hdf5Content:
     """Shapes of numeric arrays by path, and what else there is.
 
-    `whole` says that these are all of a file, `aliases` that other paths lead to them, too.
+    `whole` says that these are all of a file; from `aliases` on, paths were not walked: links, and
+    groups that were seen already.
     """
 
     shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
     others: dict[str, str] = field(default_factory=dict)
     whole: bool = False
-    aliases: bool = False
+    aliases: set[str] = field(default_factory=set)
+
+    def knows(self, path: str) -> bool:
+        """Tell whether all that a path may lead to was looked at."""
+        ends = [end for end, letter in enumerate(path) if letter == "/"]
+        return self.whole and self.aliases.isdisjoint([path, *(path[:end] for end in ends)])
 
     def note(self, path: str, node: Hdf5Node | None) -> None:
         """Take up a data set, or the fields of one that is a table of records."""
@@ -301,7 +329,7 @@ class Contents(Mapping[str, tuple[int, ...]]):
         """Return the shape of the array of a path, which links may lead to."""
         found = self._found
         new = path not in found.shapes and path not in self._asked
-        if new and (found.aliases or not found.whole) and path == "/".join(_steps(path)):
+        if new and path == "/".join(_steps(path)) and not found.knows(path):
             self._asked.add(path)
             there: Hdf5Content = in_child(_look_at, self._file, self._file, path)
             found.shapes |= there.shapes
@@ -387,17 +415,18 @@ def _walk(
         inner: list[tuple[str, tuple[h5py.Group, ...]]] = []
         for key in (group := above[-1]):
             key, shown = _raw(key), _shown(key)
+            path = prefix + shown
             if shown[:1] == "#" or group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
-                found.aliases = True
+                found.aliases.add(path)
                 continue  # "#refs#" holds the cells of MATLAB
-            count, path = count + 1, prefix + shown
+            count += 1
             _check_bounds(count, path, file, most)
             node = _open(group, key)
             if node is None:  # a type that has a name
                 continue
             address = h5py.h5o.get_info(node.id).addr
             if address in seen:
-                found.aliases = True
+                found.aliases.add(path)
                 continue
             seen.add(address)
             if isinstance(node, h5py.Group):

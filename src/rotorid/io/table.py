@@ -87,6 +87,9 @@ class ColumnFile(Protocol):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
 
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        """Return which columns cannot be read, by what the file says before their samples."""
+
     def scalar(self, name: str) -> float:
         """Return a scalar variable."""
 
@@ -312,6 +315,10 @@ class NamedArrays(ABC):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Return columns by the names that `find` returned."""
 
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        """Return which columns cannot be read; what only its samples tell is not known here."""
+        return {}
+
     def scalar(self, name: str) -> float:
         """Return the value of an array of one number."""
         path = self.find_scalar(name)
@@ -478,6 +485,13 @@ class JoinedTables:
             mine = [n.removeprefix(f"{file}:") for n in wanted if n.startswith(f"{file}:")]
             columns |= {f"{file}:{name}": c for name, c in table.read(mine).items()} if mine else {}
         return columns
+
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        found: dict[str, InputError] = {}
+        for file, table in self.tables.items():
+            mine = [n.removeprefix(f"{file}:") for n in names if n.startswith(f"{file}:")]
+            found |= {f"{file}:{name}": error for name, error in table.refused(mine).items()}
+        return found
 
     def scalar(self, name: str) -> float:
         """Return a scalar variable of the first file that has it."""

@@ -459,6 +459,10 @@ class DelimitedTable:
                 columns[name] = Column(read[place], self.dialect.units[place], self.dialect.rate)
         return columns
 
+    def refused(self, names: Sequence[str]) -> dict[str, InputError]:
+        """Return none: what a column holds is known when it is read."""
+        return {}
+
     def scalar(self, name: str) -> float:
         """Refuse: a text table has columns only."""
         raise ReadError(
