@@ -19,7 +19,7 @@ from rotorid.likelihood.effects import Replaces, of_kind
 from rotorid.likelihood.layout import Layout, base_factors, physical_factors
 from rotorid.likelihood.modal import modal_rows
 from rotorid.likelihood.problem import Known, Problem, retract
-from rotorid.likelihood.relations import Polynomial, Relations, alone
+from rotorid.likelihood.relations import Polynomial, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 from rotorid.models.priors import Constraint, constraint_polynomial, eliminate
@@ -235,13 +235,13 @@ def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relatio
     known: list[tuple[Polynomial, float, str]] = []
     for i, unknown in enumerate(layout.unknowns):
         if unknown.std is not None and unknown.std > 0:
-            known.append((_single(i, count, unknown.prior), unknown.std, unknown.name))
+            known.append(({(i,): 1.0, (): -unknown.prior}, unknown.std, unknown.name))
     if layout.base:
         return _base_relations(layout, knowledge), Relations.build(known, count)
     for constraint in knowledge.constraints:
         value, std = constraint.in_si
         text = f"{constraint.expression} = {value:g}"
-        for polynomial in _of_records(layout, _padded(layout, constraint)):
+        for polynomial in _polynomials(layout, constraint):
             if std > 0:
                 known.append((polynomial, std, text))
             else:
@@ -249,33 +249,19 @@ def _relations(layout: Layout, knowledge: Knowledge) -> tuple[Relations, Relatio
     return Relations.build(exact, count), Relations.build(known, count)
 
 
-def _single(index: int, count: int, value: float) -> Polynomial:
-    return {alone(index, count): 1.0, (0,) * count: -value}
-
-
-def _padded(layout: Layout, constraint: Constraint) -> dict[tuple[int, ...], float]:
-    rest = (0,) * (len(layout.unknowns) - layout.parameters)
-    found = constraint_polynomial(layout.model, constraint)
-    polynomial = {(*powers, *rest): c for powers, c in found.items()}
-    constant = (0,) * len(layout.unknowns)
-    polynomial[constant] = polynomial.get(constant, 0.0) - constraint.in_si[0]
-    return polynomial
-
-
-def _of_records(
-    layout: Layout, polynomial: dict[tuple[int, ...], float]
-) -> list[dict[tuple[int, ...], float]]:
-    if not any(powers[i] for powers in polynomial for i in layout.idle):
+def _polynomials(layout: Layout, constraint: Constraint) -> list[Polynomial]:
+    """Return a constraint, or that of each record where every one has a value to itself."""
+    polynomial = {
+        tuple(i for i, power in enumerate(powers) for _ in range(power)): coefficient
+        for powers, coefficient in constraint_polynomial(layout.model, constraint).items()
+    }
+    polynomial[()] = polynomial.get((), 0.0) - constraint.in_si[0]
+    if not any(i in layout.idle for product in polynomial for i in product):
         return [polynomial]
-    found = []
+    found: list[Polynomial] = []
     for number in sorted({record for record, _, _ in layout.replaced}):
         own = {i: at for i, at in layout.of_record(number).own.items() if i in layout.idle}
-        moved: dict[tuple[int, ...], float] = {}
-        for powers, coefficient in polynomial.items():
-            there = list(powers)
-            for i, at in own.items():
-                there[at], there[i] = there[i], 0
-            moved[tuple(there)] = coefficient
+        moved = {tuple(sorted(own.get(i, i) for i in m)): c for m, c in polynomial.items()}
         found.append(moved)
     return found
 
@@ -289,10 +275,10 @@ def _base_relations(layout: Layout, knowledge: Knowledge) -> Relations:
     gone = [i for i in range(size) if i not in kept]
     rows: list[tuple[Polynomial, float, str]] = []
     for i in gone:
-        polynomial = dict(_single(i, count, float(elimination.origin[i])))
+        polynomial = {(i,): 1.0, (): -float(elimination.origin[i])}
         for j, coefficient in zip(kept, elimination.basis[i], strict=True):
             if coefficient:
-                polynomial[alone(j, count)] = -float(coefficient)
+                polynomial[j,] = -float(coefficient)
         rows.append((polynomial, 1.0, layout.unknowns[i].name))
     return Relations.build(rows, count)
 
@@ -302,7 +288,7 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> tuple[Relations, tuple[Limi
     rows: list[tuple[Polynomial, Limit]] = []
     for i, unknown in enumerate(layout.unknowns):
         if unknown.positive and not unknown.fixed:
-            rows.append((_single(i, count, 0.0), Limit(unknown.name, 1.0, 0.0)))
+            rows.append(({(i,): 1.0, (): 0.0}, Limit(unknown.name, 1.0, 0.0)))
     if layout.base and knowledge.bounds:
         raise InputError("bounds", "none, where base parameters are asked for", "drop them")
     for expression, (lower, upper) in knowledge.bounds.items():
@@ -310,7 +296,7 @@ def _bounds(layout: Layout, knowledge: Knowledge) -> tuple[Relations, tuple[Limi
         for limit, way in ((lower, 1.0), (upper, -1.0)):
             if limit is None:
                 continue
-            for polynomial in _of_records(layout, _padded(layout, Constraint(expression, limit))):
+            for polynomial in _polynomials(layout, Constraint(expression, limit)):
                 signed = {powers: way * c for powers, c in polynomial.items()}
                 rows.append((signed, Limit(expression, way, limit)))
     relations = Relations.build([(row, 1.0, str(limit)) for row, limit in rows], count)

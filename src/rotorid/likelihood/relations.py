@@ -77,12 +77,7 @@ class Monomials:
 
 
 Polynomial = Mapping[tuple[int, ...], float]
-"""``{exponents of the unknowns: coefficient}``."""
-
-
-def alone(unknown: int, count: int) -> tuple[int, ...]:
-    """Return the exponents of an unknown by itself."""
-    return tuple(int(i == unknown) for i in range(count))
+"""``{unknowns of the product, ascending, repeated for powers: coefficient}``."""
 
 
 @frozen
@@ -94,7 +89,7 @@ class Relations:
 
     Examples
     --------
-    >>> product = Relations.build([({(1, 1): 1.0, (0, 0): -6.0}, 1.0, "a*b = 6")], 2)
+    >>> product = Relations.build([({(0, 1): 1.0, (): -6.0}, 1.0, "a*b = 6")], 2)
     >>> product.values(np.array([2.0, 3.0])), product.jacobian(np.array([2.0, 3.0]))
     (array([0.]), array([[3., 2.]]))
     """
@@ -108,16 +103,17 @@ class Relations:
         cls, polynomials: Sequence[tuple[Polynomial, float, str]], unknowns: int
     ) -> Relations:
         """Build from (polynomial, divisor, text) of each relation."""
-        distinct = sorted({m for polynomial, _, _ in polynomials for m in polynomial})
+        distinct = sorted(
+            {m for polynomial, _, _ in polynomials for m in polynomial},
+            key=lambda product: [product.count(i) for i in range(unknowns)],
+        )
         where = {m: i for i, m in enumerate(distinct)}
         matrix = np.zeros((len(polynomials), len(distinct)))
         for row, (polynomial, divisor, _) in enumerate(polynomials):
             for monomial, coefficient in polynomial.items():
                 matrix[row, where[monomial]] += coefficient / divisor
-        table = np.array(distinct, dtype=np.int64).reshape(len(distinct), unknowns)
-        return cls(
-            Monomials.from_exponents(table), matrix, tuple(text for _, _, text in polynomials)
-        )
+        texts = tuple(text for _, _, text in polynomials)
+        return cls(Monomials.of(distinct, unknowns), matrix, texts)
 
     def __len__(self) -> int:
         return len(self.matrix)

@@ -29,7 +29,7 @@ import numpy as np
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.likelihood.problem import Point, Problem, Tangent, inside, outside, retract, tangent
-from rotorid.likelihood.relations import Relations, alone
+from rotorid.likelihood.relations import Polynomial, Relations
 
 STAGES = (10.0, 1.0, 0.1, 0.01, 0.0)
 """The homotopy: sigma of each stage, in units of the mean force."""
@@ -429,20 +429,20 @@ def anchored(problem: Problem, start: Floats) -> Problem:
     While errors are granted to the equations in units of force, the cost would fall with the
     forces themselves: without an anchor, all gains, masses and stiffnesses go to zero together.
     """
-    layout, count = problem.layout, len(problem.layout.unknowns)
-    rows = []
+    layout, rows = problem.layout, list[tuple[Polynomial, float, str]]()
     for index in layout.free:
         unknown = layout.unknowns[index]
         if unknown.anchored and start[index]:
-            polynomial = {alone(index, count): 1.0, (0,) * count: -float(start[index])}
+            polynomial = {(int(index),): 1.0, (): -float(start[index])}
             rows.append((polynomial, ANCHOR * abs(float(start[index])), unknown.name))
     if scale_is_open(problem, start):
         moved = [i for i in layout.free if start[i]]
-        common = {alone(m, count): 1 / float(start[m]) for m in moved}
-        rows.append((common | {(0,) * count: -float(len(moved))}, HELD_SCALE, "scale"))
+        common = {(int(m),): 1 / float(start[m]) for m in moved}
+        rows.append((common | {(): -float(len(moved))}, HELD_SCALE, "scale"))
     if not rows:
         return problem
-    return replace(problem, known=problem.known.joined(Relations.build(rows, count)))
+    held = Relations.build(rows, len(layout.unknowns))
+    return replace(problem, known=problem.known.joined(held))
 
 
 def scale_is_open(problem: Problem, start: Floats) -> bool:

@@ -35,7 +35,7 @@ from rotorid.data.observation import Observation, bind, combined
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.inference import Inference, infer
 from rotorid.likelihood.problem import Point, Problem, outside
-from rotorid.likelihood.relations import Polynomial, Relations, alone
+from rotorid.likelihood.relations import Polynomial, Relations
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
 from rotorid.models.rotor.model import RotorModel
@@ -324,17 +324,15 @@ def _gone(problem: Problem, way: _Way) -> Solution:
 
 
 def _within(problem: Problem, start: Floats) -> Problem:
-    layout, count = problem.layout, len(start)
+    layout, linear = problem.layout, set(problem.affine.tolist())
     rows: list[tuple[Polynomial, float, str]] = []
-    linear, nothing = set(problem.affine.tolist()), (0,) * count
     for i in layout.free.tolist():
         unknown = layout.unknowns[i]
         if start[i] == 0 or i in linear or unknown.nuisance:
             continue
-        itself = alone(i, count)
-        rows.append(({itself: 1 / start[i], nothing: -1 / WITHIN}, 1.0, unknown.name))
-        rows.append(({itself: -1 / start[i], nothing: WITHIN}, 1.0, unknown.name))
-    bounds = problem.bounds.joined(Relations.build(rows, count))
+        rows.append(({(i,): 1 / start[i], (): -1 / WITHIN}, 1.0, unknown.name))
+        rows.append(({(i,): -1 / start[i], (): WITHIN}, 1.0, unknown.name))
+    bounds = problem.bounds.joined(Relations.build(rows, len(start)))
     sketch = None if problem.sketch is None else replace(problem.sketch, bounds=bounds)
     return replace(problem, bounds=bounds, sketch=sketch)
 
