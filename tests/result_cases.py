@@ -228,7 +228,7 @@ def minimum_from_the_truth(case: Case) -> tuple[Solution, Inference]:
     problem = Problem(prepared.layout, (likelihood,), *held)
     solution = solve(problem, prepared.layout.start, (0.0,))
     assert solution.converged
-    return solution, infer(solution.point, problem.exact)
+    return solution, infer(solution.point)
 
 
 def errors_at_the_minimum(case: Case) -> dict[str, float]:

@@ -208,7 +208,7 @@ def predict_accuracy(
     )
     problem = Problem(prepared.layout, likelihoods, prepared.exact, prepared.known, prepared.bounds)
     solution = Solution(problem.at(unknowns), True, 0)
-    inference = infer(solution.point, problem.exact)
+    inference = infer(solution.point)
     mirrors = Mirrors.of(problem, records, unknowns)
     doubt = other_answers(mirrors, solution, inference)
     signs = tuple(mirrors.notes(solution, inference))

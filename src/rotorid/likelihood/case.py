@@ -144,7 +144,7 @@ class Case:
         if point is None:
             return None
         try:
-            expected = infer(point, point.problem.exact).expectation.mean
+            expected = infer(point).expectation.mean
         except np.linalg.LinAlgError:
             return None
         return replace(self, unknowns=point.unknowns, found=point, expected=expected)

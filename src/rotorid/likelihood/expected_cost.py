@@ -68,28 +68,29 @@ def by_equation_errors(
     inference: Inference, point: Point, records: Sequence[Observation]
 ) -> Inference:
     """Return an inference whose expected cost the equation errors of whole records have told."""
-    means, variances = [mean.copy() for mean in inference.line_means], [*inference.variances]
-    for number, (record, at) in enumerate(zip(records, point.records, strict=True)):
-        beside, expected = record.lines.beside, float(means[number].sum())
+    costs = []
+    for record, at, cost in zip(records, point.records, inference.records, strict=True):
+        beside, expected = record.lines.beside, float(cost.means.sum())
         found = None if beside is None else _sum_of(at, beside, at.problem.order)
-        if found is None or expected <= 0:
-            continue
-        share = inference.left[number] / (at.problem.multiplicity.sum() * at.problem.equations)
-        moved = at.cost * found.mean * share / found.cost / expected
-        variances[number] = found.variance * share
-        if abs(moved - 1) <= SLIGHT:
-            means[number] *= moved
-            variances[number] *= (at.cost / found.cost) ** 2
-    expectation = inference.expectation
-    shift = sum(float(mean.sum()) for mean in means)
-    shift -= sum(float(mean.sum()) for mean in inference.line_means)
-    spread = expectation.variance + sum(variances) - sum(inference.variances)
-    return replace(
-        inference,
-        expectation=Expectation(expectation.mean + shift, spread, expectation.dof),
-        line_means=tuple(means),
-        variances=tuple(variances),
+        if found is not None and expected > 0:
+            share = cost.left / (at.problem.multiplicity.sum() * at.problem.equations)
+            moved = at.cost * found.mean * share / found.cost / expected
+            means, variance = cost.means, found.variance * share
+            if abs(moved - 1) <= SLIGHT:
+                means = means * moved
+                variance *= (at.cost / found.cost) ** 2
+            cost = replace(cost, means=means, variance=variance)
+        costs.append(cost)
+    before = inference.expectation
+    shift = sum(float(cost.means.sum()) for cost in costs)
+    shift -= sum(float(cost.means.sum()) for cost in inference.records)
+    spread = (
+        before.variance
+        + sum(c.variance for c in costs)
+        - sum(c.variance for c in inference.records)
     )
+    told = Expectation(before.mean + shift, spread, before.dof)
+    return replace(inference, expectation=told, records=tuple(costs))
 
 
 def _sum_of(at: Evaluation, beside: Beside, order: list[int]) -> Sum | None:

@@ -197,7 +197,7 @@ def answered(found: Fit, *, ask: bool = True) -> Fit:
     mirrors = Mirrors.of(found.problem, found.records, solution.point.unknowns)
     turned = mirrors.best(solution) if found.plain is None else solution
     if turned is not solution:
-        solution, inference = turned, infer(turned.point, found.problem.exact)
+        solution, inference = turned, infer(turned.point)
     # Where noise does not explain the cost, the model is wrong, and its leads come first.
     if ask and solution.converged and explained(solution, inference):
         start, problem = found.prepared.layout.start, solution.point.problem
@@ -329,7 +329,7 @@ def _near(problem: Problem, rough: Rough) -> list[Minimum]:
     try:
         found = settle(problem, rough.unknowns)
         found = replace(found, trail=rough.trail)
-        return [(found, infer(found.point, problem.exact))]
+        return [(found, infer(found.point))]
     except np.linalg.LinAlgError:
         return []
 
@@ -350,7 +350,7 @@ def _solve(
     solution = settle(problem, start)
     if same:
         solution = replace(solution, trail=before.trail)
-    return solution, infer(solution.point, problem.exact)
+    return solution, infer(solution.point)
 
 
 def _correlated(record: Observation, neighbours: int | None) -> Observation:

@@ -41,7 +41,6 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.linear import Linearized
 from rotorid.likelihood.problem import Point
-from rotorid.likelihood.relations import Relations
 
 TAIL, NORMAL = 0.025, 1.959964
 """Chance beyond either end of an interval, and the deviations to there of a normal distribution."""
@@ -76,17 +75,24 @@ def effective_dof(at: Evaluation) -> Floats:
 
 
 @frozen
+class RecordCost:
+    """What noise leaves of the cost of a record."""
+
+    means: Floats  # (line,): expected cost of each line
+    variance: float
+    unused: Floats  # (line,): t
+    left: float  # real equations that parameters leave to it
+    weights: Floats  # (row,): the share of the information of each that few periods leave
+
+
+@frozen
 class Inference:
     """Covariance of the free unknowns and expectation of the cost."""
 
     covariance: Floats  # (free, free): along the directions that the record determines
     linear: Linearized  # the problem there, with what it does not determine
     expectation: Expectation
-    # sequence of array, shape (line,): expected cost of each line of each record
-    line_means: tuple[Floats, ...]
-    # variance of the cost of each record, and the real equations that parameters leave to it
-    variances: tuple[float, ...] = ()
-    left: tuple[float, ...] = ()
+    records: tuple[RecordCost, ...]
 
     @property
     def std(self) -> Floats:
@@ -120,66 +126,43 @@ def _widening(point: Point, shares: Floats, left: list[Floats]) -> Floats:
     return t_limit(TAIL, freedom) / NORMAL
 
 
-@frozen
-class _Expected:
-    """What noise leaves of the cost, record by record: see `Inference`."""
-
-    # list of array, shape (line,): expected cost of each line, and t
-    means: list[Floats]
-    unused: list[Floats]
-    variances: list[float]
-    left: list[float]
-    # list of array: the share of the information of each real row that few periods leave
-    weights: list[Floats]
-
-
-def _expected(point: Point, leverage: list[Floats]) -> _Expected:
-    """Return what noise leaves of each record's cost; `leverage` is what the unknowns take up."""
-    found = _Expected([], [], [], [], [])
-    for at, taken in zip(point.records, leverage, strict=True):
-        likelihood = at.problem
-        c = likelihood.multiplicity
-        t = likelihood.equations - taken / c
-        mean, variance = line_moments(t, effective_dof(at), c)
-        # What is in a line's own covariance adds its expectation and no scatter: over a window
-        # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
-        apart = likelihood.noise.apart
-        found.means.append((1 - apart) * c * np.maximum(t, 0.0) + apart * mean)
-        if likelihood.noise.shared > 1:
-            variance = shared_variance(mean, c * np.maximum(t, 0.0), at)
-        found.variances.append(apart * float(variance.sum()))
-        found.left.append(float((c * np.maximum(t, 0.0)).sum()))
-        ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
-        found.weights.append(np.repeat(ratio, 2 * likelihood.equations))
-        found.unused.append(t)
-    return found
+def _expected(at: Evaluation, taken: Floats) -> RecordCost:
+    """Return what noise leaves of a record's cost; `taken` is what the unknowns take up."""
+    likelihood = at.problem
+    c = likelihood.multiplicity
+    t = likelihood.equations - taken / c
+    left = c * np.maximum(t, 0.0)
+    mean, variance = line_moments(t, effective_dof(at), c)
+    # What is in a line's own covariance adds its expectation and no scatter: over a window
+    # the residuals make up the covariance, sum E^H C^-1 E = n, whatever they are.
+    apart = likelihood.noise.apart
+    means = (1 - apart) * left + apart * mean
+    if likelihood.noise.shared > 1:
+        variance = shared_variance(mean, left, at)
+    ratio = np.where(t > 1e-9, c * t / np.where(t > 1e-9, mean, 1.0), 1.0)
+    weights = np.repeat(ratio, 2 * likelihood.equations)
+    return RecordCost(means, apart * float(variance.sum()), t, float(left.sum()), weights)
 
 
-def infer(point: Point, exact: Relations) -> Inference:
+def infer(point: Point) -> Inference:
     linear = point.linear
     taken = linear.leverage + _of_ends(point)
-    noise = _expected(point, [rows.sum(axis=1) for rows in point.by_line(taken)])
+    by_line = zip(point.records, point.by_line(taken), strict=True)
+    costs = tuple(_expected(at, rows.sum(axis=1)) for at, rows in by_line)
     rest = 1 - point.of_known(taken)
     absorbed = sum(at.absorbed for at in point.records)
     dof = point.problem.real_equations - linear.rank - absorbed
-    weighted = linear.determined.weighted(np.concatenate([*noise.weights, np.ones(len(rest))]))
+    weights = [*(cost.weights for cost in costs), np.ones(len(rest))]
+    weighted = linear.determined.weighted(np.concatenate(weights))
+    unused = [cost.unused for cost in costs]
     with np.errstate(over="ignore", invalid="ignore"):  # far from any minimum
-        wider = _widening(point, weighted.told_by(), noise.unused)[:, None] * weighted.root
+        wider = _widening(point, weighted.told_by(), unused)[:, None] * weighted.root
         along = weighted.directions
         root = linear.scale[:, None] * (along @ (along.T @ (wider / linear.scale[:, None])))
         covariance = root @ root.T  # exact relations stay exact
-    return Inference(
-        covariance,
-        linear,
-        Expectation(
-            max(float(sum(mean.sum() for mean in noise.means) + rest.sum()), 0.0),
-            sum(noise.variances) + max(2 * float(rest.sum()), 0.0),
-            dof,
-        ),
-        tuple(noise.means),
-        tuple(noise.variances),
-        tuple(noise.left),
-    )
+    mean = float(sum(cost.means.sum() for cost in costs) + rest.sum())
+    variance = sum(cost.variance for cost in costs) + max(2 * float(rest.sum()), 0.0)
+    return Inference(covariance, linear, Expectation(max(mean, 0.0), variance, dof), costs)
 
 
 APART = frozenset({"stated", "coherence"})

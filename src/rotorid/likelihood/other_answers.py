@@ -115,7 +115,7 @@ def _of_loads(end: Point, unit: Floats) -> Floats:
     """
     loads = np.isin(end.problem.layout.free, end.problem.affine)
     try:
-        found = infer(end, end.problem.exact).std
+        found = infer(end).std
     except np.linalg.LinAlgError:
         return np.zeros(len(unit))
     return np.where(loads & np.isfinite(found), found / unit, 0.0)
@@ -421,7 +421,7 @@ class _Minimum:
     inference: Inference
 
     def moved(self, lower: Solution) -> _Minimum:
-        inference = infer(lower.point, self.problem.exact)
+        inference = infer(lower.point)
         return _Minimum(self.problem, self.start, lower, inference)
 
     @cached_property

@@ -317,9 +317,10 @@ class Tangent:
         return float(np.sqrt((self.triangle**2).sum(axis=0).max(initial=0.0)))
 
 
-def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> Tangent:
+def tangent(point: Point, bounded: bool = False) -> Tangent:
     """Linearize the problem at a point, in the null space of the exact relations."""
     jacobian, free = point.jacobian, point.problem.layout.free
+    exact, bounds = point.problem.exact, point.problem.bounds
     if not np.abs(jacobian).max(initial=0.0) < 1e150:
         raise np.linalg.LinAlgError("a derivative beyond all bounds")
     size = np.sqrt((jacobian**2).sum(axis=0))
@@ -338,7 +339,7 @@ def tangent(point: Point, exact: Relations, bounds: Relations | None = None) -> 
         raise np.linalg.LinAlgError("a residual beyond all bounds")
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     normals, distances = np.zeros((0, width)), np.zeros(0)
-    if bounds is not None and len(bounds):
+    if bounded and len(bounds):
         normals = bounds.jacobian(point.unknowns)[:, free] * scale
         normals = normals if basis is None else normals @ basis
         length = np.sqrt((normals**2).sum(axis=1))

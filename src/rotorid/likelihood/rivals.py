@@ -573,7 +573,7 @@ def _on_all_lines(problem: Problem, point: Point, rivals: tuple[Rival, ...]) -> 
     """Return what a minimum on few lines is on all; None where noise explains it there."""
     try:
         found = Solution(problem.best_at(point.unknowns), converged=True, iterations=0)
-        inference = infer(found.point, problem.exact)
+        inference = infer(found.point)
     except np.linalg.LinAlgError:
         return None
     return None if explained(found, inference) else Plain(found, inference, rivals)
@@ -594,7 +594,7 @@ def by_shown_speed(
     turned = speed.change(case.on_lines(FEW) or case)
     point = None if turned is None else turned.from_start()
     try:
-        if point is None or not explained(Solution(point, True, 0), infer(point, prepared.exact)):
+        if point is None or not explained(Solution(point, True, 0), infer(point)):
             return None
     except np.linalg.LinAlgError:
         return None

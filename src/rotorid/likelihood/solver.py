@@ -87,7 +87,7 @@ class _Walk:
 
     def _tangent(self, point: Point) -> Tangent:
         self.iterations += 1
-        return tangent(point, self.problem.exact, self.problem.bounds if self.bounded else None)
+        return tangent(point, self.bounded)
 
     def _forward(
         self, point: Point, where: Tangent, radius: float, relaxation: float

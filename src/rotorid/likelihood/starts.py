@@ -286,7 +286,7 @@ def search(problem: Problem, start: Floats) -> Iterator[Minimum]:
             continue
         try:
             solution = _gone(problem, way)
-            found = solution, infer(solution.point, problem.exact)
+            found = solution, infer(solution.point)
         except np.linalg.LinAlgError:  # the way led where the equations lose their meaning
             continue
         if best is None or solution.point.cost < best[0].point.cost:
@@ -344,7 +344,7 @@ def _opened(problem: Problem, start: Floats, inference: Inference) -> bool:
     """
     if not inference.linear.null.shape[1]:
         return False
-    there = infer(problem.best_at(start), problem.exact)
+    there = infer(problem.best_at(start))
     return bool(inference.linear.null.shape[1] > there.linear.null.shape[1])
 
 

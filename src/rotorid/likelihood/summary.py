@@ -162,9 +162,11 @@ def physical_at(fit: Fit) -> Floats:
 def _line_misfits(fit: Fit) -> list[LineMisfit]:
     found = []
     for number, (record, at, expected) in enumerate(
-        zip(fit.records, fit.solution.point.records, fit.inference.line_means, strict=True)
+        zip(fit.records, fit.solution.point.records, fit.inference.records, strict=True)
     ):
-        for hz, cost, mean in zip(record.lines.frequency, at.line_costs, expected, strict=True):
+        for hz, cost, mean in zip(
+            record.lines.frequency, at.line_costs, expected.means, strict=True
+        ):
             found.append(LineMisfit(number, float(hz), float(cost), float(mean)))
     return found
 

@@ -205,9 +205,7 @@ def test_a_lower_minimum_becomes_the_answer():
     lowest, _, doubt = information.questioned(problem, start, solution, inference)
     assert doubt.alternatives
     higher = Solution(max(doubt.alternatives, key=lambda p: p.cost), True, 0)
-    again, _, doubt = information.questioned(
-        problem, start, higher, infer(higher.point, problem.exact)
-    )
+    again, _, doubt = information.questioned(problem, start, higher, infer(higher.point))
     assert again.point.cost < higher.point.cost - 1e-3
     assert again.point.cost == pytest.approx(lowest.point.cost, abs=1e-3)
     assert all(other.cost >= again.point.cost for other in doubt.alternatives)
@@ -225,6 +223,6 @@ def test_two_periods_take_the_misfit_for_noise(demo):
     misfit = estimate.misfit
     assert misfit.cost > 10 * misfit.expected
     fit_ = fit(demo.model, bind_all(demo.model, [few]), Knowledge(), Nuisances())
-    plain = infer(fit_.solution.point, fit_.problem.exact).covariance
+    plain = infer(fit_.solution.point).covariance
     share = fit_.inference.covariance[0, 0] / plain[0, 0]
     assert share == pytest.approx(fit_.solution.point.cost / fit_.inference.expectation.mean)

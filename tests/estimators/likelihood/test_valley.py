@@ -56,13 +56,11 @@ def test_a_lower_floor_is_found_and_followed():
     change = 1.5 * np.sqrt(size[-1]) * along[:, -1] * inference.linear.scale
     off = solver.beside(solution.point, change)
     assert off.cost > solution.point.cost + 0.5
-    there = valley.explore(off, infer(off, problem.exact), np.ones(len(change), dtype=bool))
+    there = valley.explore(off, infer(off), np.ones(len(change), dtype=bool))
     assert there.falls
     assert there.lowest.cost < off.cost - 0.4
     ended = solver.Solution(off, True, 0)
-    again, _, _ = information.questioned(
-        problem, problem.layout.start, ended, infer(off, problem.exact)
-    )
+    again, _, _ = information.questioned(problem, problem.layout.start, ended, infer(off))
     assert again.point.cost == pytest.approx(solution.point.cost, abs=1e-3)
 
 
