@@ -19,9 +19,8 @@ from rotorid.core.units import to_si
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
-from rotorid.rig.logger import LoggedColumn
 from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, SensorRunout
-from rotorid.rig.rig import Rig
+from rotorid.rig.rig import Rig, Spoil
 from rotorid.rig.rotation import Encoder, Keyphasor
 from rotorid.signals.spectrum import shifted
 
@@ -150,21 +149,20 @@ def _disturbed(rig: Rig, on: Sequence[str], size: Callable[[Floats], Floats]) ->
     return replace(rig, disturbances=(*rig.disturbances, force))
 
 
+def _spoiled(rig: Rig, spoil: Spoil) -> Rig:
+    return replace(rig, spoils=(*rig.spoils, spoil))
+
+
 def _spoil(
     rig: Rig,
     change: Callable[[Floats, np.random.Generator], Floats],
     chosen: Callable[[str], bool] = lambda name: True,
 ) -> Rig:
     """Have the samples of the logger's columns changed, those of the names chosen."""
-
-    def spoil(
-        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
-    ) -> list[LoggedColumn]:
-        return [
-            replace(c, samples=change(c.samples, rng)) if chosen(c.name) else c for c in columns
-        ]
-
-    return replace(rig, spoils=(*rig.spoils, spoil))
+    return _spoiled(
+        rig,
+        lambda columns, rng: {n: change(x, rng) for n, x in columns.items() if chosen(n)},
+    )
 
 
 def _spoil_first(rig: Rig, change: Callable[[Floats, np.random.Generator], Floats]) -> Rig:
@@ -621,16 +619,9 @@ def _anti_alias(rig: Rig, size: float) -> Rig:
 def _skew(rig: Rig, size: float) -> Rig:
     """A multiplexer: each position so much later than the one before."""
     steps = {s.name: j * size * rig.logger.sample_rate for j, s in enumerate(rig.sensors)}
-
-    def late(
-        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
-    ) -> list[LoggedColumn]:
-        return [
-            replace(c, samples=shifted(c.samples, steps[c.name])) if c.name in steps else c
-            for c in columns
-        ]
-
-    return replace(rig, spoils=(*rig.spoils, late))
+    return _spoiled(
+        rig, lambda columns, _: {n: shifted(columns[n], step) for n, step in steps.items()}
+    )
 
 
 @_fault("1", "rejected", "sign[")
@@ -643,15 +634,7 @@ def _sensor_sign(rig: Rig, size: float) -> Rig:
 def _sensors_swapped(rig: Rig, size: float) -> Rig:
     """The first two sensors' columns exchanged."""
     one, other = (sensor.name for sensor in rig.sensors[:2])
-
-    def swap(
-        columns: Sequence[LoggedColumn], rig: Rig, rng: np.random.Generator
-    ) -> list[LoggedColumn]:
-        samples = {c.name: c.samples for c in columns}
-        samples |= {one: samples[other], other: samples[one]}
-        return [replace(c, samples=samples[c.name]) for c in columns]
-
-    return replace(rig, spoils=(*rig.spoils, swap))
+    return _spoiled(rig, lambda columns, _: {one: columns[other], other: columns[one]})
 
 
 @_fault("25.4", "rejected", "unit[", none=1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +10,17 @@ import numpy as np
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.limits import RIG_SAMPLES
+from rotorid.core.values import Floats
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential
 from rotorid.rig import assembly, kernel
 from rotorid.rig.lags import build_lags
-from rotorid.rig.logger import Logged, LoggedColumn, RigRecord, logged, read
+from rotorid.rig.logger import Logged, RigRecord, logged, read
 from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
 
-Spoil = Callable[[Sequence[LoggedColumn], "Rig", np.random.Generator], Sequence[LoggedColumn]]
+# From the samples of the logger's columns, by name, to those that it changes.
+Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]
 
 
 class RigError(InputError):
@@ -53,8 +55,7 @@ class Rig(RigMachine):
     """A machine that can be run; its parameters are those of `Machine`, and one more."""
 
     described: Rig | None = None
-    # what happens to the logger's columns, (columns, rig, rng) -> columns, one after the other
-    spoils: tuple[Spoil, ...] = ()
+    spoils: tuple[Spoil, ...] = ()  # what happens to the logger's columns, one after the other
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
         """Run the rig, record it, and read the record.
@@ -123,9 +124,12 @@ class Rig(RigMachine):
             since = time + events.settling * events.pattern.duration
             raise self._fault(code, axis, since, size, float(bearings.clearance[axis]))
         found = logged(self, plant, log, rng)
+        samples = {column.name: column.samples for column in found.columns}
         for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
-            found = replace(found, columns=tuple(spoil(found.columns, self, own)))
-        return found
+            samples |= spoil(samples, own)
+        return replace(
+            found, columns=tuple(replace(c, samples=samples[c.name]) for c in found.columns)
+        )
 
     def _fault(self, code: int, axis: int, time: float, size: float, clearance: float) -> RigError:
         name = self.model.inputs[axis]
