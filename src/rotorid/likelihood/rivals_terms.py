@@ -212,7 +212,7 @@ def drawn_candidates(
     structure: Structure, model: RotorModel, values: Floats
 ) -> Iterator[Candidate]:
     """Yield what may be otherwise than drawn of the shaft, as a share of what is drawn."""
-    known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.fixed)
+    known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
     sections = [section for _, section, _ in rotor.spans()]
     every = range(len(sections))

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property, update_wrapper
 from textwrap import shorten
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,18 +40,19 @@ from rotorid.models.text import RESERVED, Expression, Monomial, evaluate, symbol
 
 Arguments = ParamSpec("Arguments")
 Found = TypeVar("Found")
+Kind = TypeVar("Kind", bound="Model")
 
 
 def fact(
-    work: Callable[Concatenate[Model, Arguments], Found],
-) -> Callable[Concatenate[Model, Arguments], Found]:
+    work: Callable[Concatenate[Kind, Arguments], Found],
+) -> Callable[Concatenate[Kind, Arguments], Found]:
     """Keep what a function finds of a model with the model, for the arguments it had last.
 
     Fit, checks and pages ask for the same facts, each for itself.
     """
     name = f"{work.__module__}.{work.__qualname__}"
 
-    def found(model: Model, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
+    def found(model: Kind, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Found:
         asked = (args, kwargs)
         last = model.facts.get(name)
         if last is None or last[0] != asked:
@@ -128,7 +129,7 @@ class Model:
     parameters: tuple[Parameter, ...]
     equations: SplitEquations
     file_text: str = field(default="", compare=False, repr=False)
-    held: tuple[tuple[str, float], ...] = field(default=(), compare=False, repr=False)
+    held: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     before: Model | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -241,7 +242,7 @@ class Model:
             )
         return np.array([by_name[name] for name in self.parameter_names], dtype=float)
 
-    def substitute(self, fixed: Mapping[str, float]) -> Model:
+    def substitute(self, fixed: Mapping[str, float]) -> Self:
         """Return the model with some parameters replaced by numbers (SI).
 
         Raises
@@ -258,23 +259,27 @@ class Model:
         return self._replaced(tuple(fixed.items())) if fixed else self
 
     @fact
-    def _replaced(self, held: tuple[tuple[str, float], ...]) -> Model:
+    def _replaced(self, held: tuple[tuple[str, float], ...]) -> Self:
         fixed = dict(held)
         kept = tuple(p for p in self.parameters if p.name not in fixed)
+        return replace(
+            self,
+            names=replace(self.names, parameters=tuple(p.name for p in kept)),
+            parameters=kept,
+            held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
+            before=self.typed,
+            **self._with_numbers(fixed),
+        )
+
+    def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
+        """Return the fields that hold the equations, with numbers in place of parameters."""
         left, right = (
             _substituted(side, self.parameter_names, fixed)
             for side in (self.equations.left, self.equations.right)
         )
         if any(out_of_range(product.coefficient) for product in (*left, *right)):
             raise InputError("fixed values too large or too small", "SI values", "check units")
-        return replace(
-            self,
-            names=replace(self.names, parameters=tuple(p.name for p in kept)),
-            parameters=kept,
-            equations=SplitEquations(left, right),
-            held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
-            before=self.typed,
-        )
+        return {"equations": SplitEquations(left, right)}
 
     @cached_property
     def facts(self) -> dict[str, tuple[Any, Any]]:

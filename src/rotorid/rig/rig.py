@@ -124,11 +124,11 @@ class Rig(RigMachine):
             since = time + events.settling * events.pattern.duration
             raise self._fault(code, axis, since, size, float(bearings.clearance[axis]))
         found = logged(self, plant, log, rng)
-        samples = {column.name: column.samples for column in found.columns}
+        recorded = {column.name: column.samples for column in found.columns}
         for spoil, own in zip(self.spoils, rng.spawn(len(self.spoils)), strict=True):
-            samples |= spoil(samples, own)
+            recorded |= spoil(recorded, own)
         return replace(
-            found, columns=tuple(replace(c, samples=samples[c.name]) for c in found.columns)
+            found, columns=tuple(replace(c, samples=recorded[c.name]) for c in found.columns)
         )
 
     def _fault(self, code: int, axis: int, time: float, size: float, clearance: float) -> RigError:

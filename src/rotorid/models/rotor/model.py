@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.core.errors import InputError, ModelError, require_names
+from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, monomial_name, monomial_unit
@@ -55,8 +55,6 @@ class RotorModel(Model):
     """
 
     rotor: Rotor = field(kw_only=True)  # the drawing
-    # parameters that were replaced by numbers
-    fixed: Mapping[str, float] = field(kw_only=True, default_factory=dict)
     pieces: tuple[Piece, ...] = field(kw_only=True, compare=False, repr=False)
     loads: tuple[UnbalanceLoad, ...] = field(kw_only=True, compare=False, repr=False)
     push: Floats = field(kw_only=True, compare=False, repr=False)  # (row, input): B
@@ -268,21 +266,7 @@ class RotorModel(Model):
         moving = {name for piece in self.pieces for name, _ in piece.factors}
         return self.used - moving
 
-    def substitute(self, fixed: Mapping[str, float]) -> RotorModel:
-        """Return the model with some parameters replaced by numbers (SI).
-
-        Raises
-        ------
-        InputError
-            For names that are no parameters, and values that are not finite.
-        """
-        require_names(fixed, self.parameter_names, "no parameter {}")
-        for name, value in fixed.items():
-            if not np.isfinite(value):
-                raise InputError(
-                    f"{value} for {name}", "a finite number", "give its value, or leave it out"
-                )
-        kept = tuple(p for p in self.parameters if p.name not in fixed)
+    def _with_numbers(self, fixed: Mapping[str, float]) -> dict[str, Any]:
         pieces, loads = [], []
         for piece in self.pieces:
             size, left = _split(piece.factors, fixed)
@@ -290,16 +274,8 @@ class RotorModel(Model):
         for load in self.loads:
             size, left = _split(load.factors, fixed)
             loads.append(UnbalanceLoad(left, size * load.cosine, size * load.sine))
-        return replace(
-            self,
-            names=replace(self.names, parameters=tuple(p.name for p in kept)),
-            parameters=kept,
-            fixed={**self.fixed, **fixed},
-            held=(*self.held, *((name, float(value)) for name, value in fixed.items())),
-            pieces=tuple(pieces),
-            loads=tuple(loads),
-            whole=None if self.whole is None else self.whole.substitute(fixed),
-        )
+        whole = None if self.whole is None else self.whole.substitute(fixed)
+        return {"pieces": tuple(pieces), "loads": tuple(loads), "whole": whole}
 
     def to_ross(self, values: Mapping[str, float], *, speed: float = 0.0) -> Any:
         """Return the rotor as ROSS has it.
@@ -328,7 +304,7 @@ class RotorModel(Model):
         """
         from rotorid.models.rotor.ross import to_ross
 
-        return to_ross(self.rotor, {**self.fixed, **values, "Omega": speed})
+        return to_ross(self.rotor, {**dict(self.held), **values, "Omega": speed})
 
 
 def _split(factors: Factors, fixed: Mapping[str, float]) -> tuple[float, Factors]:
