@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rotorid import InputError
-from rotorid.force.laws import MU0, CurrentLaw, Differential, Flux, Linear
+from rotorid.force.entry import LawEntry
+from rotorid.force.laws import MU0, Differential, Flux, Linear
 
 MAGNET = Differential(constant=1.2e-5, bias=2.5, gap=4e-4, angle=np.radians(22.5))
 
@@ -59,7 +60,9 @@ def test_without_bias_one_magnet_works_at_a_time(current: float, position: float
 
 
 def test_geometry_gives_the_constant_of_a_horseshoe() -> None:
-    law = Differential.from_geometry(area=2e-4, turns=100, bias=2.0, gap=5e-4)
+    entry = LawEntry(law="differential", area="2 cm^2", turns=100, bias="2 A", gap="0.5 mm")
+    law = entry.build()
+    assert isinstance(law, Differential)
     flux = MU0 * 100 * 2.0 / (2 * 5e-4)
     assert law.force(0.0, 0.0) == 0.0
     single = law.constant * (2.0 / 5e-4) ** 2
@@ -105,11 +108,6 @@ def test_deviation_of_the_slopes() -> None:
     assert slope.ks_std == pytest.approx(3 * 0.01 * slope.ks, rel=1e-12)
 
 
-def test_laws_of_currents_share_one_interface() -> None:
-    assert isinstance(MAGNET, CurrentLaw)
-    assert isinstance(Linear(1.0), CurrentLaw)
-
-
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -123,7 +121,6 @@ def test_laws_of_currents_share_one_interface() -> None:
         (lambda: Differential(1e-5, 0.0, 4e-4, bias_difference=0.1), r"bias_difference = 0.1"),
         (lambda: SINGLE.linearize(), r"the force has no slope; expected a current other than 0"),
         (lambda: Differential(1e-5, 2.0, 4e-4, angle=2.0), r"less than 90 degrees"),
-        (lambda: Differential.from_geometry(0.0, 100, 2.0, 4e-4), r"area = 0.0"),
         (lambda: Linear(0.0), r"ki = 0.0; expected not zero"),
         (lambda: Linear(1.0, ks_std=-1.0), r"ks_std = -1.0"),
         (lambda: Flux(0.0), r"area = 0.0"),

@@ -9,8 +9,9 @@ s0, alpha half the angle between the poles, K the constant of a magnet.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +26,7 @@ MU0 = 4e-7 * np.pi
 _STEP = 1e-30
 
 
-def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any], Any]) -> Floats:
+def deviation_of(law: Any, function: Callable[[Any], Any]) -> Floats:
     """Return the first-order deviation of ``function(law)`` from those of the law's constants.
 
     Where the function depends on a constant that is unknown, it is infinite.
@@ -33,8 +34,8 @@ def deviation_of(law: Any, constants: tuple[str, ...], function: Callable[[Any],
     The slopes come from complex steps, exact to rounding; the constants are taken as independent.
     """
     total: Any = 0.0
-    for name in constants:
-        deviation = getattr(law, f"{name}_std")
+    for name in law.__dataclass_fields__:
+        deviation = getattr(law, f"{name}_std", 0.0)
         if deviation:
             step = _STEP * (abs(getattr(law, name)) or 1.0)
             slope = np.imag(function(with_moved(law, {name: 1j * step}))) / step
@@ -101,22 +102,29 @@ def require_angle(angle: float) -> None:
     )
 
 
-@runtime_checkable
-class CurrentLaw(Protocol):
-    """A law that gives the force from a current and a displacement."""
+class Law(ABC):
+    """A force law of two signals: current and displacement, or two flux densities."""
 
-    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the force in N."""
+    @abstractmethod
+    def _force(self, *signals: Any) -> Any:
+        """Return the force, of complex constants too."""
 
-    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the standard deviation of the force in N that the constants' cause."""
+    def _within(self, *signals: ArrayLike) -> tuple[Floats, ...]:
+        """Return the signals; refuse those that the law does not hold for."""
+        return tuple(np.asarray(each, dtype=float) for each in signals)
 
-    def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
-        """Return the slopes k_i and k_s at a point."""
+    def force(self, *signals: ArrayLike) -> Floats:
+        """Return the force in N, broadcast over the signals."""
+        return np.asarray(self._force(*self._within(*signals)))
+
+    def force_std(self, *signals: ArrayLike) -> Floats:
+        """Return the deviation of the force in N that the constants' deviations cause."""
+        at = self._within(*signals)
+        return deviation_of(self, lambda law: law._force(*at))
 
 
 @frozen
-class Linear:
+class Linear(Law):
     """The linear law, F = k_i i + k_s x.
 
     Raises
@@ -143,14 +151,6 @@ class Linear:
 
     def _force(self, current: Any, position: Any) -> Any:
         return self.ki * current + self.ks * position
-
-    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        return np.asarray(self._force(np.asarray(current, float), np.asarray(position, float)))
-
-    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the deviation of the force in N that the constants' deviations cause."""
-        at = np.asarray(current, float), np.asarray(position, float)
-        return deviation_of(self, ("ki", "ks"), lambda law: law._force(*at))
 
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the law itself: its slopes are the same everywhere."""
@@ -188,11 +188,8 @@ def bent(flux: Any, knee: Any) -> Any:
     return flux * (1 + flux**KNEE * knee) ** (-1 / KNEE)
 
 
-_CONSTANTS = ("constant", "bias", "gap", "angle", "bias_difference", "iron", "saturation")
-
-
 @frozen
-class Differential:
+class Differential(Law):
     """Two opposed magnets driven by bias plus and minus current.
 
     F = K cos(alpha) [ (i0 + i)^2 / (s0 - x cos(alpha))^2 - (i0 - i)^2 / (s0 + x cos(alpha))^2 ].
@@ -216,7 +213,7 @@ class Differential:
     array([-40.,  40.])
     """
 
-    constant: float  # K in N m^2/A^2, of one magnet; `from_geometry` computes it
+    constant: float  # K in N m^2/A^2, of one magnet: mu0 turns^2 area / 4 of a horseshoe
     bias: float  # i0 in A; 0 where one magnet works at a time
     gap: float  # s0 in m
     angle: float = 0.0  # alpha in rad, between the poles' normals and the axis of the force
@@ -257,40 +254,6 @@ class Differential:
             "give the bias that there is, or leave the deviation out",
         )
 
-    @classmethod
-    def from_geometry(
-        cls, area: float, turns: float, bias: float, gap: float, angle: float = 0.0
-    ) -> Differential:
-        """Return the law of horseshoe magnets: K = mu0 turns^2 area / 4.
-
-        Parameters
-        ----------
-        area : float
-            Face of one pole in m^2; a magnet has two.
-        turns : float
-            Turns of the magnet, over both poles.
-        bias, gap, angle : float
-            As for the class.
-
-        Returns
-        -------
-        Differential
-
-        Raises
-        ------
-        InputError
-            For constants that are not positive.
-        """
-        for name, value in (("area", area), ("turns", turns)):
-            require(
-                value,
-                value > 0,
-                name,
-                "more than 0",
-                "give the pole area in m^2 and the turns of one coil",
-            )
-        return cls(MU0 * turns**2 * area / 4, bias, gap, angle)
-
     @property
     def reach(self) -> float:
         """Displacement in m at which the rotor would touch the poles."""
@@ -315,8 +278,9 @@ class Differential:
         """Current in A at which one of the magnets has none left."""
         return self.bias - abs(self.bias_difference) if self.bias else np.inf
 
-    def _within(self, current: ArrayLike, position: ArrayLike) -> tuple[Floats, Floats]:
-        i, x = np.broadcast_arrays(np.asarray(current, float), np.asarray(position, float))
+    def _within(self, *signals: ArrayLike) -> tuple[Floats, ...]:
+        """Return current and position; refuse those beyond the bias or the gap."""
+        i, x = np.broadcast_arrays(*super()._within(*signals))
         for name, values, limit, cure in (
             ("current", i, self.most, "check the unit and the bias, or limit the current below it"),
             ("position", x, self.reach, "check the unit and the gap"),
@@ -331,22 +295,6 @@ class Differential:
                     cure,
                 )
         return i, x
-
-    def force(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the force in N, broadcast over current (A) and position (m).
-
-        Raises
-        ------
-        InputError
-            Where a current is beyond the bias or a position beyond the gap.
-        """
-        return np.asarray(self._force(*self._within(current, position)))
-
-    def force_std(self, current: ArrayLike, position: ArrayLike) -> Floats:
-        """Return the deviation of the force in N that the constants' deviations cause."""
-        at = self._within(current, position)
-        names = _CONSTANTS
-        return deviation_of(self, names, lambda law: law._force(*at))
 
     def guess(self, force: Floats, position: Floats) -> Floats:
         """Return the current in A that gives a force in N, iron that saturates left aside.
@@ -390,16 +338,15 @@ class Differential:
                 "a current other than 0, or a bias",
                 "linearize about the current that flows",
             )
-        names = _CONSTANTS
         ki, ks = self._slopes(current, position)
         ki_std, ks_std = np.broadcast_to(
-            deviation_of(self, names, lambda law: law._slopes(current, position)), 2
+            deviation_of(self, lambda law: law._slopes(current, position)), 2
         )
         return Linear(float(ki), float(ks), float(ki_std), float(ks_std))
 
 
 @frozen
-class Flux:
+class Flux(Law):
     """Force from the flux densities under opposed poles.
 
     F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0): B1 under the magnet that pulls in the positive
@@ -440,14 +387,8 @@ class Flux:
         """Force per B1^2 - B2^2 in N/T^2."""
         return self.poles * self.area * np.cos(self.angle) / (2 * MU0)
 
-    def force(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
-        """Return the force in N from the flux densities B1 and B2 in T."""
-        return np.asarray(self.gain * (np.asarray(ahead) ** 2 - np.asarray(behind) ** 2))
-
-    def force_std(self, ahead: ArrayLike, behind: ArrayLike) -> Floats:
-        """Return the deviation of the force in N that the constants' deviations cause."""
-        square = np.asarray(ahead) ** 2 - np.asarray(behind) ** 2
-        return deviation_of(self, ("area", "angle"), lambda law: law.gain * square)
+    def _force(self, ahead: Any, behind: Any) -> Any:
+        return self.gain * (ahead**2 - behind**2)
 
     def densities(
         self, law: Differential, current: ArrayLike, position: ArrayLike

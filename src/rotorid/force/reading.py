@@ -38,7 +38,7 @@ from rotorid.core.errors import InputError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.record import Channel, LawConstant, Record
-from rotorid.force.laws import KNEE, CurrentLaw, Differential, Flux, Linear, bent, with_moved
+from rotorid.force.laws import KNEE, Differential, Flux, Linear, bent, with_moved
 from rotorid.signals.spectrum import quantity, shifted
 
 KNEE_CONSTANT = "knee"
@@ -136,7 +136,7 @@ _NODES = _NODES + 0.5
 class ForceReading:
     """How the force of one input follows from channels of a record."""
 
-    law: CurrentLaw | Flux
+    law: Linear | Differential | Flux
     # the channel of the current; of the flux densities B1 and B2 for `Flux`
     channels: tuple[str, ...]
     # displacement in the actuator as a combination of channels, in m; empty for `Flux`
@@ -315,7 +315,7 @@ class _Reader:
         return replace(plain, gain_std=float(np.hypot(source.gain_std, relative)))
 
     def _from_current(
-        self, law: CurrentLaw, source: Channel, position: Mapping[str, float]
+        self, law: Linear | Differential, source: Channel, position: Mapping[str, float]
     ) -> Floats:
         step = 1 / self.record.sample_rate
         if source.dynamics is not None:
