@@ -290,6 +290,13 @@ def test_experiment_of_magnets_flux_and_combinations() -> None:
     assert 'flux = [{column = "b1_xa", unit = "T"}, {column = "b2_xa", unit = "T"}]' in text
 
 
+def test_experiment_of_magnets_holds_their_iron() -> None:
+    text = load_rig("rigid").text.replace("[actuators.all]", '[actuators.all]\niron = "2e-5 m"')
+    assert 'law = "differential"' in text
+    plan = parse_rig(text.replace('"10 s"', '"0.1 s"'))
+    assert 'iron = "2e-05 m"' in experiment_text(plan, plan.run(), "run.h5")
+
+
 @pytest.mark.slow
 def test_flux_densities_through_the_files(tmp_path: Path) -> None:
     hall = load_rig("rigid").text.replace(

@@ -230,7 +230,7 @@ def _flux(law: Flux, sources: list[dict[str, Any]]) -> dict[str, Any]:
         "flux": sources,
         "area": _quantity(law.area, "m^2"),
         "poles": law.poles,
-        **_angle(law.angle),
+        **_unusual(law, {"angle": "rad"}),
     }
 
 
@@ -245,12 +245,17 @@ def _law(law: Linear | Differential, source: dict[str, Any], position: str) -> d
         "K": _quantity(law.constant, "N m^2/A^2"),
         "bias": _quantity(law.bias, "A"),
         "gap": _quantity(law.gap, "m"),
-        **_angle(law.angle),
+        **_unusual(law, {"angle": "rad", "bias_difference": "A", "iron": "m", "saturation": "A/m"}),
     }
 
 
-def _angle(angle: float) -> dict[str, str]:
-    return {"angle": _quantity(angle, "rad")} if angle else {}
+def _unusual(law: Differential | Flux, units: Mapping[str, str]) -> dict[str, str]:
+    """Write the constants, by their units, that are not what a law has by default."""
+    return {
+        name: _quantity(getattr(law, name), unit)
+        for name, unit in units.items()
+        if getattr(law, name) != law.__dataclass_fields__[name].default
+    }
 
 
 def _combination(parts: Mapping[str, float]) -> str:
