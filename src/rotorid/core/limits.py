@@ -53,6 +53,9 @@ without noise to a hundredth; more is damage, or meant to fill the memory."""
 UNPACKED_BYTES = 64_000_000
 """That any file may ask for, however small it is: a channel at rest packs without bound."""
 
+FOOTER_BYTES = 16_000_000
+"""What describes the columns of a Parquet file: ten thousand columns in ten groups of rows."""
+
 CHUNK_BYTES = 256_000_000
 """Of a chunk of HDF5, which is unpacked whole: writers choose from 10 kB to 10 MB."""
 

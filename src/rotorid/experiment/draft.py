@@ -394,10 +394,7 @@ def _columns(table: ColumnFile) -> list[Found]:
     """Return the columns of the length of the longest that are numbers."""
     found: list[Found] = []
     refused: list[InputError] = []
-    wrong = table.refused(table.names)
-    refused += wrong.values()
-    names = [name for name in table.names if name not in wrong]
-    for name, column in _read(table, names, refused):
+    for name, column in _read(table, list(table.names), refused):
         try:
             check_magnitude(largest_of(column.values), 1.0, name)
         except InputError:
@@ -429,6 +426,10 @@ def _read(
         if len(names) == 1:
             refused.append(error)  # a column of words is no channel
             return []
+        if wrong := table.refused(names):
+            refused += wrong.values()
+            left = [name for name in names if name not in wrong]
+            return _read(table, left, refused) if left else []
         half = len(names) // 2
         return [*_read(table, names[:half], refused), *_read(table, names[half:], refused)]
     return [(name, columns[key]) for name, key in zip(names, keys, strict=True)]

@@ -88,7 +88,7 @@ class ColumnFile(Protocol):
         """Return columns by the names that `find` returned."""
 
     def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return which columns cannot be read, by what the file says before their samples."""
+        """Return columns that cannot be read, and why, as far as one look at the file tells."""
 
     def scalar(self, name: str) -> float:
         """Return a scalar variable."""
@@ -316,7 +316,7 @@ class NamedArrays(ABC):
         """Return columns by the names that `find` returned."""
 
     def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return which columns cannot be read; what only its samples tell is not known here."""
+        """Return columns that cannot be read, and why; where the names tell, there are none."""
         return {}
 
     def scalar(self, name: str) -> float:

@@ -460,8 +460,28 @@ class DelimitedTable:
         return columns
 
     def refused(self, names: Sequence[str]) -> dict[str, InputError]:
-        """Return none: what a column holds is known when it is read."""
-        return {}
+        """Return the columns with a field that is no number, by one pass through the file."""
+        places = {name: place for place, name in enumerate(self.names)}
+        left = {name: places[name] for name in names if not self.dialect.clocks[places[name]]}
+        found: dict[str, InputError] = {}
+        for line, row in self._rows():
+            fields = split(row.partition("#")[0], self.dialect.delimiter)
+            for name, place in list(left.items()):
+                if place >= len(fields):
+                    found[name] = self._too_few(line)
+                elif not self._is_number(fields[place]):
+                    found[name] = self._no_number(fields[place], line, name)
+            left = {name: place for name, place in left.items() if name not in found}
+        return found
+
+    def _is_number(self, text: str) -> bool:
+        """Tell whether numpy takes a field for a number."""
+        text = text.replace(".", "'").replace(",", ".") if self.dialect.decimal_comma else text
+        try:
+            float(text)
+        except ValueError:
+            return False
+        return text.isascii() and "_" not in text
 
     def scalar(self, name: str) -> float:
         """Refuse: a text table has columns only."""
@@ -603,18 +623,23 @@ class DelimitedTable:
         before = int(row.group(1)) - few if row else 0
         line = next((n for n, _ in islice(self._rows(), before, None)), 0) if row else 0
         if place is None or few:
-            return ReadError(
-                "too few columns" if row else problem[:160],
-                f"{len(self.names)} columns in each row",
-                "complete or remove the row",
-                file=self.file,
-                place=f"line {line}" if row else "",
-            )
+            return self._too_few(line) if row else self._too_few(0, problem[:160])
         column = int(place.group(2)) - 1
         name = self.names[min(column, len(self.names) - 1)]
-        value = repr(self._field(line, column))
+        return self._no_number(self._field(line, column), line, name)
+
+    def _too_few(self, line: int, found: str = "too few columns") -> ReadError:
         return ReadError(
-            "an empty field" if value == "''" else value[:80],
+            found,
+            f"{len(self.names)} columns in each row",
+            "complete or remove the row",
+            file=self.file,
+            place=f"line {line}" if line else "",
+        )
+
+    def _no_number(self, text: str, line: int, name: str) -> ReadError:
+        return ReadError(
+            repr(text)[:80] if text else "an empty field",
             "a number",
             "cut the record there, or leave the column out",
             file=self.file,
