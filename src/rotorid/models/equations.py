@@ -61,13 +61,9 @@ class SplitEquations:
     right: tuple[Product, ...]
 
 
+@cost.bounded()
 def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
     """Expand equations into products."""
-    with cost.bounded():
-        return _split(texts, names)
-
-
-def _split(texts: Sequence[str], names: Names) -> SplitEquations:
     left: list[Product] = []
     right: list[Product] = []
     for row, text in enumerate(texts):
@@ -160,13 +156,9 @@ def _scaled(product: Product, sign: int) -> Product:
     return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
 
 
+@cost.bounded(cost.COMBINATION)
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Return the coefficients of a polynomial by the powers of its names."""
-    with cost.bounded(cost.COMBINATION):
-        return _polynomial(text, names)
-
-
-def _polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     known = frozenset(names)
     tree = read(text)
     value = expanded(tree, known, known)

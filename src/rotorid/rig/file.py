@@ -196,13 +196,7 @@ def _values(entry: RigFile, model: Model) -> dict[str, float]:
 
 def _require(name: str, known: Iterable[str], place: str) -> None:
     there = list(known)
-    if name not in there:
-        raise InputError(
-            repr(name[:60]),
-            f"one of {', '.join(there)}",
-            nearest(name, there),
-            place=place,
-        )
+    require_names([name], there, cure=nearest(name, there), place=place)
 
 
 def _sensor(name: str, entry: SensorEntry, model: Model) -> PositionSensor:

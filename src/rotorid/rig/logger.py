@@ -37,6 +37,10 @@ class LoggedColumn:
     delay: float = 0.0
     dynamics: FirstOrder | None = None
 
+    def channel(self, name: str) -> Channel:
+        """Return the channel, of a name, that a reader makes of it."""
+        return Channel(name, self.unit, hold=self.hold, delay=self.delay, dynamics=self.dynamics)
+
 
 @frozen
 class Truth:
@@ -260,15 +264,13 @@ def _mark_column(rig: RigMachine, time: Floats, rng: np.random.Generator) -> lis
     return []
 
 
-def force_reading(rig: RigMachine, plant: Plant, index: int) -> ForceReading:
-    """Return how a reader gets the force of an actuator with a law from the columns."""
+def _force_reading(rig: RigMachine, plant: Plant, index: int, law: Differential) -> ForceReading:
+    """Return how a reader gets the force of magnets from the columns."""
     name, part = rig.model.inputs[index], rig.parts[index]
     if part.flux is not None:
         return ForceReading(part.flux.law, (label(name, part, "b1"), label(name, part, "b2")))
-    if part.law is None:
-        raise ValueError(f"{name} has no force law")
     place = as_channels(sensor_channels(rig), actuator_position(rig, plant, index))
-    return ForceReading(part.law, (label(name, part),), place)
+    return ForceReading(law, (label(name, part),), place)
 
 
 def actuator_position(rig: RigMachine, plant: Plant, index: int) -> dict[str, float]:
@@ -281,39 +283,29 @@ def sensor_channels(rig: RigMachine) -> list[Channel]:
     return [Channel(s.name, sensor_unit(s.combination, units), reads=s.reads) for s in rig.sensors]
 
 
-def _channel(name: str, column: LoggedColumn) -> Channel:
-    return Channel(
-        name, column.unit, hold=column.hold, delay=column.delay, dynamics=column.dynamics
-    )
-
-
 def _as_read(
     rig: RigMachine, columns: tuple[LoggedColumn, ...], angle: Floats | None, speed: float
 ) -> Record:
     plant = rig.plant(1.0)
     by_name = {column.name: column for column in columns}
-    channels: list[Channel] = []
+    found: list[tuple[Channel, LoggedColumn]] = []
     readings: dict[str, ForceReading] = {}
     for j, (name, part) in enumerate(zip(rig.model.inputs, rig.parts, strict=True)):
-        first = by_name[label(name, part)]
-        channel = _channel(name, first)
         if isinstance(part.law, Differential):
-            readings[name] = force_reading(rig, plant, j)
+            readings[name] = _force_reading(rig, plant, j, part.law)
             sources = [by_name[source] for source in readings[name].channels]
-            channels += [_channel(c.name, c) for c in sources]
-        elif isinstance(part.law, Linear):
+            found += [(column.channel(column.name), column) for column in sources]
+            continue
+        column = by_name[label(name, part)]
+        channel = column.channel(name)
+        if isinstance(part.law, Linear):
             place = actuator_position(rig, plant, j)
-            channels.append(replace(channel, drive=Drive(part.law.ki, part.law.ks, place)))
-        else:
-            channels.append(channel)
-    sources = [
-        by_name[label(c.name, rig.actuators[c.name]) if c.drive else c.name] for c in channels
-    ]
-    channels += sensor_channels(rig)
-    sources += [by_name[sensor.name] for sensor in rig.sensors]
+            channel = replace(channel, drive=Drive(part.law.ki, part.law.ks, place))
+        found.append((channel, column))
+    found += [(sensor, by_name[sensor.name]) for sensor in sensor_channels(rig)]
     record = Record(
-        channels=tuple(channels),
-        samples=np.stack([column.samples for column in sources], axis=1),
+        channels=tuple(channel for channel, _ in found),
+        samples=np.stack([column.samples for _, column in found], axis=1),
         sample_rate=rig.logger.sample_rate,
         speed=speed,
         angle=angle,

@@ -91,8 +91,8 @@ def both_planes(plane: Floats) -> Floats:
     """Return a matrix of displacements and slopes in both planes, (4 node, 4 node)."""
     nodes = len(plane) // 2
     out = np.zeros((PLANES * nodes, PLANES * nodes))
-    along, across = _slots(nodes)
-    sign = _signs(nodes)
+    along, across = slots(nodes)
+    sign = signs(nodes)
     out[np.ix_(along, along)] = plane
     out[np.ix_(across, across)] = plane * np.outer(sign, sign)
     return out
@@ -108,7 +108,7 @@ def turned(nodes: int) -> Floats:
     return turn
 
 
-def _slots(nodes: int) -> tuple[list[int], list[int]]:
+def slots(nodes: int) -> tuple[list[int], list[int]]:
     """Return where displacements and slopes stand in the plane of x, and in that of y."""
     starts = [PLANES * node for node in range(nodes)]
     along = [start + k for start in starts for k in (0, 3)]
@@ -116,5 +116,6 @@ def _slots(nodes: int) -> tuple[list[int], list[int]]:
     return along, across
 
 
-def _signs(nodes: int) -> Floats:
+def signs(nodes: int) -> Floats:
+    """Return by what displacements and slopes in the plane of y are multiplied to be like x's."""
     return np.tile([1.0, -1.0], nodes)

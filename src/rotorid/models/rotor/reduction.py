@@ -19,7 +19,7 @@ import scipy
 
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.rotor.drawing import Factors
-from rotorid.models.rotor.elements import PLANES
+from rotorid.models.rotor.elements import PLANES, signs, slots
 from rotorid.models.rotor.fem import Piece, UnbalanceLoad
 
 WORTH = 4e7
@@ -167,20 +167,18 @@ def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float)
 
 def _both(basis: Floats) -> Floats:
     """Return shapes of one plane, (2 node, shape), as shapes of x and of y by turns."""
-    nodes, count = len(basis) // 2, basis.shape[1]
-    out = np.zeros((4 * nodes, 2 * count))
-    out[0::4, 0::2], out[3::4, 0::2] = basis[0::2], basis[1::2]
-    out[1::4, 1::2], out[2::4, 1::2] = basis[0::2], -basis[1::2]
+    along, across = slots(len(basis) // 2)
+    out = np.zeros((2 * len(basis), 2 * basis.shape[1]))
+    out[along, 0::2] = basis
+    out[across, 1::2] = signs(len(basis) // 2)[:, None] * basis
     return out
 
 
 def _in_planes(shapes: Complexes) -> tuple[Complexes, Complexes]:
     """Return displacement and slope in the plane of x, and in that of y."""
-    size = (len(shapes) // 2, shapes.shape[1])
-    along, across = np.zeros(size, dtype=complex), np.zeros(size, dtype=complex)
-    along[0::2], along[1::2] = shapes[0::4], shapes[3::4]
-    across[0::2], across[1::2] = shapes[1::4], -shapes[2::4]
-    return along, across
+    nodes = len(shapes) // PLANES
+    along, across = slots(nodes)
+    return shapes[along], signs(nodes)[:, None] * shapes[across]
 
 
 def _showing(rows: Floats) -> Floats:
