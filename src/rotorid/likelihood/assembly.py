@@ -7,7 +7,7 @@ or with parameters among its coefficients, is a row more beside the equations of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -168,14 +168,18 @@ def _displacement(layout: Layout, channel: Channel) -> tuple[SensorTerm, ...]:
             "leave the dots out",
             place=channel.name,
         )
+    _require_known(layout, terms, "a force law at a displacement", channel.name)
+    return terms
+
+
+def _require_known(layout: Layout, terms: Sequence[SensorTerm], what: str, place: str) -> None:
     if layout.base and any(any(t.powers) for t in terms):
         raise InputError(
-            "a force law at a displacement with parameters among its coefficients",
+            f"{what} with parameters among its coefficients",
             "known coefficients, where base parameters are asked for",
             "put their values in, or estimate the physical parameters",
-            place=channel.name,
+            place=place,
         )
-    return terms
 
 
 def _parameters(layout: Layout, term: SensorTerm) -> Factors:
@@ -189,14 +193,8 @@ def _sensor_rows(layout: Layout, observation: Observation) -> list[MatrixTerm]:
     first_column = len(model.coordinates) + len(model.inputs)
     for k, sensor in enumerate(observation.indirect):
         terms.append(MatrixTerm(first_row + k, first_column + k, 0, (), 1.0))
+        _require_known(layout, sensor.terms, "a sensor", sensor.channel.name)
         for t in sensor.terms:
-            if layout.base and any(t.powers):
-                raise InputError(
-                    "a sensor with parameters among its coefficients",
-                    "known coefficients, where base parameters are asked for",
-                    "put their values in, or estimate the physical parameters",
-                    place=sensor.channel.name,
-                )
             factors = _parameters(layout, t)
             terms.append(MatrixTerm(first_row + k, t.coordinate, t.order, factors, -t.coefficient))
         for effect, at in layout.acting(Reads):
@@ -345,7 +343,8 @@ def assemble(
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
-    loading, loads, orders = _scaled_loads(layout, lines, where, phase is not None, scales.rows)
+    turned = phase is not None
+    loading, loads, orders = _scaled_loads(layout, lines, where, turned, scales.rows)
     columns = np.append(scales.coordinates, np.ones(width))
     scaled = replace(
         entries,
@@ -380,6 +379,7 @@ def assemble(
         len(observation.indirect),
         _transient(observation),
         order,
+        lambda other: _scaled_loads(layout, other, where, turned, scales.rows)[1],
     )
 
 
@@ -395,18 +395,6 @@ def _scaled_loads(
     loads = np.zeros((*load.shape[:2], len(rows), len(loading)), dtype=np.complex128)
     loads[:, :, : load.shape[2]] = load[..., loading]
     return loading, np.asarray(loads / rows[:, None], dtype=np.complex128), orders
-
-
-def other_loads(
-    layout: Layout, observation: Observation, number: int, likelihood: Likelihood
-) -> Callable[[Lines], Complexes]:
-    """Return what makes the loads of a record on other lines, such as by another angle."""
-    layout = layout.of_record(number)
-    observation = layout.observed(observation)
-    stiffness = Stiffness.of(layout, observation.lines)
-    _, where = monomial_table(layout, stiffness, other_terms(layout, observation))
-    turned, rows = _turn(layout) is not None, likelihood.scales.rows
-    return lambda lines: _scaled_loads(layout, lines, where, turned, rows)[1]
 
 
 def _transient(observation: Observation) -> Transient | None:

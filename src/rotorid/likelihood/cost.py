@@ -29,13 +29,14 @@ matrix that follows from it is the Fisher information at the corrected lines.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
+from rotorid.data.lines import Lines
 from rotorid.likelihood.effects import Calibration
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import (
@@ -44,6 +45,7 @@ from rotorid.likelihood.whitening import (
     Projection,
     Sizes,
     Transient,
+    as_complex,
     projection,
 )
 
@@ -68,7 +70,7 @@ class Entries:
         flat = (self.kind * rows + self.row) * columns + self.column
         values = self.coefficient * mu[self.monomial]
         summed = np.bincount(flat, values, minlength=kinds * size).reshape(kinds, size)
-        return _complex(self.weights @ summed).reshape(-1, rows, columns)
+        return as_complex(self.weights @ summed).reshape(-1, rows, columns)
 
 
 @frozen
@@ -167,11 +169,8 @@ class Likelihood:
     indirect: int
     transient: Transient | None  # what the loose ends of the window add
     order: list[int]  # where the channels stand in the record
-
-    @property
-    def factor(self) -> Complexes:
-        """F, shape (line, channel, factor)."""
-        return self.noise.factor
+    # the loads as `load` has them, on other lines: such as by another angle
+    loads_on: Callable[[Lines], Complexes]
 
     @property
     def coordinates(self) -> int:
@@ -211,7 +210,7 @@ class Likelihood:
 
     def loads_at(self, unknowns: Floats) -> Complexes:
         """Return the loads, of every order of the rotor angle, shape (order, line, row)."""
-        return _complex(self.load @ self.monomials.values(unknowns)[self.loading])
+        return as_complex(self.load @ self.monomials.values(unknowns)[self.loading])
 
     def evaluate(
         self,
@@ -246,16 +245,16 @@ class Evaluation:
         self.problem, self.unknowns, self._relaxation = problem, unknowns, relaxation
         self.mu = problem.monomials.values(unknowns)
         self.state = problem.calibration.at(unknowns)
-        self.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        self.load = as_complex(np.tensordot(self.state.phase, problem.load, 1))
         self._set_columns()
         self._error = self._errors_of_rows()
         self._set_projection(like)
-        gain = self._projected(self.columns) @ problem.factor
+        gain = self._projected(self.columns) @ problem.noise.factor
         root = gain.conj().transpose(0, 2, 1)
         if relaxation > 0:
             root = np.concatenate([root, relaxation * self._granted()], axis=1)
         self._gain = gain
-        self.whitener = _complex(np.linalg.qr(root, mode="r"))
+        self.whitener = as_complex(np.linalg.qr(root, mode="r"))
         self.lower = self.whitener.conj().transpose(0, 2, 1)
         self._affine = np.zeros(0, dtype=np.int64) if affine is None else affine
         self._moves = self._affine_directions()
@@ -270,7 +269,7 @@ class Evaluation:
         """Return the evaluation of the same machine with other lines and loads, whitened alike."""
         other = copy.copy(self)
         other.problem = problem
-        other.load = _complex(np.tensordot(self.state.phase, problem.load, 1))
+        other.load = as_complex(np.tensordot(self.state.phase, problem.load, 1))
         rows = other._errors_of_rows()[:, :, None]
         rows, whitened = other._without_ends(rows, other._white(other._projected(rows)))
         other._error = rows[:, :, 0]
@@ -292,7 +291,7 @@ class Evaluation:
         added = transient.rows(tau, self.problem.rows)
         moved[:, : self.problem.rows] += added
         self.loose, self._loose_moves = added[:, :, 0], added[:, :, 1:]
-        return moved, _complex(whitened + self._end_columns @ tau)
+        return moved, as_complex(whitened + self._end_columns @ tau)
 
     def _set_columns(self) -> None:
         p, n = self.problem, self.problem.coordinates
@@ -309,7 +308,7 @@ class Evaluation:
         error = (self.columns @ p.data[:, :, None])[:, :, 0]
         error[:, : p.rows] += self.loads
         error -= (self.plain @ self.state.readings[:, :, None])[:, :, 0]
-        return _complex(error)
+        return as_complex(error)
 
     def _set_projection(self, like: Evaluation | None) -> None:
         self._projection: Projection | None
@@ -324,10 +323,10 @@ class Evaluation:
         return np.array_equal(mine, its) and np.array_equal(self.stiffness, other.stiffness)
 
     def _projected(self, rows: Complexes) -> Complexes:
-        return rows if self.null_h is None else _complex(self.null_h @ rows)
+        return rows if self.null_h is None else as_complex(self.null_h @ rows)
 
     def _white(self, projected: Complexes) -> Complexes:
-        return _complex(np.linalg.solve(self.lower, projected))
+        return as_complex(np.linalg.solve(self.lower, projected))
 
     def _granted(self) -> Complexes:
         """Return S^1/2 N, shape (line, row, equation): the errors granted to the equations."""
@@ -335,7 +334,7 @@ class Evaluation:
         if self.null_h is None:
             every = np.eye(p.all_rows, dtype=np.complex128)[: p.rows]
             return np.broadcast_to(every, (p.lines, p.rows, p.all_rows))
-        return _complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
+        return as_complex(self.null_h.conj().transpose(0, 2, 1)[:, : p.rows])
 
     def _affine_directions(self) -> Complexes:
         """Return d(rows of s) / d affine unknowns, shape (line, row, affine unknown)."""
@@ -354,7 +353,7 @@ class Evaluation:
     @property
     def loads(self) -> Complexes:
         """The loads on the equations, shape (line, row)."""
-        return _complex(self.load @ self.load_factors)
+        return as_complex(self.load @ self.load_factors)
 
     def errors(self) -> Complexes:
         """Return e, the equation errors that no hidden motion and no loose end explains."""
@@ -387,11 +386,6 @@ class Evaluation:
         self.cost = float(self.line_costs.sum())
 
     @property
-    def absorbed(self) -> int:
-        """How many real equations the loose ends take up."""
-        return 0 if self.ends is None else int(self.ends.basis.shape[1])
-
-    @property
     def equations(self) -> int:
         """Number of equations of motion; rows of sensors stand behind them."""
         return int(self.problem.rows - self.problem.indirect)
@@ -417,7 +411,7 @@ class Evaluation:
     def period_residual(self, spectra: Complexes) -> Complexes:
         """Return the whitened residual of each period, shape (period, line, equation)."""
         deviation = (spectra - self.problem.data).transpose(1, 2, 0)
-        rows = self._white(self._projected(_complex(self.columns @ deviation)))
+        rows = self._white(self._projected(as_complex(self.columns @ deviation)))
         return (rows + self.whitened[:, :, None]).transpose(2, 0, 1)
 
     def channel_shares(self) -> Floats:
@@ -426,7 +420,7 @@ class Evaluation:
         ``|g_i|^2`` of the columns g_i of U^-H N^H L diag(C)^1/2; they sum to about the number of
         equations.
         """
-        deviation = np.sqrt((np.abs(self.problem.factor) ** 2).sum(axis=2))
+        deviation = np.sqrt((np.abs(self.problem.noise.factor) ** 2).sum(axis=2))
         columns = self._white(self._projected(self.columns * deviation[:, None, :]))
         return np.asarray((np.abs(columns) ** 2).sum(axis=1))
 
@@ -438,7 +432,7 @@ class Evaluation:
         """
         p, sensing = self.problem, self.problem.sensing
         multiplier = np.linalg.solve(self.whitener, self.whitened[:, :, None])
-        correction = p.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
+        correction = p.noise.factor @ (self._gain.conj().transpose(0, 2, 1) @ multiplier)
         data = p.data - correction[:, :, 0]
         true = self.state.factors * data
         reading = true - self.state.readings
@@ -470,10 +464,12 @@ class Evaluation:
         whitened = self.stacked(self._white(self._projected(rows)))
         return whitened if self.ends is None else self.ends.rest(whitened)
 
+    def whitened_loads(self, loads: Complexes) -> Floats:
+        """Return what loads on the equations, (line, row), do to the residual, (real equation,)."""
+        rows = np.zeros((self.problem.lines, self.problem.all_rows, 1), dtype=np.complex128)
+        rows[:, : loads.shape[1], 0] = loads
+        return self.whiten(rows)[:, 0]
+
     def jacobian(self) -> Floats:
         """Return the Jacobian of the residual, shape (line * 2 * equation, unknown)."""
         return self.whiten(self.directions())
-
-
-def _complex(array: Any) -> Complexes:
-    return np.asarray(array, dtype=np.complex128)

@@ -28,12 +28,11 @@ import scipy
 from rotorid.answer.machine_checks import MOVED, REJECTED
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
-from rotorid.core.values import Complexes, Floats
+from rotorid.core.values import Floats
 from rotorid.data.lazy_time import Steady, unread
 from rotorid.data.lines import WholeClock
 from rotorid.data.observation import Observation
 from rotorid.data.record import PeriodicRecord
-from rotorid.likelihood.assembly import other_loads
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.problem import Point
 
@@ -65,7 +64,7 @@ def straying(point: Point, records: Sequence[Observation]) -> Iterator[tuple[int
     layout, std = point.problem.layout, np.linalg.norm(point.linear.root, axis=1)
     held = np.isin(layout.free, layout.held) & (std > 0)
     for number, record in enumerate(records):
-        columns = _turned(point, number, record)
+        columns = _turned(point.records[number], record)
         if not columns.size:
             continue
         every = np.zeros((len(point.residual), columns.shape[1]))
@@ -83,24 +82,21 @@ def _angle(angles: Floats, place: Floats) -> Floats:
     return np.asarray(shapes @ angles)
 
 
-def _turned(point: Point, number: int, record: Observation) -> Floats:
+def _turned(at: Evaluation, record: Observation) -> Floats:
     """Return the derivative of a record's residual by a_0 and each a_n, (real equation, order)."""
-    at, clock = point.records[number], record.lines.clock
+    clock = record.lines.clock
     nothing = np.zeros((len(at.residual), 0))
     if not isinstance(clock, WholeClock) or not record.lines.speed.any() or not at.loads.any():
         return nothing
-    loads = other_loads(point.problem.layout, record, number, at.problem)
     place = np.linspace(-1.0, 1.0, len(clock.time))
     columns = []
     for order in (0, *ORDERS):
         angle = clock.angle + STEP * scipy.special.eval_legendre(order, place)
-        ahead = loads(replace(record.lines, clock=replace(clock, angle=angle)))
+        ahead = at.problem.loads_on(replace(record.lines, clock=replace(clock, angle=angle)))
         if ahead.shape != at.problem.load.shape:
             return nothing
-        rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
         change = np.tensordot(at.state.phase, (ahead - at.problem.load) / STEP, 1) @ at.load_factors
-        rows[:, : at.problem.rows, 0] = change
-        columns.append(at.whiten(rows)[:, 0])
+        columns.append(at.whitened_loads(change))
     return np.stack(columns, axis=1)
 
 
@@ -196,7 +192,8 @@ def _creep(at: Evaluation, record: Observation) -> Creep | None:
         return None
     if record.lines.periods < LEAST_PERIODS or at.ends is not None:
         return None
-    turned = at.whiten(_turned_rows(at, record))[:, 0]
+    moving = record.lines.frequency[:, None] > 0
+    turned = at.whitened_loads(np.where(moving, 1j * at.loads, 0))  # by the phase: a quarter on
     size = float(turned @ turned)
     if not size > 0:
         return None
@@ -226,14 +223,6 @@ def _given(periodic: PeriodicRecord) -> Floats | None:
         turned = np.cos(given) @ wave + 1j * (np.sin(given) @ wave)
     phase = np.unwrap(np.angle(turned))
     return np.asarray(phase - phase.mean())
-
-
-def _turned_rows(at: Evaluation, record: Observation) -> Complexes:
-    """Return the derivative of the rows by the phase, (line, row, 1): the loads a quarter on."""
-    rows = np.zeros((at.problem.lines, at.problem.all_rows, 1), dtype=np.complex128)
-    moving = record.lines.frequency > 0
-    rows[moving, : at.problem.rows, 0] = 1j * at.loads[moving]
-    return rows
 
 
 def _fitted(angles: Floats, std: float, middle: float) -> Creep:

@@ -149,7 +149,7 @@ def _whitened(at: Evaluation, beside: Beside, order: list[int]) -> tuple[Complex
         errors = (turns @ errors[:, :, None])[:, :, 0]
     told = np.flatnonzero(beside.ordinary[beside.centre])
     told = told[:: max(1, len(told) // FEW)]
-    start = (np.abs(at.problem.factor) ** 2).sum(axis=2).mean(axis=0)
+    start = (np.abs(at.problem.noise.factor) ** 2).sum(axis=2).mean(axis=0)
     variance = _channel_noise(rows[told], errors[told], start)
     lower = np.linalg.cholesky((rows * variance) @ rows.conj().transpose(0, 2, 1))
     white: Complexes = np.asarray(np.linalg.solve(lower, errors[:, :, None])[:, :, 0])

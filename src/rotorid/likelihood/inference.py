@@ -150,7 +150,7 @@ def infer(point: Point) -> Inference:
     by_line = zip(point.records, point.by_line(taken), strict=True)
     costs = tuple(_expected(at, rows.sum(axis=1)) for at, rows in by_line)
     rest = 1 - point.of_known(taken)
-    absorbed = sum(at.absorbed for at in point.records)
+    absorbed = sum(at.ends.basis.shape[1] for at in point.records if at.ends is not None)
     dof = point.problem.real_equations - linear.rank - absorbed
     weights = [*(cost.weights for cost in costs), np.ones(len(rest))]
     weighted = linear.determined.weighted(np.concatenate(weights))

@@ -281,7 +281,7 @@ def _borne_out(point: Point) -> list[Floats]:
     for at in point.records:
         likelihood = at.problem
         first = likelihood.inputs - likelihood.indirect
-        noise = np.maximum(np.linalg.norm(likelihood.factor, axis=2), 1e-300)
+        noise = np.maximum(np.linalg.norm(likelihood.noise.factor, axis=2), 1e-300)
         measured, predicted = (
             np.linalg.norm((data / noise)[:, first:], axis=1)
             for data in (likelihood.data, response(at))
@@ -309,7 +309,7 @@ def _by_noise(point: Point) -> list[Floats]:
         every = []
         for column in range(count):
             noise = np.zeros_like(likelihood.data)
-            noise[:, :count] = idle * likelihood.factor[:, :count, column]
+            noise[:, :count] = idle * likelihood.noise.factor[:, :count, column]
             every.append(quiet.with_data(replace(driven, data=noise)))
         parts = np.zeros((count, likelihood.lines * 2 * likelihood.equations, len(free)))
         for part, pushed, data in zip(parts, every, responses(every), strict=True):
@@ -329,7 +329,7 @@ def _idle_share(at: Evaluation, count: int) -> Floats:
     """
     columns = at.whitened_columns()[:, :, :count]
     allowed = 1 / np.maximum((np.abs(columns) ** 2).sum(axis=1), 1e-300)
-    noise = (np.abs(at.problem.factor[:, :count]) ** 2).sum(axis=2)
+    noise = (np.abs(at.problem.noise.factor[:, :count]) ** 2).sum(axis=2)
     return np.asarray(np.sqrt(allowed / np.maximum(np.maximum(noise, allowed), 1e-300)))
 
 

@@ -55,10 +55,6 @@ class Known:
         modes = self.modes.jacobian(unknowns, relaxation)
         return np.concatenate([self.relations.jacobian(unknowns), modes])
 
-    def linear_in(self) -> list[int]:
-        """Return the unknowns on which no relation depends but linearly, each by itself."""
-        return self.relations.linear_in()
-
     def joined(self, other: Relations) -> Known:
         return replace(self, relations=self.relations.joined(other))
 
@@ -132,7 +128,7 @@ class Problem:
         held = {int(i) for i in layout.free}
         for relations in (self.exact, self.bounds):
             held -= {int(i) for i in relations.monomials.factors.ravel()}
-        linear = [i for i in self.known.linear_in() if i in held]
+        linear = [i for i in self.known.relations.linear_in() if i in held]
         added = {int(i) for at in self.likelihoods for i in at.calibration.affine}
         return np.array([i for i in linear if i in loads or i in added], dtype=np.int64)
 

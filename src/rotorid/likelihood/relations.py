@@ -135,14 +135,10 @@ class Relations:
 
     def values(self, x: Floats) -> Floats:
         """Return h, shape (relation,)."""
-        if not len(self.matrix):
-            return np.zeros(0)
         return np.asarray(self.matrix @ self.monomials.values(x))
 
     def jacobian(self, x: Floats) -> Floats:
         """Return dh/dx, shape (relation, unknown)."""
-        if not len(self.matrix):
-            return np.zeros((0, self.monomials.unknowns))
         return np.asarray(self.matrix @ self.monomials.jacobian(x))
 
     def linear_in(self) -> list[int]:

@@ -43,12 +43,6 @@ def responses(alike: Sequence[Evaluation]) -> list[Complexes]:
     return found
 
 
-def predicted_readings(at: Evaluation) -> Complexes:
-    """Return what the sensors should read, ``y = C Z^-1 (B u + g) + r``, (line, sensor)."""
-    motion = _motion(-at.stiffness[:, : at.equations], _pushed(at)[:, :, None])
-    return _readings(at, motion[:, :, 0])
-
-
 def _pushed(at: Evaluation) -> Complexes:
     equations, forces = at.equations, at.forces
     true = at.state.factors[:, :forces] * at.problem.data[:, :forces]
@@ -128,12 +122,14 @@ def _inputs(record: Observation, at: Evaluation) -> Predicted:
 
 
 def _predicted_readings(record: Observation, at: Evaluation) -> Predicted:
+    """Return what the sensors should read, ``y = C Z^-1 (B u + g) + r``."""
     channels = [record.lines.channels[column] for column in at.problem.order[at.forces :]]
     measured = (at.state.factors * at.problem.data)[:, at.forces :]
+    motion = _motion(-at.stiffness[:, : at.equations], _pushed(at)[:, :, None])
     return Predicted(
         tuple(c.name for c in channels),
         tuple(c.unit for c in channels),
         measured,
-        predicted_readings(at),
+        _readings(at, motion[:, :, 0]),
         at.problem.multiplicity,
     )

@@ -95,8 +95,8 @@ def find_scales(
     forces: Complexes,
     sensors: Floats,
     readings: Complexes,
-    force_noise: Floats | None = None,
-    reading_noise: Floats | None = None,
+    force_noise: Floats,
+    reading_noise: Floats,
 ) -> Sizes:
     """Fit ``|Z_rc| ~ row_r / coordinate_c`` in the logarithms, tied to what was measured.
 
@@ -120,14 +120,12 @@ def find_scales(
     fit[np.arange(len(r)), rows + c] = -1.0
     tied: list[tuple[int, float, float]] = []
     amounts = _rms(forces)
-    noise = np.zeros(rows) if force_noise is None else force_noise
     for row in np.flatnonzero(amounts > 0).tolist():
-        seen = amounts[row] > SEEN * noise[row]
+        seen = amounts[row] > SEEN * force_noise[row]
         tied.append((row, amounts[row], 1.0) if seen else (row, amounts.max(), BORROWED))
     amounts = _rms(readings)
-    noise = np.zeros(len(sensors)) if reading_noise is None else reading_noise
     for s, row in enumerate(sensors):
-        if (row != 0).sum() == 1 and amounts[s] > SEEN * noise[s]:
+        if (row != 0).sum() == 1 and amounts[s] > SEEN * reading_noise[s]:
             coordinate = int(row.nonzero()[0][0])
             tied.append((rows + coordinate, amounts[s] / abs(row[coordinate]), 1.0))
     tie, values = np.zeros((len(tied), rows + coordinates)), np.zeros(len(tied))
@@ -238,7 +236,7 @@ class Reflections:
 
     def motion(self, left: Complexes) -> Complexes:
         found = np.linalg.solve(self.triangle, self.adjoint @ left[:, :, None])[:, :, 0]
-        return _complex(-found @ self.basis.T)
+        return as_complex(-found @ self.basis.T)
 
 
 @frozen
@@ -254,7 +252,7 @@ class Reflectors:
         from scipy.linalg.lapack import zgeqrf, zunmqr  # where it is needed: it takes its time
 
         rows, count = stiffness.shape[1], hidden.shape[1]
-        columns = _complex(stiffness @ hidden)
+        columns = as_complex(stiffness @ hidden)
         last = np.eye(rows, dtype=np.complex128, order="F")[:, count:]
         null_h = np.zeros((len(stiffness), rows - count, rows), dtype=np.complex128)
         factors = []
@@ -278,7 +276,7 @@ class Reflectors:
             if singular:
                 raise np.linalg.LinAlgError("Singular matrix")
             into[:] = solved[:, 0]
-        return _complex(-found @ self.basis.T)
+        return as_complex(-found @ self.basis.T)
 
 
 def projection(stiffness: Complexes, hidden: Floats) -> Projection | None:
@@ -293,5 +291,5 @@ def projection(stiffness: Complexes, hidden: Floats) -> Projection | None:
     return Reflections.of(stiffness, hidden)
 
 
-def _complex(array: Any) -> Complexes:
+def as_complex(array: Any) -> Complexes:
     return np.asarray(array, dtype=np.complex128)

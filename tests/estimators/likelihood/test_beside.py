@@ -28,7 +28,7 @@ class Errors:
         return SimpleNamespace(
             equations=self.values.shape[1],
             multiplicity=np.full(len(self.values), 2.0),
-            factor=self.columns,
+            noise=SimpleNamespace(factor=self.columns),
         )
 
     @property
@@ -135,7 +135,8 @@ class Mode(Errors):
 
     @property
     def problem(self):
-        return SimpleNamespace(factor=np.broadcast_to(np.eye(2), (LINES, 2, 2)))
+        noise = SimpleNamespace(factor=np.broadcast_to(np.eye(2), (LINES, 2, 2)))
+        return SimpleNamespace(noise=noise)
 
     @property
     def columns(self):
@@ -200,7 +201,7 @@ def test_what_a_controller_makes_of_noise_drives_the_rotor():
     factor = np.stack([np.diag([10.0, 1e-3])] * 5).astype(complex)  # of the loop; of an amplifier
     at = SimpleNamespace(
         whitened_columns=lambda: np.linalg.solve(lower, columns),
-        problem=SimpleNamespace(factor=factor),
+        problem=SimpleNamespace(noise=SimpleNamespace(factor=factor)),
     )
     share = _idle_share(at, 2)
     np.testing.assert_allclose(share[:, 1], 1.0)

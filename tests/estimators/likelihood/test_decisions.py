@@ -86,7 +86,8 @@ def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
         np.zeros((6, 1), dtype=complex),
         np.ones((1, 1)),
         np.full((6, 1), 7e-6 + 0j),
-        reading_noise=np.array([7e-6 / deviations]),
+        np.zeros(1),
+        np.array([7e-6 / deviations]),
     )
     assert (found.coordinates == pytest.approx([7e-6])) == seen
 
@@ -99,5 +100,6 @@ def test_in_how_many_parts_a_record_is_looked_at() -> None:
 def test_scales_of_a_stiffness_beyond_squaring() -> None:
     """A spring of 1e200 N/m: its square is no number, its scale is."""
     stiffness = np.array([[[1e200 + 0j]], [[2e200]]])
-    found = find_scales(stiffness, np.ones((2, 1)), np.ones((1, 1)), np.full((2, 1), 1e-200 + 0j))
+    tiny = np.full((2, 1), 1e-200 + 0j)
+    found = find_scales(stiffness, np.ones((2, 1)), np.ones((1, 1)), tiny, np.zeros(1), np.zeros(1))
     assert found.rows[0] / found.coordinates[0] == pytest.approx(np.sqrt(2.5) * 1e200, rel=0.01)

@@ -60,12 +60,13 @@ def test_from_where_on_the_rotation_moves_against_its_angle() -> None:
 
 
 @pytest.mark.parametrize(("periods", "asked"), [(7, False), (8, True)])
-def test_eight_periods_tell_a_slope_from_scatter(monkeypatch, periods, asked) -> None:
+def test_eight_periods_tell_a_slope_from_scatter(periods, asked) -> None:
     seen = []
-    at = SimpleNamespace(ends=None, whiten=lambda rows: seen.append(1) or np.zeros((4, 1)))
-    lines = SimpleNamespace(scatter=np.zeros(1), periods=periods)
+    at = SimpleNamespace(
+        ends=None, loads=0, whitened_loads=lambda loads: seen.append(1) or np.zeros(4)
+    )
+    lines = SimpleNamespace(scatter=np.zeros(1), periods=periods, frequency=np.ones(4))
     record = SimpleNamespace(lines=lines, periodic=SimpleNamespace(speed=100.0))
-    monkeypatch.setattr(turning, "_turned_rows", lambda *at: None)
     assert turning._creep(at, record) is None  # nothing turns here
     assert bool(seen) == asked
 
