@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy
+from as_sympy import to_sympy
 from bank import (
     BANK,
     CHAIN,
@@ -37,7 +38,6 @@ from rotorid import (
     load_model,
     parse_model,
 )
-from rotorid.models.symbolic import to_sympy
 
 FAMILY = (LeastSquares, Batch, Sequential)
 METHODS = {"ls": LeastSquares, "batch": Batch, "sequential": Sequential}

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sympy as sp
+from as_sympy import to_sympy
 from bank import ARM, BANK, THREE_MASS, combination, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from rotorid import InputError, load_model, parse_model
 from rotorid.models.base import _relations, independent_signals, monomial_name
 from rotorid.models.equations import split_equations
-from rotorid.models.symbolic import from_sympy, symbol, to_sympy
+from rotorid.models.symbolic import from_sympy, symbol
 
 
 def model_of(*equations, parameters="abcd", coordinates="xyz", inputs=("F",)):

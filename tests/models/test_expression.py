@@ -8,11 +8,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sympy as sp
+from as_sympy import to_sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid import InputError, ModelError, load_model
-from rotorid.models.symbolic import from_sympy, symbol, to_sympy, vanishes
+from rotorid.models.symbolic import from_sympy, symbol, vanishes
 from rotorid.models.symbolic import parse as parse_tree
 from rotorid.models.syntax import read
 from rotorid.models.text import FUNCTIONS, Expression, evaluate, product

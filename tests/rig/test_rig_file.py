@@ -13,7 +13,7 @@ import rotorid as rid
 from rotorid import InputError, load_experiment
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.file import load_rig, parse_rig, shipped_rigs
-from rotorid.rig.files import experiment_text, write_record
+from rotorid.rig.files import experiment_text, record_bytes
 from rotorid.rig.rotation import Encoder
 from rotorid.signals.multisine import multisine
 
@@ -228,7 +228,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     plan = parse_rig(TEXT.replace('"13 s"', '"1 s"'), name="short")
     record = plan.run()
-    write_record(record, folder / "run.h5", rig_text=plan.text)
+    (folder / "run.h5").write_bytes(record_bytes(record, rig_text=plan.text))
     (folder / "run.toml").write_text(experiment_text(plan, record, "run.h5"))
     return folder
 
@@ -305,7 +305,7 @@ def test_flux_densities_through_the_files(tmp_path: Path) -> None:
     )
     plan = parse_rig(hall.replace('"10 s"', '"0.5 s"'))
     record = plan.run()
-    write_record(record, tmp_path / "run.h5")
+    (tmp_path / "run.h5").write_bytes(record_bytes(record))
     (tmp_path / "run.toml").write_text(experiment_text(plan, record, "run.h5"))
     (read,) = load_experiment(tmp_path / "run.toml").measured("batch")
     assert read.names[:4] == plan.rig.model.inputs

@@ -88,20 +88,6 @@ def _fraction(value: Symbolic) -> Fraction:
     return Fraction(int(value.p), int(value.q))
 
 
-def to_sympy(value: Expression) -> Symbolic:
-    if value.kind == "name":
-        return symbol(value.parts[0])
-    if value.kind == "pi":
-        return sp.pi
-    if value.kind == "number":
-        return sp.Rational(value.parts[0].numerator, value.parts[0].denominator)
-    if value.kind in ("product", "power"):
-        powers = ((to_sympy(base), n) for base, n in value.factors)
-        return sp.Mul(*(base ** sp.Rational(n.numerator, n.denominator) for base, n in powers))
-    inner = [to_sympy(part) for part in value.parts]
-    return sp.Add(*inner) if value.kind == "sum" else _FUNCTIONS[value.kind](*inner)
-
-
 @frozen
 class _Node:
     """An expression with bounds on what expanding it costs."""

@@ -555,19 +555,13 @@ def _backward(rig: Rig, size: float) -> Rig:
     return _known(rig, reversed_)
 
 
-def _marked(rig: Rig, kind: type[Encoder] | type[Keyphasor]) -> Rig:
-    if isinstance(rig.logger.angle, kind):
-        return rig
-    mark = Encoder(1024) if kind is Encoder else Keyphasor()
-    return _known(rig, lambda known: replace(known, logger=replace(known.logger, angle=mark)))
-
-
 def _mark(rig: Rig, kind: type[Encoder] | type[Keyphasor], **changes: Any) -> Rig:
-    marked = _marked(rig, kind)
-    mark = marked.logger.angle
-    if mark is None:
-        return marked
-    return replace(marked, logger=replace(marked.logger, angle=replace(mark, **changes)))
+    """Change the mark; a rig that has none of the kind is given one, as everybody knows."""
+    mark = rig.logger.angle
+    if not isinstance(mark, kind):
+        mark = plain = Encoder(1024) if kind is Encoder else Keyphasor()
+        rig = _known(rig, lambda known: replace(known, logger=replace(known.logger, angle=plain)))
+    return replace(rig, logger=replace(rig.logger, angle=replace(mark, **changes)))
 
 
 @_fault("1", "right")

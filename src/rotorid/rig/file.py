@@ -16,7 +16,7 @@ from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.toml import parse_toml, read_bytes
 from rotorid.core.units import to_si
 from rotorid.data.record import Channel
-from rotorid.force.entry import LawEntry, law_keys
+from rotorid.force.entry import law_keys
 from rotorid.force.laws import Differential, Flux, Linear
 from rotorid.force.reading import as_channels
 from rotorid.models import Model, load_model, shipped_models
@@ -358,17 +358,16 @@ def _actuator(entry: ActuatorEntry) -> Actuator:
 
 
 def _law(entry: ActuatorEntry) -> Linear | Differential | None:
-    given = {key: getattr(entry, key) for key in law_keys() if key in entry.model_fields_set}
     if entry.law in (None, "force"):
-        given.pop("law", None)
+        given = [key for key in law_keys() if key in entry.model_fields_set and key != "law"]
         if given:
             raise InputError(
-                f"{next(iter(given))} without a force law",
+                f"{given[0]} without a force law",
                 "law = 'linear' or 'differential' beside it",
                 "add the law",
             )
         return None
-    law = LawEntry.model_construct(**given).build()
+    law = entry.build()
     return None if isinstance(law, Flux) else law
 
 

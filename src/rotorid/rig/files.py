@@ -27,20 +27,14 @@ RECORD = Kind("rotorid simulate")
 _PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-def write_record(
-    record: Logged | RigRecord, path: Path, *, rig_text: str = "", faults: Sequence[str] = ()
-) -> None:
-    """Write what the logger of a rig recorded, as HDF5.
+def record_bytes(
+    record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
+) -> bytes:
+    """Return the HDF5 file of what the logger of a rig recorded.
 
     One dataset per column, with its unit in the attribute ``units``; the sample times in ``t``;
     and a group ``truth``, which no logger would write.
     """
-    write_whole(path, record_bytes(record, rig_text=rig_text, faults=faults))
-
-
-def record_bytes(
-    record: Logged | RigRecord, *, rig_text: str = "", faults: Sequence[str] = ()
-) -> bytes:
 
     def fill(data: h5py.File) -> None:
         data.attrs.update(written_by=RECORD.writer, written=MARK)

@@ -233,8 +233,7 @@ def _unfolded(rig: RigMachine, part: Actuator, current: Floats) -> Floats:
     if part.eddy or rig.logger.oversampling == 1:
         return current
     lag = part.time_constant if part.coil is None else 1 / (2 * np.pi * part.coil.bandwidth)
-    rate = rig.logger.sample_rate * rig.logger.oversampling
-    return shifted(current, _lateness(rig, lag, command=False) * rate)
+    return shifted(current, _lateness(rig, lag, command=False) * rig.logger.converter_rate)
 
 
 def decimated(samples: Floats, every: int) -> Floats:
