@@ -264,13 +264,7 @@ def adapter() -> TypeAdapter[Estimate]:
 
 
 def check_units(estimate: Estimate, units: Mapping[str, str]) -> None:
-    """Refuse values in other units than those that a model gives its parameters.
-
-    Raises
-    ------
-    InputError
-        With the first of them.
-    """
+    """Refuse values in other units than those that a model gives its parameters."""
     for value in estimate.parameters:
         unit = units.get(value.name.partition("[")[0], value.unit)
         if value.unit != unit:

@@ -120,21 +120,18 @@ def _signs(model: Model, values: Sequence[Value]) -> Iterator[Note]:
 def _base(
     reduced: Model, free: Sequence[Value], covariance: Floats
 ) -> tuple[Floats, Floats] | None:
-    found: Mapping[str, float] = {v.name: v.value for v in free}
-    count = len(free)
-    if len(covariance) < count:
+    names, count = [v.name for v in free], len(free)
+    physical = {*reduced.parameter_names} == {*names}
+    named = reduced.parameter_names if physical else reduced.base.names
+    if len(covariance) < count or {*named} != {*names}:
         return None
-    own = np.nan_to_num(covariance[:count, :count])
-    names = [v.name for v in free]
-    if {*reduced.parameter_names} == {*names}:
-        order = [names.index(name) for name in reduced.parameter_names]
-        values = np.array([found[name] for name in reduced.parameter_names])
-        slopes = reduced.base_jacobian(values)
-        return reduced.base_values(values), slopes @ own[np.ix_(order, order)] @ slopes.T
-    if {*reduced.base.names} == {*names}:
-        order = [names.index(name) for name in reduced.base.names]
-        return np.array([found[n] for n in reduced.base.names]), own[np.ix_(order, order)]
-    return None
+    order = [names.index(name) for name in named]
+    values = np.array([free[k].value for k in order])
+    own = np.nan_to_num(covariance[:count, :count])[np.ix_(order, order)]
+    if not physical:
+        return values, own
+    slopes = reduced.base_jacobian(values)
+    return reduced.base_values(values), slopes @ own @ slopes.T
 
 
 def _positive_sums(reduced: Model, base: Floats, covariance: Floats) -> Iterator[Note]:

@@ -69,12 +69,8 @@ def channel_errors(
 
     The error of a line is linear in the measured lines, whose covariance the record tells, and to
     first order in the values, whose covariance the estimate states. The record is taken to be
-    another one: of its own record an estimate predicts more than its share.
-
-    Raises
-    ------
-    InputError
-        As `predict`.
+    another one: of its own record an estimate predicts more than its share. Refuses what `predict`
+    does.
     """
     forecast = Forecast(model, estimate, record, number)
     at, noise = forecast.at, forecast.noise

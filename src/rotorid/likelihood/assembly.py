@@ -448,7 +448,6 @@ def _scales(
     data: Complexes,
     covariance: LineCovariance,
 ) -> Sizes:
-    """Scales of rows and coordinates at the start, tied to the sizes of forces and readings."""
     n, inputs = len(layout.model.coordinates), data.shape[1] - len(reads)
     matrix = entries.matrix(monomials.values(layout.start), rows, n + inputs)
     forces = (matrix[:, :, n:] @ data[:, :inputs, None])[:, :, 0]

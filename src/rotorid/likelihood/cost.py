@@ -311,16 +311,17 @@ class Evaluation:
         return as_complex(error)
 
     def _set_projection(self, like: Evaluation | None) -> None:
+        hidden = self.problem.sensing.hidden
         self._projection: Projection | None
-        if like is not None and self._is_as_stiff(like):
+        if (
+            like is not None
+            and np.array_equal(hidden, like.problem.sensing.hidden)
+            and np.array_equal(self.stiffness, like.stiffness)
+        ):
             self._projection = like._projection
         else:
-            self._projection = projection(self.stiffness, self.problem.sensing.hidden)
+            self._projection = projection(self.stiffness, hidden)
         self.null_h = None if self._projection is None else self._projection.null_h
-
-    def _is_as_stiff(self, other: Evaluation) -> bool:
-        mine, its = self.problem.sensing.hidden, other.problem.sensing.hidden
-        return np.array_equal(mine, its) and np.array_equal(self.stiffness, other.stiffness)
 
     def _projected(self, rows: Complexes) -> Complexes:
         return rows if self.null_h is None else as_complex(self.null_h @ rows)
@@ -471,5 +472,4 @@ class Evaluation:
         return self.whiten(rows)[:, 0]
 
     def jacobian(self) -> Floats:
-        """Return the Jacobian of the residual, shape (line * 2 * equation, unknown)."""
         return self.whiten(self.directions())

@@ -52,8 +52,6 @@ PLACES = np.linspace(-1.0, 1.0, 201)
 
 @frozen
 class Straying:
-    """How the rotation of a record strays from its angle."""
-
     angles: Floats  # (order,): a_n in rad
     chance: float  # with which noise alone gives as much
     moved: float  # deviations by which a value moves at most where the straying is taken out
@@ -149,8 +147,6 @@ LEAST_PERIODS = 8
 
 @frozen
 class Creep:
-    """How the rotation moves against its angle."""
-
     rate: float  # rad by which it gains in each period
     std: float
     step: float  # rad of the clearest step beside the slope, and its deviation

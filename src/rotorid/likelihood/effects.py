@@ -250,8 +250,6 @@ def _passages(
 
 @frozen
 class CalibrationState:
-    """The calibration at one point."""
-
     factors: Complexes  # (line, channel): E: true line = E times measured line
     # (line, channel): what adds to the readings on each line, in the unit of the channel
     readings: Complexes
@@ -388,7 +386,6 @@ class Calibration:
         )
 
     def phase(self, unknowns: Floats) -> float:
-        """Return what adds to phi."""
         return 0.0 if self.phase_unknown is None else float(unknowns[self.phase_unknown])
 
     def add_directions(

@@ -57,8 +57,6 @@ CHUNK = 256
 
 @frozen
 class Sum:
-    """A cost with its mean and its variance."""
-
     cost: float
     mean: float
     variance: float

@@ -36,8 +36,6 @@ CovarianceChoice = Literal["auto", "white", "correlated"]
 
 @frozen
 class Fit:
-    """The minimum and what it tells."""
-
     prepared: Prepared
     solution: Solution
     inference: Inference

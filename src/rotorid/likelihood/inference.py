@@ -87,8 +87,6 @@ class RecordCost:
 
 @frozen
 class Inference:
-    """Covariance of the free unknowns and expectation of the cost."""
-
     covariance: Floats  # (free, free): along the directions that the record determines
     linear: Linearized  # the problem there, with what it does not determine
     expectation: Expectation
@@ -96,7 +94,6 @@ class Inference:
 
     @property
     def std(self) -> Floats:
-        """Standard deviations of the free unknowns, shape (free,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance).clip(0)))
 
 

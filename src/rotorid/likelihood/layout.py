@@ -44,7 +44,6 @@ class Layout:
 
     @cached_property
     def free(self) -> Integers:
-        """Indices of the unknowns that are not fixed."""
         return np.flatnonzero([not unknown.fixed for unknown in self.unknowns])
 
     def places(self) -> Iterator[tuple[Unknown, Integers]]:

@@ -129,7 +129,6 @@ class Configuration:
             yield mode, complex(at.modes.values[group].mean()), group
 
     def slope(self, unknowns: Floats, group: Integers, value: complex) -> Complexes:
-        """Return the derivative of a lambda by every unknown."""
         at = self.solved(unknowns)
         together = next(each for each in at.modes.distinct if group[0] in each)
         cluster = together if len(together) > len(group) else group

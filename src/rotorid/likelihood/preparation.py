@@ -56,8 +56,6 @@ class Knowledge:
 
 @frozen
 class Limit:
-    """A bound as it was stated."""
-
     expression: str
     way: float  # 1 of a lower bound, -1 of an upper one
     value: float  # SI

@@ -152,8 +152,6 @@ class Lowest:
 
 @frozen
 class Point:
-    """The problem at one point."""
-
     problem: Problem
     unknowns: Floats
     records: Sequence[Evaluation]
@@ -366,7 +364,6 @@ def retract(unknowns: Floats, free: Integers, exact: Relations, scale: Floats) -
 
 
 def outside(bounds: Relations, unknowns: Floats, margin: float = OUTSIDE) -> Integers:
-    """Return the bounds that a point violates."""
     return np.flatnonzero(bounds.values(unknowns) < -margin * bounds.sizes(unknowns))
 
 

@@ -54,8 +54,6 @@ HELD = 1e-9
 
 @frozen
 class Solution:
-    """Where the solver ended."""
-
     point: Point
     converged: bool
     iterations: int  # evaluations of the Jacobian, over all stages

@@ -30,7 +30,6 @@ from rotorid.models import Model
 
 
 def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
-    """Return the estimate of a fit, with what may cause a misfit that noise excludes."""
     layout, inference, point = fit.prepared.layout, fit.inference, fit.solution.point
     records = fit.records
     cost, expectation = point.cost, inference.expectation
@@ -209,7 +208,6 @@ def _base_of(model: Model, fit: Fit, number: int) -> tuple[Value, ...]:
 
 
 def _notes(fit: Fit, p_value: float) -> Iterator[Note]:
-    """Return what is said of the data, the search and the misfit."""
     point, inference = fit.solution.point, fit.inference
     yield from remarks("record", (w for record in fit.records for w in record.lines.warnings))
     yield from _mixed(fit)
@@ -255,7 +253,6 @@ def _mixed(fit: Fit) -> Iterator[Note]:
 
 
 def _on_misfit(fit: Fit, p_value: float) -> Iterator[Note]:
-    """Say what the misfit says of the model, or of the noise."""
     point, expected = fit.solution.point, fit.inference.expectation.mean
     kinds = {record.lines.covariance.kind for record in fit.records}
     if p_value < REJECTED:

@@ -69,8 +69,6 @@ def refuse_filtered(records: Sequence[Observation], method: str) -> None:
 
 @frozen
 class _Fit:
-    """A solution, with what its deviations come from."""
-
     solution: LeastSquaresSolution
     scatter: Scatter
     values: Floats
@@ -94,7 +92,6 @@ class SampledProblem(Posed):
     weight: float | None = None
 
     def summarize(self, method: str) -> Estimate:
-        """Return the estimate, its deviations by blocks, and what speaks against it."""
         fit = self.fit()
         scatter, ways = fit.scatter, [*self.moved(fit), *self.late(fit)]
         estimate = self.estimate(

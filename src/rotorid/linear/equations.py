@@ -221,8 +221,6 @@ class Equations(ABC):
 
 @frozen
 class Regression(Equations):
-    """The equations of motion of one record, on its lines."""
-
     # (first, last): periods that are used, as a slice takes them; all where it is not given
     kept: tuple[int | None, int | None] = (None, None)
 
@@ -302,8 +300,6 @@ of an axis that is held leaves more than its noise; an axis that turns is throug
 
 @frozen
 class SampledRegression(Equations):
-    """The equations of motion of one record at the samples that are used."""
-
     @property
     def record(self) -> FilteredRecord:
         assert self.observation.filtered is not None
@@ -311,7 +307,6 @@ class SampledRegression(Equations):
 
     @cached_property
     def stretches(self) -> list[Stretch]:
-        """The stretches that hold samples in use."""
         record, found = self.record, []
         for begin, end in zip(record.begins, record.ends, strict=True):
             first, last = np.searchsorted(record.used, (begin, end))

@@ -24,8 +24,6 @@ from rotorid.signals.spectrum import synthesize
 
 @frozen
 class LinearEstimator:
-    """What every estimator of the family takes and does."""
-
     method: ClassVar[str]
     # physical parameters (SI, or texts with units) that are substituted
     fixed: Mapping[str, float | str] = field(default_factory=dict, kw_only=True)

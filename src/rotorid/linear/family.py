@@ -339,8 +339,6 @@ def force_variance(regression: Regression) -> Floats:
 
 @frozen
 class Information:
-    """Information of the rows with a measured force."""
-
     names: tuple[str, ...]  # base parameters
     # (base, base): ``F' Sigma^-1 F``, Sigma the variance of the mean force at each sample
     matrix: Floats

@@ -89,8 +89,6 @@ class Block:
 
 @frozen
 class LeastSquaresSolution:
-    """What least squares gives."""
-
     values: Floats  # (free,): NaN where the equations do not determine them
     # (free, line, row) of each block: how the values answer to its targets; of samples (free, n)
     gains: tuple[NDArray[Any], ...]
@@ -146,8 +144,6 @@ def sandwich(
 ) -> Floats:
     """Return the covariance of values that answer to noise e by ``Re(sum gains e)``.
 
-    Notes
-    -----
     The paper's (13), ``F' S^-1 F``, is an information matrix; nor is its inverse the covariance:
     rows without actuator carry a weight, not a variance, and the noise of the regressors
     dominates.
@@ -286,8 +282,6 @@ def _remembers(shifts: Floats) -> bool:
 
 @frozen
 class Fitted:
-    """Equations of one record at the answer, on its lines."""
-
     residual: Complexes  # (line, row)
     design: Complexes  # (line, row, free)
     gains: Complexes  # (free, line, row): of the answer to the targets

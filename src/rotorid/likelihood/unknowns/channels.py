@@ -204,7 +204,6 @@ class CommonDelay(Delay):
 
     @classmethod
     def common(cls, kind: str, records: Sequence[Observation]) -> Self:
-        """Return the common delay of a kind of channel."""
         which = all_inputs(records) if kind == "force" else all_sensors(records)
         return cls._late(kind, frozenset(which), 0.0, None)
 
