@@ -127,11 +127,6 @@ class Law(ABC):
 class Linear(Law):
     """The linear law, F = k_i i + k_s x.
 
-    Raises
-    ------
-    InputError
-        For constants that are not finite, or ki = 0.
-
     Examples
     --------
     >>> law = Linear(ki=120.0, ks=2e5, ki_std=1.2)
@@ -197,11 +192,6 @@ class Differential(Law):
     i > 0: F = K cos(alpha) i |i| / (s0 - sign(i) x cos(alpha))^2, whose slope at i = 0 is 0.
     The iron's path adds to both gaps; saturation bends b, the current over the gap, which the flux
     density follows, into b / (1 + (b / b_s)^4)^(1/4). Stray flux and eddy currents are left out.
-
-    Raises
-    ------
-    InputError
-        For constants that are not positive, as a gap of zero.
 
     Examples
     --------
@@ -326,10 +316,7 @@ class Differential(Law):
     def linearize(self, current: float = 0.0, position: float = 0.0) -> Linear:
         """Return the slopes at a point; at the origin 4 K i0 cos / s0^2, 4 K i0^2 cos^2 / s0^3.
 
-        Raises
-        ------
-        InputError
-            Where the point lies beyond bias or gap, or has no slope: no current without bias.
+        Without bias and current there is none.
         """
         self._within(current, position)
         if not self.bias and not current:
@@ -351,11 +338,6 @@ class Flux(Law):
 
     F = poles A cos(alpha) (B1^2 - B2^2) / (2 mu0): B1 under the magnet that pulls in the positive
     direction, B2 under the other.
-
-    Raises
-    ------
-    InputError
-        For an area or number of poles that is not positive.
 
     Examples
     --------
@@ -393,13 +375,7 @@ class Flux(Law):
     def densities(
         self, law: Differential, current: ArrayLike, position: ArrayLike
     ) -> tuple[Floats, Floats]:
-        """Return B1 and B2 in T under the poles of `law`, so that both laws give one force.
-
-        Raises
-        ------
-        InputError
-            Where current or position lie beyond bias or gap.
-        """
+        """Return B1 and B2 in T under the poles of `law`, so that both laws give one force."""
         scale = np.sqrt(law.constant * np.cos(law.angle) / self.gain)
         ahead, behind = law.fluxes(*law._within(current, position))
         return scale * ahead, scale * behind

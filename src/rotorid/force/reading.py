@@ -164,30 +164,13 @@ def forces(
 ) -> Record:
     """Return a record whose currents, or flux densities, have become forces.
 
-    Parameters
-    ----------
-    record : Record
-    readings : mapping of str to ForceReading, optional
-        Input to how its force is read.
-    drives : bool
-        Turn the currents of channels with a `Drive` into forces too.
-    period : int, optional
-        Samples of a period; what lies just beyond the ends of the record is then taken from one
-        period away.
+    `readings` are by input; with `drives` the channels with a `Drive` are read too. What lies just
+    beyond the ends of the record is taken from a `period`, in samples, away.
 
-    Returns
-    -------
-    Record
-        With a channel of each input's force in place of the first channel it came from; the
-        others that were used up, and are no positions, are dropped. What the force was made of
-        stays with its channel (`law`), for constants of bent laws that are not known exactly; the
-        deviation of a linear law's constants is in `gain_std`.
-
-    Raises
-    ------
-    InputError
-        For channels that the record does not have, and currents or positions that the law cannot
-        take, with the sample.
+    The channel of a force stands in place of the first that it came from; the others that were
+    used up, and are no positions, are dropped. What the force was made of stays with its channel
+    (`law`), for constants of bent laws that are not known exactly; the deviation of a linear law's
+    constants is in `gain_std`.
 
     Examples
     --------

@@ -286,11 +286,6 @@ def solved(
 
     `size` is that of the parts that Z is a sum of, where they may cancel: a line exactly on an
     undamped resonance of one coordinate alone.
-
-    Raises
-    ------
-    InputError
-        Where Z is singular.
     """
     # Rows and columns in units of their own size, so that the condition means something.
     size = np.abs(stiffness) if size is None else size

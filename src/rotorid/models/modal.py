@@ -73,11 +73,6 @@ def eigenmodes(
     """Return the oscillating modes of ``M q'' + D q' + K q = 0``; D holds gyroscopic terms too.
 
     Structural damping makes K complex: it is that of positive frequencies, as the modes are.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        For matrices beyond all bounds.
     """
     pencil = _Scaled.of(mass, damping, stiffness)
     values, right, left = pencil.poles()
@@ -223,12 +218,8 @@ def parted(gram: Complexes, slopes: Complexes, toward: Floats) -> Complexes:
     On the way `toward`, shape (unknown,), they part: the vectors that they part with are those of
     ``G^-1 dL``, and it is their derivatives that belong to each.
 
-    Parameters
-    ----------
-    gram : complex array, shape (mode, mode)
-        ``G = Y^H (2 lambda M + D) X``.
-    slopes : complex array, shape (mode, mode, unknown)
-        ``Y^H (lambda^2 dM + lambda dD + dK) X`` by each unknown.
+    `gram`, shape (mode, mode), is ``G = Y^H (2 lambda M + D) X``; `slopes`, (mode, mode, unknown),
+    ``Y^H (lambda^2 dM + lambda dD + dK) X`` by each unknown.
     """
     solved = -np.linalg.solve(gram, slopes.reshape(len(gram), -1)).reshape(slopes.shape)
     if len(gram) == 1:

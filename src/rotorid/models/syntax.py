@@ -48,13 +48,7 @@ class _Token(NamedTuple):
 
 
 def read(text: str, start: Literal["sum", "equation"] = "sum") -> Node:
-    """Return the tree of an expression, or of an equation.
-
-    Raises
-    ------
-    ModelError
-        For a text that is none, with the column where it goes wrong.
-    """
+    """Return the tree of an expression, or of an equation."""
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"

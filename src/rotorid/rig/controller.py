@@ -22,11 +22,6 @@ class Controller:
     ``state[k+1] = A state[k] + B y[k]``, ``u[k] = C state[k] + D y[k]``: the sign of the feedback
     is in the matrices, so a controller that pulls back has a negative gain.
 
-    Raises
-    ------
-    InputError
-        For shapes that do not fit or numbers that are not finite.
-
     Examples
     --------
     >>> gain = Controller([], [], [], [[-1e4]], period=1e-4)

@@ -78,11 +78,6 @@ def _fault(
 def find_fault(text: str) -> tuple[Fault, float]:
     """Return the fault and the size of ``name`` or ``name=size``; a number is in its unit.
 
-    Raises
-    ------
-    InputError
-        For a name that there is not, or a size of another unit.
-
     Examples
     --------
     >>> fault, size = find_fault("runout-1=3 um")

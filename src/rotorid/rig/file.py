@@ -100,23 +100,7 @@ def shipped_rigs() -> tuple[str, ...]:
 
 
 def load_rig(name: str | Path) -> RigPlan:
-    """Load a shipped rig by its name, or a rig file by its path.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of `shipped_rigs`, or the path of a TOML file.
-
-    Returns
-    -------
-    RigPlan
-
-    Raises
-    ------
-    ReadError
-        For a file that cannot be read or does not fit the format.
-    InputError
-        For parts that do not fit together, with file and key.
+    """Load a shipped rig by its name, or a rig file (TOML) by its path.
 
     Examples
     --------

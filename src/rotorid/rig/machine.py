@@ -24,11 +24,6 @@ from rotorid.signals.multisine import Multisine
 class RigMachine:
     """A rotor on magnetic bearings, its controller and its logger: what a rig is made of.
 
-    Raises
-    ------
-    InputError
-        For parts that do not fit together.
-
     Notes
     -----
     The displacement of an actuator is B'q, the one that does work with its force. While the speed

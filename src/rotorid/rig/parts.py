@@ -49,12 +49,6 @@ class Coil:
 class Actuator:
     """One axis of a magnetic bearing with its amplifier.
 
-    Raises
-    ------
-    InputError
-        For a limit beyond the bias, a coil without bias, a slew limit without bandwidth, flux
-        sensors without a differential law, or negative values.
-
     Examples
     --------
     >>> Actuator(Linear(ki=120.0, ks=2e5), limit=3.0).slopes
@@ -169,13 +163,7 @@ class SensorRunout:
 
 @frozen
 class PositionSensor:
-    """A sensor of a coordinate, or of a combination of some.
-
-    Raises
-    ------
-    InputError
-        For negative values.
-    """
+    """A sensor of a coordinate, or of a combination of some."""
 
     name: str  # A coordinate's name, or a new one where it reads several
     reads: Mapping[str, float] | None = None  # ``{coordinate: coefficient}``

@@ -58,28 +58,10 @@ class Rig(RigMachine):
     spoils: tuple[Spoil, ...] = ()  # what happens to the logger's columns, one after the other
 
     def run(self, duration: float, rng: np.random.Generator) -> RigRecord:
-        """Run the rig, record it, and read the record.
+        """Run the rig for so many seconds, record it, and read the record.
 
-        Parameters
-        ----------
-        duration : float
-            Length of the record in s.
-        rng : np.random.Generator
-            Source of all noise.
-
-        Returns
-        -------
-        RigRecord
-            A record as a reader gives it, with the truth and the logger's columns.
-
-        Raises
-        ------
-        RigError
-            For a loop that is unstable, a rotor that touches its auxiliary bearing, a current
-            beyond the bias: what, when, and where.
-        InputError
-            For a duration of less than one sample, an excitation that does not fit the clocks, and
-            columns that cannot be read.
+        A loop that is unstable, a rotor that touches its auxiliary bearing and a current beyond the
+        bias are a `RigError`: what, when, and where.
         """
         return read(self.described or self, self.record(duration, rng))
 

@@ -18,11 +18,6 @@ class Rotation:
 
     t = 0 is the first sample of the record; before it the rig settles at the speed of t = 0.
 
-    Raises
-    ------
-    InputError
-        For values that are not finite or a drift without period.
-
     Examples
     --------
     >>> ramp = Rotation(speed=10.0, acceleration=2.0)

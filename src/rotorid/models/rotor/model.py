@@ -142,13 +142,7 @@ class RotorModel(Model):
         return product([*term.factor.factors, (held, Fraction(1))])
 
     def signal_value(self, index: int, motion: Motion) -> Floats:
-        """Evaluate a signal; structural damping has none.
-
-        Raises
-        ------
-        ModelError
-            For structural damping.
-        """
+        """Evaluate a signal; structural damping has none."""
         if any(base.kind == LAGGING for base, _ in self.signals[index].factors):
             raise ModelError(
                 "structural damping",

@@ -138,12 +138,8 @@ class Banded:
 def reduction(pieces: Sequence[Piece], kept: Integers, band: Band, share: float) -> Reduction:
     """Return the basis of the shapes that come to more than a share of the largest.
 
-    Parameters
-    ----------
-    pieces : sequence of Piece
-        Of the whole rotor.
-    kept : int array
-        What stays a coordinate, with its partner in the other plane: where anything acts or reads.
+    What is `kept` stays a coordinate, with its partner in the other plane: where anything acts or
+    reads.
     """
     whole = Banded.of(pieces, band.values)
     shapes = np.concatenate([whole.motion(kept, *p) for p in band.points()], axis=1)
