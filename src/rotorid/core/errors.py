@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
-from typing import Any, Self
+from typing import Self
 
 LINE = 590  # characters of a message: what is read as one line, and below what a log cuts
 PART = 240  # of one part of it, so that a long one leaves room for the others
@@ -90,11 +89,6 @@ class InputError(ValueError):
         where = [one_line(part) for part in (self.file, self.place) if part]
         found, expected, cure = map(one_line, (self.found, self.expected, self.cure))
         return ": ".join([*where, f"found {found}; expected {expected}; {cure}"])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Tell how a copy is made: a process that reads a file sends its errors."""
-        again = partial(type(self), file=self.file, place=self.place)
-        return again, (self.found, self.expected, self.cure)
 
     def at(self, *, file: str = "", place: str = "") -> Self:
         """Return the same error with the file and the outer place that the caller knows."""
