@@ -7,6 +7,7 @@ dynamics make of the column. Constants are known, known with a deviation, or unk
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 
@@ -46,11 +47,6 @@ class Dynamics(ABC):
     # name under which several channels share the constants; empty: the channel's own
     shared: str = ""
 
-    @property
-    @abstractmethod
-    def constants(self) -> tuple[Constant, ...]:
-        """The constants, in the order of `response`."""
-
     @abstractmethod
     def response(self, omega: Array, values: Array) -> Array:
         """Return H on each line, shape (line,), at values of the constants."""
@@ -58,6 +54,12 @@ class Dynamics(ABC):
     @abstractmethod
     def slopes(self, omega: Array, values: Array) -> Array:
         """Return d ln H by the constants, shape (line, constant)."""
+
+    @cached_property
+    def constants(self) -> tuple[Constant, ...]:
+        """The constants, in the order of `response`: that of the fields."""
+        held = (getattr(self, name) for name in self.__dataclass_fields__)
+        return tuple(each for each in held if isinstance(each, Constant))
 
     @property
     def values(self) -> Array:
@@ -80,10 +82,6 @@ class FirstOrder(Dynamics):
 
     bandwidth: Constant  # Hz
 
-    @property
-    def constants(self) -> tuple[Constant, ...]:
-        return (self.bandwidth,)
-
     def response(self, omega: Array, values: Array) -> Array:
         return np.asarray(1 / (1 + 1j * omega / (2 * np.pi * values[0])))
 
@@ -97,10 +95,6 @@ class SecondOrder(Dynamics):
 
     bandwidth: Constant  # Hz; the natural frequency
     damping: Constant  # zeta
-
-    @property
-    def constants(self) -> tuple[Constant, ...]:
-        return self.bandwidth, self.damping
 
     def response(self, omega: Array, values: Array) -> Array:
         s = omega / (2 * np.pi * values[0])
@@ -118,10 +112,6 @@ class EddyCurrents(Dynamics):
 
     eddy: Constant  # tau in s
 
-    @property
-    def constants(self) -> tuple[Constant, ...]:
-        return (self.eddy,)
-
     def response(self, omega: Array, values: Array) -> Array:
         return np.asarray(1 / (1 + np.sqrt(1j * omega * values[0])))
 
@@ -131,7 +121,7 @@ class EddyCurrents(Dynamics):
 
 @frozen(kw_only=True)
 class Measured(ByContent, Dynamics):
-    """A measured response, linear between its points in amplitude and phase."""
+    """A measured response, taken as exact, linear between its points in amplitude and phase."""
 
     frequency: Array  # (point,): hz, increasing
     measured: Array  # (point,)
@@ -154,11 +144,6 @@ class Measured(ByContent, Dynamics):
             )
         object.__setattr__(self, "frequency", read_only(frequency.astype(float)))
         object.__setattr__(self, "measured", read_only(measured.astype(np.complex128)))
-
-    @property
-    def constants(self) -> tuple[Constant, ...]:
-        """None: the table is taken as exact."""
-        return ()
 
     @property
     def band(self) -> tuple[float, float]:

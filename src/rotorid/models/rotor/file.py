@@ -55,9 +55,9 @@ class DiscEntry(Schema):
     """A rigid disc."""
 
     at: Metres
-    mass: Text
-    I_t: Text = "0 kg m^2"
-    I_p: Text = "0 kg m^2"
+    mass: Annotated[Text, "kg"]
+    I_t: Annotated[Text, "kg m^2"] = "0 kg m^2"
+    I_p: Annotated[Text, "kg m^2"] = "0 kg m^2"
 
 
 class PlaceEntry(Schema):
@@ -86,22 +86,16 @@ class UnbalanceEntry(Schema):
     """An unbalance, in the rotor's frame."""
 
     at: Metres
-    x: Text = "0 kg m"
-    y: Text = "0 kg m"
+    x: Annotated[Text, "kg m"] = "0 kg m"
+    y: Annotated[Text, "kg m"] = "0 kg m"
 
 
 class ShaftDampingEntry(Schema):
     """Damping of the shaft."""
 
-    internal: Text = "0 s"
-    external: Text = "0 1/s"
-    structural: Text = 0.0
-
-
-# Units of the quantities of a table, as its entry has them.
-DISC_UNITS = {"mass": "kg", "I_t": "kg m^2", "I_p": "kg m^2"}
-PLANE_UNITS = {"x": "kg m", "y": "kg m"}
-DAMPING_UNITS = {"internal": "s", "external": "1/s", "structural": "1"}
+    internal: Annotated[Text, "s"] = "0 s"
+    external: Annotated[Text, "1/s"] = "0 1/s"
+    structural: Annotated[Text, "1"] = 0.0
 
 
 class RotorFile(Schema):
@@ -143,11 +137,13 @@ class _Reader:
             )
         return found
 
-    def constants(self, entry: Schema, place: str, units: Mapping[str, str]) -> dict[str, Quantity]:
-        """Return the quantities of a table, by the unit of each."""
+    def constants(self, entry: Schema, place: str) -> dict[str, Quantity]:
+        """Return the quantities of a table: the fields that name a unit."""
         return {
             name: self.constant(getattr(entry, name), unit, f"{place}.{name}")
-            for name, unit in units.items()
+            for name, about in type(entry).model_fields.items()
+            for unit in about.metadata
+            if isinstance(unit, str)
         }
 
     def at_nominal(self, quantity: Quantity, place: str) -> float:
@@ -175,19 +171,14 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
     """Return the rotor of a file; `units` and `nominal` are those of its parameters, in SI."""
     reader = _Reader(units, nominal)
     sections = tuple(_section(k, entry, reader) for k in range(len(entry.sections)))
-    discs = {
-        name: Disc(disc.at, **reader.constants(disc, f"discs.{name}", DISC_UNITS))
-        for name, disc in entry.discs.items()
-    }
-    damping = reader.constants(entry.damping, "damping", DAMPING_UNITS)
+    discs = {name: reader.constants(disc, f"discs.{name}") for name, disc in entry.discs.items()}
+    damping = reader.constants(entry.damping, "damping")
     rotor = Rotor(
         sections,
-        discs,
+        {name: Disc(entry.discs[name].at, **disc) for name, disc in discs.items()},
         {name: _support(name, support, reader) for name, support in entry.supports.items()},
         {
-            name: DrawnUnbalance(
-                plane.at, **reader.constants(plane, f"unbalance.{name}", PLANE_UNITS)
-            )
+            name: DrawnUnbalance(plane.at, **reader.constants(plane, f"unbalance.{name}"))
             for name, plane in entry.unbalance.items()
         },
         {name: place.at for name, place in entry.actuators.items()},
@@ -196,7 +187,9 @@ def read_rotor(entry: RotorFile, units: Mapping[str, str], nominal: Mapping[str,
     )
     _check_places(rotor, entry)
     _check_channels(rotor)
-    _check_numbers(rotor)
+    for name, disc in discs.items():
+        _check_numbers(disc, f"discs.{name}")
+    _check_numbers(damping, "damping")
     return divided(rotor, [section.elements for section in entry.sections], MAX_ELEMENTS)
 
 
@@ -338,13 +331,9 @@ def _check_channels(rotor: Rotor) -> None:
                 )
 
 
-def _check_numbers(rotor: Rotor) -> None:
-    """Refuse discs and damping that are numbers below zero."""
-    tables = [(f"discs.{name}", disc, DISC_UNITS) for name, disc in rotor.discs.items()]
-    for place, table, units in (*tables, ("damping", rotor, DAMPING_UNITS)):
-        for what in units:
-            number = getattr(table, what).number
-            if number is not None and number < 0:
-                raise ModelError(
-                    f"{number:g}", "0 or more", "drop the sign", place=f"{place}.{what}"
-                )
+def _check_numbers(quantities: Mapping[str, Quantity], place: str) -> None:
+    for what, quantity in quantities.items():
+        if quantity.number is not None and quantity.number < 0:
+            raise ModelError(
+                f"{quantity.number:g}", "0 or more", "drop the sign", place=f"{place}.{what}"
+            )
