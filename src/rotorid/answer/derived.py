@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rotorid.answer.parts import Value
+from rotorid.core.linalg import column_lengths
 from rotorid.core.values import Booleans, Floats
 from rotorid.models import Model
 
@@ -70,7 +71,9 @@ def _gauss_newton(
     with np.errstate(over="ignore", invalid="ignore"):
         value = residual(x)
         for _ in range(100):
-            slope, length = _normalized(jacobian(x))
+            slope = jacobian(x)
+            length = column_lengths(slope)
+            slope = slope / length
             if not np.isfinite(slope).all():
                 break
             step = np.linalg.lstsq(slope, -value, rcond=RANK_TOLERANCE)[0] / length
@@ -138,15 +141,9 @@ def _root(model: Model, gathered: Floats, value: float, values: Floats, index: i
 
 def _spread(jacobian: Floats) -> tuple[Booleans, Floats]:
     """Return which parameters a whitened Jacobian determines, and S with covariance SS'."""
-    slope, length = _normalized(jacobian)
-    _, singular, directions = np.linalg.svd(slope)
+    length = column_lengths(jacobian)
+    _, singular, directions = np.linalg.svd(jacobian / length)
     rank = int((singular > RANK_TOLERANCE * singular.max(initial=1e-300)).sum())
     determined = (np.abs(directions[rank:]) < 1e-6).all(axis=0)
     spread = directions[:rank].T / singular[:rank] / length[:, None]
     return determined, np.asarray(spread)
-
-
-def _normalized(jacobian: Floats) -> tuple[Floats, Floats]:
-    length = np.sqrt((jacobian**2).sum(axis=0))
-    length = np.where(length > 0, length, 1.0)
-    return jacobian / length, length

@@ -32,12 +32,8 @@ def page(estimate: Answer, *, intervals: bool = False) -> Page:
     return [head, *tables(estimate, intervals=intervals), *sentences(estimate)]
 
 
-def value_tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:
-    return [
-        _table(title, values, intervals=intervals)
-        for title, values in (*_own(estimate), *derived(estimate))
-        if values
-    ]
+def value_tables(estimate: Answer) -> list[Table]:
+    return [_table(*part) for part in (*_own(estimate), *derived(estimate)) if part[1]]
 
 
 def tables(estimate: Answer, *, intervals: bool = False) -> list[Table]:

@@ -1,4 +1,4 @@
-"""Rank and null space, with every tolerance and its reason in one place."""
+"""Rank, null space and scale of columns, with every tolerance and its reason in one place."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ def sensor_rank(reads: Floats) -> int:
         return 0
     values = np.linalg.svd(reads, compute_uv=False)
     return int((values > SENSORS * values[0]).sum())
+
+
+def column_lengths(matrix: Floats) -> Floats:
+    """Return the length of each column to divide it by: 1 of a column that is zero."""
+    length = np.sqrt((matrix**2).sum(axis=0))
+    return np.where(length > 0, length, 1.0)
 
 
 def whole_svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:

@@ -339,7 +339,7 @@ def assemble(
     ordered = replace(lines.covariance, matrices=lines.covariance.matrices[:, order][:, :, order])
     stiffness, terms = Stiffness.of(layout, lines), other_terms(layout, observation)
     monomials, where = monomial_table(layout, stiffness, terms)
-    phase = _turn(layout)
+    phase = next((int(at[0]) for _, at in layout.acting(Turns)), None)
     entries = _entries(layout, stiffness, terms, where, lines.omega)
     rows, width = len(layout.model.texts) + len(observation.indirect), data.shape[1] - len(reads)
     scales = _scales(layout, entries, monomials, rows, reads, data, ordered)
@@ -460,7 +460,3 @@ def _scales(
     if driven.any():
         scales = replace(scales, rows=scales.rows * np.sqrt((ratio[driven] ** 2).mean()))
     return scales
-
-
-def _turn(layout: Layout) -> int | None:
-    return next((int(at[0]) for _, at in layout.acting(Turns)), None)

@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import leave_out, whole_svd
+from rotorid.core.linalg import column_lengths, leave_out, whole_svd
 from rotorid.core.values import Booleans, Floats, Integers
 
 RANK = 1e-10
@@ -153,8 +153,7 @@ class Linearized:
 
     def score(self, columns: Floats) -> tuple[float, Floats]:
         """Return the drop of the cost with further columns, and the change of their unknowns."""
-        size = np.sqrt((columns**2).sum(axis=0))
-        unit = np.where(size > 0, size, 1.0)
+        unit = column_lengths(columns)
         basis, values, right = np.linalg.svd(self.rest(columns / unit), full_matrices=False)
         kept = values > DISTINCT
         along = basis[:, kept].T @ self.residual

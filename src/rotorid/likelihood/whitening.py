@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import column_lengths
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.signals.covariance import FLOOR, LineCovariance
 
@@ -185,8 +186,7 @@ class Ends:
 
     @classmethod
     def of(cls, columns: Floats) -> Ends:
-        size = np.sqrt((columns**2).sum(axis=0))
-        scale = 1 / np.where(size > 0, size, 1.0)
+        scale = 1 / column_lengths(columns)
         orthogonal, triangle = np.linalg.qr(columns * scale)
         left, values, right = np.linalg.svd(triangle)
         kept = values > RANK * values.max(initial=0.0)

@@ -15,6 +15,7 @@ from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
+from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
@@ -375,10 +376,9 @@ def information(model: Model, data: Data) -> Information:
     driven = list(np.flatnonzero((model.input_matrix != 0).any(axis=1)))
     variance = force_variance(regression)[:, driven] / record.periods
     weighted, _ = Block(design[:, driven], target[:, driven], variance, record).whitened()
-    length = np.sqrt((plain**2).sum(axis=0))
     return Information(
         names=model.base.names,
         matrix=weighted.T @ weighted,
         condition_number=float(np.linalg.cond(plain)),
-        scaled_condition_number=float(np.linalg.cond(plain / np.where(length > 0, length, 1.0))),
+        scaled_condition_number=float(np.linalg.cond(plain / column_lengths(plain))),
     )

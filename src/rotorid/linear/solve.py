@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.frozen import frozen
-from rotorid.core.linalg import leave_out
+from rotorid.core.linalg import column_lengths, leave_out
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
 from rotorid.data.record import PeriodicRecord
 from rotorid.signals.covariance import FLOOR, choose_covariance
@@ -107,8 +107,7 @@ def solve(blocks: Sequence[Block]) -> LeastSquaresSolution:
     whitened = [block.whitened() for block in blocks]
     matrix = np.concatenate([m for m, _ in whitened])
     right = np.concatenate([r for _, r in whitened])
-    length = np.sqrt((matrix**2).sum(axis=0))
-    scale = np.where(length > 0, length, 1.0)
+    scale = column_lengths(matrix)
     orthogonal, triangle = np.linalg.qr(matrix / scale)
     left, singular, directions = np.linalg.svd(triangle)
     rank = int((singular > RANK_TOLERANCE * max(singular.max(initial=0.0), 1e-300)).sum())
