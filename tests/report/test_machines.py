@@ -86,7 +86,7 @@ def test_a_shape_is_its_forward_and_its_backward_part(model: rid.Model) -> None:
 def test_shapes_of_a_drawing_stand_along_the_rotor() -> None:
     model = rid.load_model("flexible")
     part = machine_part(model, 0.0)
-    (picture,) = (p for p in part.pictures if p.title == "Mode shapes")
+    (picture,) = (p for p in part.sections if p.title == "Mode shapes")
     found = modes(model)
     pairs, _ = machines._places(model)
     (first, *_) = shapes(found, pairs, [], machines._positions(model, pairs))
@@ -177,12 +177,12 @@ def test_the_page_of_modes(estimate: rid.Estimate) -> None:
 def test_what_a_report_shows_of_a_machine(estimate: rid.Estimate) -> None:
     assert (BEYOND, SPEEDS) == (1.5, 121)
     turning, still = machine_part(estimate, SPEED), machine_part(estimate, 0.0)
-    assert [picture.title for picture in turning.pictures] == [
+    assert [one.title for one in turning.sections if one.panels] == [
         "Campbell diagram",
         "Mode shapes",
         "Unbalance response",
     ]
-    assert [picture.title for picture in still.pictures] == ["Mode shapes"]
+    assert [one.title for one in still.sections if one.panels] == ["Mode shapes"]
     assert still.title == "Modes at standstill"
     lost = estimate.with_(status="not_converged")
     (said,) = machine_part(lost, SPEED).said

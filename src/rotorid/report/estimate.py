@@ -18,7 +18,7 @@ from rotorid.core.values import Floats
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.html import Picture, pictures, render
+from rotorid.report.html import Section, filled, render
 from rotorid.report.machines import Part, machine_part
 from rotorid.results.machine import own_model
 
@@ -338,6 +338,15 @@ TITLES = {
     "check": "What the records showed, and what was taken as exact",
     "natural frequencies": "Natural frequencies that were measured",
 }
+PREDICTED = (
+    "The difference between predicted and measured over what was measured, and what the noise of "
+    "the records alone makes of it: from the channel itself and from those that it is predicted "
+    "from. A ratio near 1 is as good as the noise allows."
+)
+EXACT = (
+    "No misfit shows these: what is not known as well as it was taken shifts the values by as many "
+    "of their standard deviations."
+)
 WITHOUT = (
     "This result holds no evidence of its records, so nothing of them is drawn: it was written by "
     "an older version, or in Python without with_evidence. Identify again to have it."
@@ -352,6 +361,9 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
     page = estimate.summary(intervals=True)
     tables = {one.headings[0]: one for one in page if isinstance(one, Table)}
     others = [one for head, one in tables.items() if head not in shown]
+    graver = [check for check in estimate.checks if check.severity in ("warns", "refuses")]
+    warned = [f"{check.verdict}, {on_data(check)}" for check in graver]
+    exact = tuple(on_data(check) for check in estimate.checks if check.severity == "says")
     return render(
         "estimate.html",
         estimate=estimate,
@@ -365,21 +377,24 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         known=any_known(estimate),
         relations=relations(estimate),
         fixed=fixed(estimate),
-        early=[_titled(one) for one in others if one.headings[0] in EARLY],
-        tables=[_titled(one) for one in others if one.headings[0] not in EARLY],
+        early=filled(
+            [
+                *(_titled(one) for one in others if one.headings[0] in EARLY),
+                Section("How well the channels are predicted", PREDICTED, channels_table(records)),
+                Section("What was taken as exact, and what it may do", EXACT, items=exact),
+                *_drawn(model),
+                *record_pictures(records),
+                *_own_pictures(estimate, records),
+            ]
+        ),
+        late=filled(
+            [
+                *(_titled(one) for one in others if one.headings[0] not in EARLY),
+                Section("The fit in figures", items=(*on_fit(estimate), *warned)),
+                Section("Records", table=records_table(records)),
+            ]
+        ),
         remarks=told,
-        notes=[
-            *on_fit(estimate),
-            *(
-                f"{c.verdict}, {on_data(c)}"
-                for c in estimate.checks
-                if c.severity in ("warns", "refuses")
-            ),
-        ],
-        exact=[on_data(check) for check in estimate.checks if check.severity == "says"],
-        channels=channels_table(records),
-        records=records_table(records),
-        pictures=[*_drawn(model), *record_pictures(records), *_own_pictures(estimate, records)],
     )
 
 
@@ -393,9 +408,9 @@ def _machine(
     return machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
-def _titled(one: Table) -> tuple[str, Table]:
+def _titled(one: Table) -> Section:
     head = one.headings[0]
-    return TITLES.get(head, head[:1].upper() + head[1:]), one
+    return Section(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
 
 
 def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
@@ -406,17 +421,14 @@ def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
         return None, [f"{error.found}: the equations of motion are not shown; {error.cure}."]
 
 
-def _drawn(model: Model | None) -> Iterator[Picture]:
+def _drawn(model: Model | None) -> Iterator[Section]:
     """Draw the rotor, where the model comes from a drawing."""
     if isinstance(model, RotorModel):
-        yield Picture(
-            "The rotor",
-            "The rotor as it is drawn, and what stands on it.",
-            (drawn.drawing(model.rotor),),
-        )
+        told = "The rotor as it is drawn, and what stands on it."
+        yield Section("The rotor", told, panels=(drawn.drawing(model.rotor),))
 
 
-def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Picture]:
+def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Section]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
@@ -429,19 +441,19 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
             turning=turning,
         )
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
-        yield Picture(
+        yield Section(
             f"Misfit, {where} by {where}",
             f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
             f"Those that stand out together say at which {where} the model lacks something.",
-            (panel,),
+            panels=(panel,),
         )
     names = [value.name for value in estimate.free]
     if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
-        yield Picture(
+        yield Section(
             "Correlation of the parameters",
             f"{_strongest(names, estimate.correlation)} Near +1 or \N{MINUS SIGN}1 two "
             "parameters are known as a combination better than one by one.",
-            (drawn.correlation(names, estimate.correlation),),
+            panels=(drawn.correlation(names, estimate.correlation),),
         )
 
 
@@ -455,7 +467,7 @@ def _strongest(names: Sequence[str], matrix: Floats) -> str:
 
 def record_pictures(
     records: Sequence[RecordEvidence], *, another: bool = False
-) -> Iterator[Picture]:
+) -> Iterator[Section]:
     """Draw records as they were measured and as they are predicted.
 
     Of `another` record than the estimate was made of, the deviations of its values count too.
@@ -464,30 +476,28 @@ def record_pictures(
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
         each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
-        yield from pictures(
-            (
-                f"Measured and predicted over time{where}",
-                f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
-                drawn.waves(record),
-            ),
-            (
-                f"What is left over time{where}",
-                f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
-                f"{noise} of it.",
-                drawn.differences(record),
-            ),
-            (
-                f"Measured and predicted, {each}{where}",
-                f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
-                f"{noise}. A channel that is not predicted is shown with its own noise.",
-                drawn.lines(record),
-            ),
-            (
-                f"What is left, {each}{where}",
-                f"Predicted less measured of each channel over what {noise} of it. Evenly near "
-                "1 is noise; a line or a channel that stands out is none.",
-                drawn.residual(record),
-            ),
+        yield Section(
+            f"Measured and predicted over time{where}",
+            f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
+            panels=tuple(drawn.waves(record)),
+        )
+        yield Section(
+            f"What is left over time{where}",
+            f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
+            f"{noise} of it.",
+            panels=tuple(drawn.differences(record)),
+        )
+        yield Section(
+            f"Measured and predicted, {each}{where}",
+            f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
+            f"{noise}. A channel that is not predicted is shown with its own noise.",
+            panels=tuple(drawn.lines(record)),
+        )
+        yield Section(
+            f"What is left, {each}{where}",
+            f"Predicted less measured of each channel over what {noise} of it. Evenly near "
+            "1 is noise; a line or a channel that stands out is none.",
+            panels=tuple(drawn.residual(record)),
         )
 
 

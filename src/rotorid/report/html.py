@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -16,17 +16,22 @@ from markupsafe import Markup
 from rotorid.core.errors import printable
 from rotorid.core.files import MARK
 from rotorid.core.frozen import frozen
+from rotorid.core.tables import Table
+from rotorid.models import Model
 from rotorid.report.interactive import spec
 from rotorid.report.panels import Curve, Panel, key_of, thinned
 
 
 @frozen
-class Picture:
-    """Panels side by side, with what they show in words."""
+class Section:
+    """A part of a page: a title, what it shows in words, and a table, a list, or panels."""
 
     title: str
-    caption: str
-    panels: tuple[Panel, ...]
+    caption: str = ""
+    table: Table | None = None
+    items: tuple[str, ...] = ()
+    panels: tuple[Panel, ...] = ()
+    after: str = ""  # said behind the rest
 
     @property
     def key(self) -> list[Curve]:
@@ -127,8 +132,35 @@ def _digest(script: str) -> str:
     return b64encode(sha256(script.encode("utf-8")).digest()).decode("ascii")
 
 
-def pictures(*groups: tuple[str, str, Sequence[Panel]]) -> Iterator[Picture]:
-    """Yield the pictures that have panels: title, caption and panels of each."""
-    for title, caption, panels in groups:
-        if panels:
-            yield Picture(title, caption, tuple(panels))
+def answer(
+    title: str,
+    verdict: str,
+    mood: str,
+    sections: Iterable[Section],
+    *,
+    heading: str = "",
+    lead: str = "",
+    urge: str = "",
+    steps: Sequence[str] = (),
+    model: Model | None = None,
+    done: Sequence[str] = (),
+) -> str:
+    """Return the page of a verdict, coloured by its mood, and the sections that hold anything."""
+    return render(
+        "answer.html",
+        title=title,
+        heading=heading or title,
+        lead=lead,
+        verdict=verdict,
+        mood=mood,
+        urge=urge,
+        steps=steps,
+        sections=filled(sections),
+        model=model,
+        done=done,
+    )
+
+
+def filled(sections: Iterable[Section]) -> list[Section]:
+    """Return the sections that hold anything."""
+    return [one for one in sections if one.table or one.items or one.panels]

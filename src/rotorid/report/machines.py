@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from rotorid.answer.estimate import Estimate
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
-from rotorid.core.tables import Table
 from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.html import Picture, pictures, render
+from rotorid.report.html import Section, answer, filled, render
 from rotorid.report.machine_tables import (
     balance_sentence,
     centring_table,
@@ -47,12 +46,11 @@ RPM = 30 / np.pi
 
 @frozen
 class Part:
-    """What a page shows of a machine: a verdict, sentences, tables with their titles, pictures."""
+    """What a page shows of a machine: a verdict, sentences, tables and pictures."""
 
     title: str
     said: tuple[str, ...]
-    tables: tuple[tuple[str, Table], ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    sections: Sequence[Section] = ()
     verdict: str = ""
 
 
@@ -84,39 +82,39 @@ def part_of(
         else "Of the machine as its equations have it.",
         *summary(found),
     ]
-    tables = [("Natural frequencies", mode_table(found))] if ringing(found).modes else []
-    if diagram is not None and diagram.critical:
-        tables.append(("Critical speeds", critical_table(diagram)))
-    drawn_of = tuple(_pictures(model, found, diagram, response))
-    return Part(title, tuple(said), tuple(tables), drawn_of, modes_sentence(found, diagram))
+    critical = critical_table(diagram) if diagram is not None and diagram.critical else None
+    sections = [
+        Section("Natural frequencies", table=mode_table(found) if ringing(found).modes else None),
+        Section("Critical speeds", table=critical),
+        *_pictures(model, found, diagram, response),
+    ]
+    return Part(title, tuple(said), filled(sections), modes_sentence(found, diagram))
 
 
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
-) -> Sequence[Picture]:
+) -> Iterator[Section]:
     pairs, alone = _places(model)
-    return list(
-        pictures(
-            (
-                "Campbell diagram",
-                "Natural frequencies over the speed, up to three times the rotation; a critical "
-                "speed is where one meets the rotation. Bars and bands hold 95 %.",
-                [] if diagram is None else [drawn.campbell(ringing_curves(diagram))],
-            ),
-            (
-                "Mode shapes",
-                "Each place at the moment when the largest is at its largest, as the sum of a "
-                "circle run through with the rotation and one against it.",
-                drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs)),
-            ),
-            (
-                "Unbalance response",
-                "Amplitude that the unbalance makes, without forces at the inputs; the band "
-                "holds 95 %.",
-                [] if response is None else drawn.response(response, model.units),
-            ),
+    if diagram is not None:
+        yield Section(
+            "Campbell diagram",
+            "Natural frequencies over the speed, up to three times the rotation; a critical "
+            "speed is where one meets the rotation. Bars and bands hold 95 %.",
+            panels=(drawn.campbell(ringing_curves(diagram)),),
         )
+    yield Section(
+        "Mode shapes",
+        "Each place at the moment when the largest is at its largest, as the sum of a "
+        "circle run through with the rotation and one against it.",
+        panels=tuple(drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs))),
     )
+    if response is not None:
+        yield Section(
+            "Unbalance response",
+            "Amplitude that the unbalance makes, without forces at the inputs; the band "
+            "holds 95 %.",
+            panels=tuple(drawn.response(response, model.units)),
+        )
 
 
 def _places(model: Model) -> tuple[list[tuple[int, int]], list[int]]:
@@ -168,46 +166,49 @@ def balance_report(
     model: Model,
     done: Sequence[str] = (),
 ) -> str:
-    tables: list[tuple[str, str, Table]] = [
-        (
+    masses = any(each.masses for each in found.corrections)
+    said = said_of(found)
+    warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
+    speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
+    sections = [
+        Section(
             "What to add",
             "Angles count in the rotor, from x to y, from what stands along x where the rotor "
             "angle is 0: at its mark. Taking away is adding on the other side.",
             correction_table(found),
-        )
-    ]
-    if any(each.masses for each in found.corrections):
-        told = "The masses that come nearest to it, all planes together."
-        tables.append(("Masses to mount", told, mass_table(found)))
-    told = "The true unbalance is not the identified one: with 95 % less than this is left."
-    tables.append(("What is left", told, residual_table(found)))
-    if centred:
-        told = (
+        ),
+        Section(
+            "Masses to mount",
+            "The masses that come nearest to it, all planes together.",
+            mass_table(found) if masses else None,
+        ),
+        Section(
+            "What is left",
+            "The true unbalance is not the identified one: with 95 % less than this is left.",
+            residual_table(found),
+        ),
+        Section(
+            "Inertial centring",
             "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
-            "these currents, a cos(phi + angle), are fed forward."
-        )
-        table = centring_table(centred, found.speeds[0])
-        tables.append(("Inertial centring", told, table))
-    said = said_of(found)
-    warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
-    speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
-    picture = (
-        "The planes, seen along the shaft",
-        "What is to be added in each plane, as a vector. The right correction lies within the "
-        "circle about its end with 95 %: no wider than its dot where the unbalance is well known. "
-        "Masses stand on the rim at their angles.",
-        drawn.corrections(found),
-    )
-    return render(
-        "answer.html",
-        title=f"Balance at {speeds} rpm",
+            "these currents, a cos(phi + angle), are fed forward.",
+            centring_table(centred, found.speeds[0]) if centred else None,
+        ),
+        Section(
+            "The planes, seen along the shaft",
+            "What is to be added in each plane, as a vector. The right correction lies within the "
+            "circle about its end with 95 %: no wider than its dot where the unbalance is well "
+            "known. Masses stand on the rim at their angles.",
+            panels=tuple(drawn.corrections(found)),
+        ),
+        Section("Besides", items=tuple(each for each in said if not each.startswith("warning: "))),
+    ]
+    return answer(
+        f"Balance at {speeds} rpm",
+        balance_sentence(found),
+        "rejected" if found.share > POOR or found.status != "ok" else "ok",
+        sections,
         lead=f"Of the rotor {model.title or model.name}",
-        verdict=balance_sentence(found),
-        mood="rejected" if found.share > POOR or found.status != "ok" else "ok",
         steps=warned,
-        tables=tables,
-        pictures=list(pictures(picture)),
-        notes=[each for each in said if not each.startswith("warning: ")],
         model=model,
         done=done,
     )
@@ -217,28 +218,20 @@ def sensitivity_report(
     found: Sequence[AxisSensitivity], name: str, done: Sequence[str] = ()
 ) -> str:
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
-    table = (
-        "Axis by axis",
-        f"The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: {limits}, "
-        "D above. Where the 95 % interval lies across a limit the zone is undecided: measure "
-        "longer, or excite more.",
-        sensitivity_table(found),
-    )
-    picture = (
-        "Sensitivity over the frequency",
-        "S = E / R of each loop as it was measured, and the limits of the zones.",
-        drawn.loops(found, LIMITS),
-    )
-    return render(
-        "answer.html",
-        title=f"{name}: sensitivity of the loops",
-        lead="After ISO 14839-3",
-        verdict=sensitivity_sentence(found),
-        mood=MOODS.get(worst_of(found), "rejected"),
-        steps=(),
-        tables=[table],
-        pictures=list(pictures(picture)),
-        notes=(),
-        model=None,
-        done=done,
-    )
+    sections = [
+        Section(
+            "Axis by axis",
+            "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
+            f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
+            "undecided: measure longer, or excite more.",
+            sensitivity_table(found),
+        ),
+        Section(
+            "Sensitivity over the frequency",
+            "S = E / R of each loop as it was measured, and the limits of the zones.",
+            panels=tuple(drawn.loops(found, LIMITS)),
+        ),
+    ]
+    title, mood = f"{name}: sensitivity of the loops", MOODS.get(worst_of(found), "rejected")
+    lead = "After ISO 14839-3"
+    return answer(title, sensitivity_sentence(found), mood, sections, lead=lead, done=done)

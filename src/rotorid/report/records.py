@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.parts import RecordEvidence
@@ -13,14 +13,11 @@ from rotorid.answer.validation import ChannelError, verdict_of
 from rotorid.core.tables import Page, by_hand, table
 from rotorid.data.line_inspection import LineInspection
 from rotorid.models import Model
+from rotorid.report import drawn
 from rotorid.report.estimate import METHODS, record_pictures, records_table
-from rotorid.report.html import render
+from rotorid.report.html import Section, answer, render
 from rotorid.report.record_tables import validation_table
 from rotorid.signals.inspection import ChannelFacts, Inspection
-
-if TYPE_CHECKING:
-    from rotorid.report.html import Picture
-
 
 _LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "least coherence", "crest")
 _HEADINGS = (*_LEVELS, "odd %", "even %", "1x", "2x", "3x")
@@ -128,67 +125,68 @@ def inspection_report(
     name: str, found: Sequence[Inspection | LineInspection], told: str, done: Sequence[str] = ()
 ) -> str:
     """Return the page: one part for each record."""
-    from rotorid.report.html import render
-
     parts = []
     for number, one in enumerate(found):
         title = f", record {number + 1}" if len(found) > 1 else ""
-        drawn = _pictures(one, title) if isinstance(one, Inspection) else _lines(one, title)
-        parts.append((inspection_page(one), one, drawn))
+        shown = _pictures(one, title) if isinstance(one, Inspection) else _lines(one, title)
+        parts.append((inspection_page(one), one, shown))
     return render("inspection.html", name=name, told=told, records=parts, done=done)
 
 
-def _lines(one: LineInspection, title: str) -> list[Picture]:
-    from rotorid.report.drawn import rows
-    from rotorid.report.html import Picture
-
+def _lines(one: LineInspection, title: str) -> list[Section]:
     told = "Amplitude of each row, channel by channel, with the noise where something tells it."
-    return [Picture(f"Rows of the table{title}", told, tuple(rows(one.lines, turning=one.turning)))]
+    panels = tuple(drawn.rows(one.lines, turning=one.turning))
+    return [Section(f"Rows of the table{title}", told, panels=panels)]
 
 
-def _pictures(one: Inspection, title: str) -> list[Picture]:
-    from rotorid.report import drawn
-    from rotorid.report.html import Picture
-
+def _pictures(one: Inspection, title: str) -> list[Section]:
     periods = one.periods
     size = 1 if periods is None else periods.samples
     pictures = [
-        Picture(
+        Section(
             f"Samples{title}",
             "The whole record, where it is long as a band from its lowest to its highest sample; a "
             "flat edge is a limit, a spike a knock, a slope a drift.",
-            tuple(drawn.samples(one.record, size)),
+            panels=tuple(drawn.samples(one.record, size)),
         )
     ]
     if periods is None:
         return pictures
     pictures += [
-        Picture(
+        Section(
             f"Spectrum of the mean period{title}",
             "Multiples of the fundamental: those that are used, and the others, odd and even, with "
             "the noise of the mean. What stands above the noise and is not used is distortion, "
             "rotation, or excitation left out.",
-            tuple(drawn.spectra(periods)),
+            panels=tuple(drawn.spectra(periods)),
         ),
-        Picture(
+        Section(
             f"From period to period{title}",
             "Deviation of each period from the mean of all, over its scatter. It falls at "
             "the start while the machine settles, stands out where something knocked, and "
             "bends like a bow where it drifts.",
-            (drawn.each_period(periods),),
+            panels=(drawn.each_period(periods),),
         ),
     ]
     if one.noise_correlation is not None:
         names = [facts.name for facts in one.channels]
         pictures.append(
-            Picture(
+            Section(
                 f"Noise that goes together{title}",
                 "Correlation between the noises of two channels on the lines that are used. In "
                 "closed loop the controller feeds the noise of sensors into the forces.",
-                (drawn.noise_correlation(names, one.noise_correlation),),
+                panels=(drawn.noise_correlation(names, one.noise_correlation),),
             )
         )
     return pictures
+
+
+BY = Markup('By a result of <code>{}</code>, {} <span class="status {}">{}</span>')
+CHANCE = (
+    "How far the prediction is off, and how much of that the noise of this record and the "
+    "deviations of the result's values make; the chance that the two together make an error at "
+    "least as large. Below one in a million it fails."
+)
 
 
 def validation_report(
@@ -199,16 +197,21 @@ def validation_report(
     notes: Sequence[str] = (),
 ) -> str:
     reached = verdict_of(found)
-    return render(
-        "validation.html",
-        estimate=estimate,
-        model=model,
-        verdict=reached.verdict,
-        method=METHODS.get(estimate.method, estimate.method),
-        said=reached.sentence[:1].upper() + reached.sentence[1:],
+    mood = "ok" if reached.verdict == "predicts" else "not_converged"
+    method = METHODS.get(estimate.method, estimate.method)
+    return answer(
+        f"{estimate.model}, {estimate.method}: {reached.verdict}",
+        f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
+        mood,
+        [
+            Section("Channel by channel", CHANCE, validation_table(found)),
+            *record_pictures(records, another=True),
+            Section("Records", table=records_table(records)),
+        ],
+        heading="Another record, predicted",
+        lead=BY.format(estimate.model, method, mood, reached.verdict),
+        urge="What to do next:",
         steps=reached.cures,
-        channels=validation_table(found),
-        records=records_table(records),
-        pictures=list(record_pictures(records, another=True)),
-        notes=notes,
+        model=model,
+        done=notes,
     )
