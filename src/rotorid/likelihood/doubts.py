@@ -42,9 +42,9 @@ from rotorid.likelihood.fit import Fit
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_channels import speed_term
 from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
-from rotorid.likelihood.rivals_terms import Candidate, parts_between
+from rotorid.likelihood.rivals_terms import parts_between
 from rotorid.likelihood.summary import physical_at
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, every_unknown
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Missing, Plausible, Unknown, every_unknown
 from rotorid.models import Model
 
 
@@ -75,7 +75,7 @@ class Asked:
         return [(plausible, unknowns) for plausible, unknowns in kinds if plausible]
 
     @cached_property
-    def parts(self) -> list[Candidate]:
+    def parts(self) -> list[Missing]:
         """Masses between two places of the shaft, which the model may lack."""
         model, structure = self.case.model, self.case.structure
         if structure is None or not self.fit.records:
@@ -86,8 +86,7 @@ class Asked:
     def slopes(self) -> Slopes:
         """The derivative of the residual by all of these, evaluated once."""
         exact = (unknown for _, unknowns in self.exact for unknown in unknowns)
-        parts = (part.unknown for part in self.parts)
-        return Slopes.of(self.case, [*self.scales, *exact, *parts])
+        return Slopes.of(self.case, [*self.scales, *exact, *self.parts])
 
     def by(self, *unknowns: Unknown) -> Floats:
         return self.slopes.by(*(s.name for unknown in unknowns for s in unknown.scalars))
@@ -272,7 +271,7 @@ def part_left_out(asked: Asked) -> Iterator[Note]:
     if structure is None or not parts:
         return
     size = PART * structure.mass([model.units[name] for name in model.coordinates])
-    moved = [(*moved_unseen(asked.fit, size * asked.by(part.unknown)), part.name) for part in parts]
+    moved = [(*moved_unseen(asked.fit, size * asked.by(part)), part.name) for part in parts]
     worst, deviations, name = max(moved, key=lambda each: each[1], default=("", 0.0, ""))
     if not deviations > FAR:
         return

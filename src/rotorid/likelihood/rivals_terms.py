@@ -14,7 +14,6 @@ from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 
-from rotorid.core.frozen import frozen
 from rotorid.core.linalg import coupled
 from rotorid.core.values import Floats
 from rotorid.likelihood.case import Case, Rival, freed, rivals
@@ -43,53 +42,23 @@ K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
 """Matrices by the derivative that they multiply, and by the power of the speed."""
 
 
-@frozen
-class Candidate:
-    """A term that may be missing: its name, and what it adds."""
-
-    name: str
-    unit: str  # of its size
-    matrices: Mapping[tuple[int, int], Floats]  # (row, coordinate)
-    loads: tuple[RowLoad, ...] = ()
-    cure: str = ""  # what to do about it, where that is not to add the term to the model
-    # entries of derivatives that the matrices do not have, with unknowns of their own
-    bends: tuple[Entry, ...] = ()
-
-    @property
-    def rotating(self) -> bool:
-        return bool(self.loads) or any(power for _, power in self.matrices)
-
-    @property
-    def unknown(self) -> Missing:
-        entries = tuple(
-            Entry(int(r), int(c), order, float(matrix[r, c]), power)
-            for (order, power), matrix in sorted(self.matrices.items())
-            for r, c in np.argwhere(matrix)
-        )
-        entries = (*entries, *self.bends)
-        numbers = [load.unknown for load in self.loads] + [entry.unknown for entry in self.bends]
-        count = 1 + max(numbers, default=0)
-        names = [self.name] if count == 1 else [f"{self.name} ({i})" for i in range(count)]
-        unknowns = tuple(Scalar(name, self.unit, 0.0, additive=True) for name in names)
-        found = Missing(unknowns, frozenset(), self.name, entries, self.loads)
-        return replace(found, cure=self.cure) if self.cure else found
-
-
-def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+def find_candidates(
+    structure: Structure, units: Sequence[str], *, still: bool = False
+) -> list[Missing]:
     """Return the terms that may be missing; `units`: of the coordinates.
 
     Damping of each spring and each mass, of all springs together, the same in the rotating frame,
     x/y asymmetry of each; and for each pair of coordinates stiffness and cross-coupling to ground,
-    mass, gyroscopic moment, and a load that turns with the rotor.
+    mass, gyroscopic moment, and a load that turns with the rotor. `still`: no rotor turns.
     """
-    found: list[Candidate] = []
+    found: list[Missing] = []
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
         found.append(_term(structure, f"damping {name}", "s", {D: matrix}))
-        # In the rotating frame: C (q' - Omega J q).
-        turning = {K_SPEED: -matrix @ structure.turn(), D: matrix}
-        found.append(_term(structure, f"rotating damping {name}", "s", turning))
+        if not still:  # in the rotating frame: C (q' - Omega J q)
+            turning = {K_SPEED: -matrix @ structure.turn(), D: matrix}
+            found.append(_term(structure, f"rotating damping {name}", "s", turning))
     for name, matrix in masses:
         found.append(_term(structure, f"damping {name}", "1/s", {D: matrix}))
     for kind, energies in ((K, springs), (M, masses)):
@@ -102,10 +71,11 @@ def find_candidates(structure: Structure, units: Sequence[str]) -> list[Candidat
                 text = f"asymmetry {name}" + (f" at {where}" if len(parts) > 2 else "")
                 found.append(_term(structure, text, "1", {kind: block}))
     bending = [_bending(structure, units)] if structure.pairs and not springs else []
-    return [*found, *bending, *_to_ground(structure, units), *parts_between(structure, units)]
+    ground = _to_ground(structure, units, still)
+    return [*found, *bending, *ground, *parts_between(structure, units)]
 
 
-def _bending(structure: Structure, units: Sequence[str]) -> Candidate:
+def _bending(structure: Structure, units: Sequence[str]) -> Missing:
     """Return what a shaft that bends adds to a rigid rotor, far below its first bending mode.
 
     With a compliance C between forces and readings, y = S q + C F, and F = B^-1 M q" of the rigid
@@ -128,14 +98,14 @@ def _bending(structure: Structure, units: Sequence[str]) -> Candidate:
             for r, c in np.argwhere(matrix)
         ]
     unit = "m/N" if units[structure.pairs[0][0]] == "m" else "rad/(N m)"
-    return Candidate(BENDS, unit, {}, bends=tuple(entries), cure=STIFFEN)
+    return replace(_missing(BENDS, unit, entries), cure=STIFFEN)
 
 
 def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
     return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
 
 
-def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> list[Missing]:
     """Return what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
     found = []
@@ -148,13 +118,15 @@ def _to_ground(structure: Structure, units: Sequence[str]) -> list[Candidate]:
         one[list(group), list(group)] = 1.0
         found.append(_term(structure, f"stiffness to ground {names}", stiff, {K: one}))
         found.append(_term(structure, f"mass at {names}", mass, {M: one}))
-        found.append(_load(structure, f"load at {names}", load, group))
+        if not still:
+            found.append(_load(structure, f"load at {names}", load, group))
         if len(group) == 2:
             cross = np.zeros((n, n))
             cross[group[0], group[1]], cross[group[1], group[0]] = 1.0, -1.0
             name = f"cross-coupling to ground {names}"
             found.append(_term(structure, name, stiff, {K: cross}))
-            found.append(_term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross}))
+            if not still:
+                found.append(_term(structure, f"gyroscopic {names}", mass, {D_SPEED: cross}))
             found.append(_term(structure, f"damping to ground {names}", rate, {D: one}))
     return found
 
@@ -166,12 +138,12 @@ def _units_at(unit: str) -> tuple[str, str, str, str]:
     return "N/m", "kg", "N s/m", "kg m"
 
 
-def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]:
+def parts_between(structure: Structure, units: Sequence[str]) -> list[Missing]:
     """Return a mass halfway between two places of the shaft, each pair of displacements.
 
     None of a drawing, in which the shaft between two places bends.
     """
-    n, found = len(structure.coordinates), list[Candidate]()
+    n, found = len(structure.coordinates), list[Missing]()
     if structure.slopes:
         return found
     unknown = structure.balance.faults.keys()
@@ -188,29 +160,42 @@ def parts_between(structure: Structure, units: Sequence[str]) -> list[Candidate]
     return found
 
 
-def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Candidate:
+def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Missing:
     """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
     squared = (symbol("Omega"), Fraction(2))
     turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
     signals = [product([squared, factor]) for factor in turning]
     rows, scales = structure.balance.rows, structure.balance.scales
-    loads = tuple(
+    loads = [
         RowLoad(int(rows[c]), signal, 2 * k + part, float(scales[c]))
         for k, c in enumerate(group)
         for part, signal in enumerate(signals)
-    )
-    return Candidate(name, unit, {}, loads)
+    ]
+    return _missing(name, unit, loads=loads)
 
 
 def _term(
     structure: Structure, name: str, unit: str, matrices: Mapping[tuple[int, int], Floats]
-) -> Candidate:
-    return Candidate(name, unit, {at: structure.in_rows(m) for at, m in matrices.items()})
+) -> Missing:
+    entries = []
+    for (order, power), matrix in sorted(matrices.items()):
+        rows = structure.in_rows(matrix)
+        found = ((int(r), int(c), float(rows[r, c])) for r, c in np.argwhere(rows))
+        entries += [Entry(r, c, order, size, power) for r, c, size in found]
+    return _missing(name, unit, entries)
 
 
-def drawn_candidates(
-    structure: Structure, model: RotorModel, values: Floats
-) -> Iterator[Candidate]:
+def _missing(
+    name: str, unit: str, entries: Sequence[Entry] = (), loads: Sequence[RowLoad] = ()
+) -> Missing:
+    numbers = [entry.unknown for entry in entries] + [load.unknown for load in loads]
+    count = 1 + max(numbers, default=0)
+    names = [name] if count == 1 else [f"{name} ({i})" for i in range(count)]
+    scalars = tuple(Scalar(each, unit, 0.0, additive=True) for each in names)
+    return Missing(scalars, frozenset(), name, tuple(entries), tuple(loads))
+
+
+def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) -> Iterator[Missing]:
     """Yield what may be otherwise than drawn of the shaft, as a share of what is drawn."""
     known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
@@ -235,7 +220,7 @@ def drawn_candidates(
 
 def _elastic(
     structure: Structure, name: str, pieces: tuple[Piece, ...], known: dict[str, float]
-) -> Candidate:
+) -> Missing:
     """Return the stiffness of some elements, and their damping, as a term."""
     n = len(structure.coordinates)
     matrices = {at: np.zeros((n, n)) for at in (K, K_SPEED, D)}
@@ -273,11 +258,10 @@ def _terms(case: Case) -> Iterator[Rival]:
     if structure is None:
         return
     still = not any(record.lines.speed.any() for record in case.records)
-    for term in find_candidates(structure, [model.units[name] for name in model.coordinates]):
-        if isinstance(model, RotorModel):
-            term = replace(term, cure=INTO_THE_FILE)
-        if not (term.rotating and still):
-            yield freed(term.unknown)
+    units = [model.units[name] for name in model.coordinates]
+    drawn = isinstance(model, RotorModel)
+    for term in find_candidates(structure, units, still=still):
+        yield freed(replace(term, cure=INTO_THE_FILE) if drawn else term)
 
 
 @rivals("drawn")
@@ -287,7 +271,7 @@ def _drawn(case: Case) -> Iterator[Rival]:
     if structure is None or not isinstance(model, RotorModel) or case.values is None:
         return
     for term in drawn_candidates(structure, model, case.values):
-        yield freed(term.unknown)
+        yield freed(term)
     for lever in levers(structure, model):
         yield freed(lever, on=tuple(sorted(lever.on)))
 

@@ -238,8 +238,8 @@ def test_only_a_rotor_without_a_spring_is_suspected_of_bending(name):
     found = [t for t in terms if t.name == BENDS]
     assert len(found) == (name == "rigid")
     for term in found:
-        assert len(term.unknown.scalars) == 3
-        assert {e.order for e in term.unknown.entries} == {4}
+        assert len(term.scalars) == 3
+        assert {e.order for e in term.entries} == {4}
 
 
 def test_structure_of_the_shipped_models():
