@@ -24,7 +24,6 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
-from rotorid.data.record import ForceLaw
 from rotorid.force.at_binding import Passed, displacement
 from rotorid.models.text import Expression
 
@@ -158,23 +157,9 @@ class BoundLaw:
     """A force law of which constants are unknown, with the samples that went through it."""
 
     channel: int
-    law: ForceLaw
+    passed: Passed
     changes: Placed[Rereads]
     samples: Samples
-    # (sample,): what goes through the law, and the force with the constants as they are stated
-    flowing: Floats
-    position: Floats
-    force: Floats
-
-    @classmethod
-    def of(
-        cls, observation: Observation, number: int, law: ForceLaw, changes: Placed[Rereads]
-    ) -> BoundLaw:
-        samples = observation.lines.samples
-        assert samples is not None
-        column = observation.input_columns[number]
-        passed = observation.passed.get(number) or Passed.of(observation.lines, column, law)
-        return cls(number, law, changes, samples, passed.flowing, passed.position, passed.force)
 
     def _moved(self, unknowns: Floats, step: int | None = None) -> Floats | Complexes:
         changes: dict[str, complex] = {}
@@ -182,17 +167,18 @@ class BoundLaw:
             value = unknowns[at] + (STEP * 1j if at == step else 0.0)
             for name, change in effect.changes(value).items():
                 changes[name] = changes.get(name, 0.0) + change
-        return self.law.force(self.flowing, self.position, changes)
+        return self.passed.law.force(self.passed.flowing, self.passed.position, changes)
 
     def _split(self, change: Floats) -> Reread:
         """Return a change of the force as a share of the force itself, and the rest."""
-        about = self.force - self.force.mean()
+        force = self.passed.force
+        about = force - force.mean()
         size = float(about @ about)
         gain = float(about @ change) / size if size > 0 else 0.0
-        return Reread(gain, self.samples.lines((change - gain * self.force)[:, None])[:, 0])
+        return Reread(gain, self.samples.lines((change - gain * force)[:, None])[:, 0])
 
     def at(self, unknowns: Floats) -> Reread:
-        change = self._split(self._moved(unknowns).real - self.force)
+        change = self._split(self._moved(unknowns).real - self.passed.force)
         return Reread(1 + change.gain, change.rest)
 
     def slopes(self, unknowns: Floats) -> Iterator[tuple[int, Reread]]:
@@ -224,12 +210,15 @@ class BoundPassage:
 
 
 def _laws(observation: Observation, rereads: Placed[Rereads]) -> Iterator[BoundLaw]:
-    if observation.lines.samples is None:
+    lines, samples = observation.lines, observation.lines.samples
+    if samples is None:
         return
     for number, channel in enumerate(observation.inputs):
         acting = [(effect, at) for effect, at in rereads if channel.name in effect.inputs]
         if channel.law is not None and acting:
-            yield BoundLaw.of(observation, number, channel.law, acting)
+            column = observation.input_columns[number]
+            passed = observation.passed.get(number) or Passed.of(lines, column, channel.law)
+            yield BoundLaw(number, passed, acting, samples)
 
 
 def _passages(
