@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 
 from rotorid.core.errors import InputError, ModelError, naming
@@ -12,6 +13,7 @@ from rotorid.models import cost
 from rotorid.models.polynomials import Polynomial, expanded
 from rotorid.models.syntax import read
 from rotorid.models.text import (
+    FUNCTIONS,
     MAX_EXPONENT,
     MAX_TERMS,
     RESERVED,
@@ -23,6 +25,8 @@ from rotorid.models.text import (
 )
 
 DERIVATIVES = ("", "'", "''")
+MAX_NAMES = 500
+_NAME = re.compile(r"[^\W\d]\w{0,63}")
 
 
 @frozen
@@ -38,6 +42,29 @@ class Names:
         """Every name that an equation may hold."""
         motion = (q + dots for q in self.coordinates for dots in DERIVATIVES)
         return frozenset([*motion, *self.inputs, *self.parameters, *RESERVED])
+
+
+def check_names(tables: Mapping[str, Iterable[str]]) -> None:
+    """Refuse names that are reserved, declared twice, or no names; by the table they stand in."""
+    taken = {*RESERVED, "pi", *FUNCTIONS}
+    for table, members in tables.items():
+        for name in members:
+            if not _NAME.fullmatch(name):
+                raise ModelError(
+                    f"the name {name[:60]!r}",
+                    "a letter, then letters, digits and _, 64 in all at most",
+                    "rename it",
+                    place=table,
+                )
+            if name in taken:
+                raise ModelError(
+                    f"the name {name!r} again",
+                    "a name used once and not reserved "
+                    f"({', '.join([*RESERVED, 'pi', *FUNCTIONS])})",
+                    "rename it",
+                    place=table,
+                )
+            taken.add(name)
 
 
 @frozen

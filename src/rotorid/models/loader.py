@@ -14,10 +14,9 @@ from pydantic import Field
 from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
 from rotorid.core.units import check_unit
-from rotorid.models.equations import Names, split_equations
+from rotorid.models.equations import MAX_NAMES, Names, check_names, split_equations
 from rotorid.models.linear import runs_by_time
-from rotorid.models.model import Model
-from rotorid.models.names import MAX_NAMES, DeclaredParameter, check_names
+from rotorid.models.model import DeclaredParameter, Model
 from rotorid.models.text import RESERVED, symbol
 
 

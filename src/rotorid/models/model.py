@@ -11,11 +11,13 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import page_html, table
-from rotorid.core.units import Dimension
+from rotorid.core.toml import Schema
+from rotorid.core.units import Dimension, check_unit, si_factor
 from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, base_names, gather_base
 from rotorid.models.equations import (
@@ -72,6 +74,29 @@ class Parameter:
     unit: str
     nominal: float | None = None
     positive: bool = False
+
+
+class DeclaredParameter(Schema):
+    """A parameter as a file declares it."""
+
+    unit: str
+    nominal: float | None = Field(None, allow_inf_nan=False)
+    positive: bool = False
+
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter, in SI."""
+        place = f"parameters.{name}.unit"
+        unit = check_unit(self.unit, place=place)
+        factor = si_factor(self.unit, place=place)
+        nominal = None if self.nominal is None else self.nominal * factor
+        if self.positive and nominal is not None and nominal <= 0:
+            raise ModelError(
+                f"{self.nominal}",
+                "a positive number, since positive = true",
+                "give a nominal above 0, or leave out positive",
+                place=f"parameters.{name}.nominal",
+            )
+        return Parameter(name, unit, nominal, self.positive)
 
 
 @frozen

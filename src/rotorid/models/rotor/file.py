@@ -11,7 +11,8 @@ from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.models.names import DeclaredParameter, check_names
+from rotorid.models.equations import check_names
+from rotorid.models.model import DeclaredParameter
 from rotorid.models.rotor.drawing import (
     ENDS,
     Disc,
