@@ -32,8 +32,7 @@ from rotorid.report.panels import (
 Balance = Any  # lies above
 Loops = Sequence[Any]  # of AxisSensitivity
 
-GMM = 1e6
-"""g mm in a kg m."""
+GMM = 1e6  # g mm in a kg m
 ROUND = 121
 """Points of a circle."""
 TWO = 1.959964
@@ -91,9 +90,8 @@ def _loop(one: Any, limits: dict[str, float]) -> Panel:
         Curve(ends, np.full(2, limit), f"end of zone {zone}", colour, "dashed")
         for (zone, limit), colour in zip(limits.items(), (GREEN, PINK, COLOURS[1]), strict=True)
     ]
-    low, high = np.maximum(size - TWO * std, size / 100), size + TWO * std
     curves += [
-        Curve(frequency, high, "95 % of each line", BLUE, "band", base=low),
+        _band(frequency, size, std, "95 % of each line"),
         Curve(frequency, size, "measured", BLUE, "line"),
         Curve(at, np.array(one.interval), "the peak, with 95 %", GREY, "thick"),
         Curve(at[:1], np.array([one.peak]), "", GREY, "dots"),
@@ -101,6 +99,12 @@ def _loop(one: Any, limits: dict[str, float]) -> Panel:
     title = f"{label(one.axis, 36)}: {one.peak:.3g} at {one.peak_hz:.4g} Hz, {one.verdict}"
     y = Axis("sensitivity |S|", log=True)
     return Panel(title, HERTZ, y, tuple(curves), height=2.6)
+
+
+def _band(x: Floats, size: Floats, std: Floats, told: str) -> Curve:
+    """Return what holds sizes with 95 %, on a logarithmic axis."""
+    low = np.maximum(size - TWO * std, size / 100)
+    return Curve(x, size + TWO * std, told, BLUE, "band", base=low)
 
 
 Shown = Any  # a RecordEvidence, which lies above
@@ -303,7 +307,7 @@ HIGHEST = 3.0
 EVEN = 1.5
 """Largest amplitude over the least up to which an axis begins at 0. A rigid rotor moves alike at
 every speed, and on an axis of its own would seem to be known badly."""
-_NODE = re.compile(r"node\d+$")
+NODE = re.compile(r"node\d+$")
 
 
 def campbell(found: Diagram) -> Panel:
@@ -431,7 +435,7 @@ def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
     panels = []
     names = list(enumerate(found.coordinates))
     if len(names) > MOST_PLACES:  # those of a drawing that are no node alone
-        names = [(c, name) for c, name in names if not _NODE.search(name)]
+        names = [(c, name) for c, name in names if not NODE.search(name)]
     for c, name in names[:MOST_PLACES]:
         unit, factor = shown_unit(units.get(name, ""))
         size = factor * np.abs(found.motion[:, c])
@@ -440,9 +444,7 @@ def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
         curves = [Curve(rpm, np.where(size > 0, size, np.nan), "amplitude", BLUE, "line")]
         std = factor * np.asarray(found.std[:, c])
         if np.isfinite(std).any():
-            low = np.maximum(size - TWO * std, size / 100)  # of a logarithmic axis
-            high = size + TWO * std
-            curves.insert(0, Curve(rpm, high, "95 % band", BLUE, "band", base=low))
+            curves.insert(0, _band(rpm, size, std, "95 % band"))
         axis = _amplitude(unit, curves)
         panels.append(Panel(label(name, 36), Axis("speed in rpm"), axis, tuple(curves)))
     return panels

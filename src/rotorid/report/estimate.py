@@ -20,6 +20,7 @@ from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
 from rotorid.report.html import Section, filled, render
 from rotorid.report.machines import Part, machine_part
+from rotorid.report.record_tables import told_table
 from rotorid.results.machine import own_model
 
 AS_NOISE = 1.5
@@ -101,16 +102,19 @@ def _misfit_against_noise(estimate: Estimate) -> str:
 
 
 def channel_ratios(estimate: Estimate) -> Iterator[tuple[int, str, float]]:
-    """Yield record, channel, and its difference over its noise, root mean square; NaN if unknown.
-
-    Both are taken over all lines before they are compared.
-    """
+    """Yield record, channel, and its difference over its noise of those that are predicted."""
     for number, record in enumerate(estimate.evidence.records if estimate.evidence else ()):
         for channel in record.channels:
             if channel.difference:
-                noise = float(np.mean(np.square(channel.noise))) if channel.noise else 0.0
-                wrong = float(np.mean(np.square(channel.difference)))
-                yield number, channel.name, (wrong / noise) ** 0.5 if noise > 0 else np.nan
+                yield number, channel.name, _over_noise(channel)
+
+
+def _over_noise(channel: ChannelEvidence) -> float:
+    """Return the difference over the noise, root mean square over all lines; NaN if unknown."""
+    if not (channel.difference and channel.noise):
+        return math.nan
+    noise, wrong = (float(np.mean(np.square(x))) for x in (channel.noise, channel.difference))
+    return math.sqrt(wrong / noise) if noise > 0 else math.nan
 
 
 def _rejected(estimate: Estimate) -> str:
@@ -548,12 +552,8 @@ def channels_table(records: Sequence[RecordEvidence]) -> Table | None:
 
 def _against_noise(channel: ChannelEvidence) -> tuple[str, ...]:
     """Return the error in %, what noise makes of it, and the ratio of the two."""
-    noise = math.nan
-    if channel.difference and channel.noise:
-        pair = (channel.noise, channel.difference)
-        made, wrong = (float(np.sqrt(np.mean(np.square(x)))) for x in pair)
-        noise = made / wrong if wrong > 0 else math.nan
-    shown = (100 * channel.error, 100 * channel.error * noise, 1 / noise if noise > 0 else math.nan)
+    ratio = _over_noise(channel) or math.nan  # of a prediction that is met whole it says nothing
+    shown = (100 * channel.error, 100 * channel.error / ratio, ratio)
     return tuple(f"{x:.3g}" if math.isfinite(x) else "" for x in shown)
 
 
@@ -573,10 +573,7 @@ def records_table(records: Sequence[RecordEvidence]) -> Table | None:
         )
         for number, record in enumerate(records, start=1)
     ]
-    told = [k for k in range(len(headings)) if any(row[k] for row in rows)]
-    if not rows:
-        return None
-    return table([headings[k] for k in told], [[row[k] for k in told] for row in rows])
+    return told_table(headings, rows) if rows else None
 
 
 def _speeds(record: RecordEvidence) -> str:

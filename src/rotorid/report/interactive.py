@@ -197,6 +197,7 @@ def _band(made: dict[str, Any], curve: Curve) -> dict[str, Any]:
 def _heatmap(matrix: Matrix) -> dict[str, Any]:
     numeric = isinstance(matrix.columns, np.ndarray)
     columns = matrix.columns if numeric else np.arange(len(matrix.columns), dtype=float)
+    rows = [shown(name) for name in matrix.rows]
     made: dict[str, Any] = {
         "type": "heatmap",
         "x": _numbers(np.asarray(columns, dtype=float)),
@@ -206,13 +207,13 @@ def _heatmap(matrix: Matrix) -> dict[str, Any]:
         "zmax": matrix.high,
         "colorscale": _DIVERGING if matrix.low < 0 else _GROWING,
         "hoverongaps": False,
-        "text": [[shown(name)] * matrix.values.shape[1] for name in matrix.rows],
+        "text": [[row] * len(columns) for row in rows],
         "hovertemplate": "%{text}, %{x}: %{z:.3g}<extra></extra>",
         "colorbar": {"title": {"text": shown(matrix.label, 40), "side": "right"}, "thickness": 12},
     }
     if not numeric:
         names = [shown(str(name)) for name in matrix.columns]
-        made["customdata"] = [names] * len(matrix.rows)
+        made["customdata"] = [names] * len(rows)
         made["hovertemplate"] = "%{text}, %{customdata}: %{z:.3g}<extra></extra>"
     if matrix.written:
         made["text"] = [
@@ -221,9 +222,7 @@ def _heatmap(matrix: Matrix) -> dict[str, Any]:
         ]
         made["texttemplate"] = "%{text}"
         made["textfont"] = {"size": 10}
-        rows = [shown(name) for name in matrix.rows]
-        pairs = [[f"{row}, {column}" for column in names] for row in rows]
-        made["customdata"] = pairs
+        made["customdata"] = [[f"{row}, {column}" for column in names] for row in rows]
         made["hovertemplate"] = "%{customdata}: %{z:.3g}<extra></extra>"
     return made
 

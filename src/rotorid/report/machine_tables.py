@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,15 +10,12 @@ import numpy as np
 from rotorid.core.tables import Page, Table, by_hand, table
 from rotorid.core.values import Floats
 from rotorid.models import Model
+from rotorid.report.drawn import GMM, NODE, RPM
 from rotorid.results.balancing import POOR, Balance
 from rotorid.results.centring import Feedforward
 from rotorid.results.critical import Campbell, UnbalanceResponse
 from rotorid.results.modes import Modes
 from rotorid.results.sensitivity import AxisSensitivity, worst_of
-
-GMM = 1e6
-"""g mm in a kg m."""
-RPM = 30 / np.pi
 
 
 def balance_page(found: Balance, centred: Sequence[Feedforward]) -> Page:
@@ -132,14 +128,13 @@ def _std(value: float | None, factor: float = 1.0) -> str:
     return "-" if value is None else f"{factor * value:.2g}"
 
 
-_NODE = re.compile(r"node\d+$")
 NAMED = 5
 """Frequencies that a sentence names: the lowest."""
 SHOWN = 11
 """Speeds of the table of a diagram."""
 MOST_MODES = 16
 """Modes of the table: what a screen holds; those above are seldom the machine's."""
-MOST_PLACES = 16
+MOST_ROWS = 16
 """Coordinates of the table of a response."""
 REACH = 2.0
 """Curves of the table of a diagram begin below this many times the last speed."""
@@ -318,9 +313,9 @@ def campbell_table(found: Campbell) -> Table:
 
 def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
     every = list(zip(found.coordinates, found.motion[0], found.std[0], strict=True))
-    named = [row for row in every if len(every) <= MOST_PLACES or not _NODE.search(row[0])]
+    named = [row for row in every if len(every) <= MOST_ROWS or not NODE.search(row[0])]
     rows = []
-    for name, value, std in named[:MOST_PLACES]:
+    for name, value, std in named[:MOST_ROWS]:
         unit, factor = by_hand(units.get(name, ""))
         size = factor * abs(value)
         rows.append(

@@ -13,6 +13,7 @@ from rotorid.core.values import Floats
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
+from rotorid.report.drawn import RPM
 from rotorid.report.html import Section, answer, filled, render
 from rotorid.report.machine_tables import (
     balance_sentence,
@@ -41,7 +42,6 @@ BEYOND = 1.5
 """A diagram goes to this many times the highest speed of the records."""
 SPEEDS = 121
 """Speeds of a response that is drawn."""
-RPM = 30 / np.pi
 
 
 @frozen

@@ -11,7 +11,6 @@ from rotorid.core.tables import Page, Table, by_hand, table
 from rotorid.linear.family import Information
 from rotorid.models import Model
 from rotorid.models.base import monomial_name
-from rotorid.models.model import Parameter
 from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.fem import bending
 from rotorid.models.rotor.model import RotorModel, inertia
@@ -50,6 +49,12 @@ def _percent(share: float | None) -> str:
     return "" if share is None else f"{100 * share:.3g}"
 
 
+def told_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table without the columns that say nothing in any row."""
+    told = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+    return table([headings[k] for k in told], [[row[k] for k in told] for row in rows])
+
+
 WIDTH = 76
 """Characters of the drawing: a terminal of 80 holds it."""
 HALF = 5
@@ -66,24 +71,18 @@ KINDS = (
 
 def rotor_page(model: RotorModel) -> Page:
     rotor = model.rotor
-    nominal = [
-        (p.name, p.unit, "" if p.nominal is None else f"{p.nominal:.6g}") for p in model.parameters
-    ]
     nodes = [
         (str(k), f"{1e3 * node.position:.6g}", ", ".join(node.names if node.named else ()), what)
         for k, node in enumerate(rotor.nodes)
         for what in [_standing(rotor, node.names)]
     ]
     return [
-        f"{model.name}: {model.title}",
-        *([f"source: {model.source}"] if model.source else []),
-        "",
+        *_head(model),
         *drawing(rotor),
         "",
         *_weights(model),
         table(("node", "mm", "place", "what stands there"), nodes),
-        table(("parameter", "unit", "nominal"), nominal),
-        table(("base parameter", "unit"), zip(model.base.names, model.base.units, strict=True)),
+        *_parameters(model),
         *_channels(model),
     ]
 
@@ -165,21 +164,26 @@ def model_page(model: Model) -> Page:
     kinds = ["coordinate"] * len(model.coordinates) + ["input"] * len(model.inputs)
     signals = [(name, kind, unit) for (name, unit), kind in zip(units, kinds, strict=True)]
     return [
-        f"{model.name}: {model.title}",
-        *([f"source: {model.source}"] if model.source else []),
-        "",
+        *_head(model),
         *(f"{i + 1}. {' '.join(text.split())}" for i, text in enumerate(model.texts)),
         table(("signal", "kind", "unit"), signals),
-        table(("parameter", "unit", "nominal"), map(_parameter, model.parameters)),
-        table(("base parameter", "unit"), zip(model.base.names, model.base.units, strict=True)),
+        *_parameters(model),
         *_structure(model),
         *(f"warning: {fault}" for fault in model.unit_faults),
     ]
 
 
-def _parameter(parameter: Parameter) -> tuple[str, str, str]:
-    nominal = "" if parameter.nominal is None else f"{parameter.nominal:.6g}"
-    return parameter.name, parameter.unit, nominal
+def _head(model: Model) -> list[str]:
+    source = [f"source: {model.source}"] if model.source else []
+    return [f"{model.name}: {model.title}", *source, ""]
+
+
+def _parameters(model: Model) -> list[Table]:
+    rows = [
+        (p.name, p.unit, "" if p.nominal is None else f"{p.nominal:.6g}") for p in model.parameters
+    ]
+    base = zip(model.base.names, model.base.units, strict=True)
+    return [table(("parameter", "unit", "nominal"), rows), table(("base parameter", "unit"), base)]
 
 
 def _structure(model: Model) -> list[str]:

@@ -16,7 +16,7 @@ from rotorid.models import Model
 from rotorid.report import drawn
 from rotorid.report.estimate import METHODS, record_pictures, records_table
 from rotorid.report.html import Section, answer, render
-from rotorid.report.record_tables import validation_table
+from rotorid.report.record_tables import told_table, validation_table
 from rotorid.signals.inspection import ChannelFacts, Inspection
 
 _LEVELS = ("channel", "unit", "low", "high", "rms", "S/N dB", "least coherence", "crest")
@@ -36,10 +36,7 @@ def inspection_page(found: Inspection | LineInspection) -> Page:
 
 
 def _measured(found: Inspection) -> Page:
-    rows = [_row(facts) for facts in found.channels]
-    told = [k for k in range(len(_HEADINGS)) if any(row[k] for row in rows)]
-    shown = table([_HEADINGS[k] for k in told], ([row[k] for k in told] for row in rows))
-    return [shown, *_noise(found)]
+    return [told_table(_HEADINGS, [_row(facts) for facts in found.channels]), *_noise(found)]
 
 
 def _tabled(found: LineInspection) -> str:
