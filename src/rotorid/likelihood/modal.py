@@ -6,9 +6,9 @@ and y; ``d lambda = - y^H dL x / y^H (2 lambda M + D) x``. A row is (value - mea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,9 @@ class Solved:
     groups: list[Integers]
 
 
+Measured = tuple[Mode, complex, Callable[[], Complexes]]
+
+
 @frozen
 class Configuration:
     """The modes that were measured in one configuration of the machine."""
@@ -119,17 +122,17 @@ class Configuration:
         at = self.solved(unknowns)
         return np.array([at.modes.values[group].mean() for group in at.groups])
 
-    def measured(self, unknowns: Floats) -> Iterator[tuple[Mode, complex, Integers]]:
-        """Yield each measured mode with its lambda, and which modes of the machine are that one."""
+    def measured(self, unknowns: Floats) -> Iterator[Measured]:
+        """Yield each measured mode, its lambda, and what finds the derivative by every unknown."""
         at = self.solved(unknowns)
         if number(self.modes[-1]) > len(at.groups):
             raise np.linalg.LinAlgError("fewer natural frequencies than were measured")
         for mode in self.modes:
             group = at.groups[number(mode) - 1]
-            yield mode, complex(at.modes.values[group].mean()), group
+            value = complex(at.modes.values[group].mean())
+            yield mode, value, partial(self._slope, unknowns, at, group, value)
 
-    def slope(self, unknowns: Floats, group: Integers, value: complex) -> Complexes:
-        at = self.solved(unknowns)
+    def _slope(self, unknowns: Floats, at: Solved, group: Integers, value: complex) -> Complexes:
         together = next(each for each in at.modes.distinct if group[0] in each)
         cluster = together if len(together) > len(group) else group
         left, right = at.modes.left[cluster], at.modes.right[cluster]
@@ -172,27 +175,28 @@ class ModalRows:
         at = number(first.modes[0]) - 1
         return float(found[at]) if at < len(found) else float("nan")
 
+    def measured(self, unknowns: Floats) -> Iterator[Measured]:
+        for each in self.configurations:
+            yield from each.measured(unknowns)
+
     def values(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         rows: list[float] = []
-        for each in self.configurations:
-            for mode, value, _ in each.measured(unknowns):
-                hertz, _, _ = mode.in_si
-                spread = _spreads(mode, relaxation)
-                rows.append((value.imag / (2 * np.pi) - hertz) / spread[0])
-                if mode.damping is not None:
-                    rows.append((-value.real / abs(value) - mode.damping[0]) / spread[1])
+        for mode, value, _ in self.measured(unknowns):
+            spread = _spreads(mode, relaxation)
+            rows.append((value.imag / (2 * np.pi) - mode.in_si[0]) / spread[0])
+            if mode.damping is not None:
+                rows.append((-value.real / abs(value) - mode.damping[0]) / spread[1])
         return np.array(rows)
 
     def jacobian(self, unknowns: Floats, relaxation: float = 0.0) -> Floats:
         """Return the derivative of `values`, shape (row, unknown)."""
         rows: list[Floats] = []
-        for each in self.configurations:
-            for mode, value, group in each.measured(unknowns):
-                spread, slope = _spreads(mode, relaxation), each.slope(unknowns, group, value)
-                rows.append(slope.imag / (2 * np.pi) / spread[0])
-                if mode.damping is not None:
-                    along = (value.conjugate() * slope).real / abs(value) ** 2
-                    rows.append((value.real * along - slope.real) / abs(value) / spread[1])
+        for mode, value, slope_of in self.measured(unknowns):
+            spread, slope = _spreads(mode, relaxation), slope_of()
+            rows.append(slope.imag / (2 * np.pi) / spread[0])
+            if mode.damping is not None:
+                along = (value.conjugate() * slope).real / abs(value) ** 2
+                rows.append((value.real * along - slope.real) / abs(value) / spread[1])
         return np.array(rows).reshape(len(rows), len(unknowns))
 
 
@@ -313,25 +317,24 @@ def mode_fits(
 ) -> tuple[ModeFit, ...]:
     """Return what was measured beside what the estimate gives."""
     found = []
-    for each in modes.configurations:
-        for mode, value, group in each.measured(unknowns):
-            hertz, std, speed = mode.in_si
-            along = each.slope(unknowns, group, value)[free].imag / (2 * np.pi)
-            ratio, spread = (None, None) if mode.damping is None else mode.damping
-            found.append(
-                ModeFit(
-                    number(mode),
-                    speed,
-                    hertz,
-                    std,
-                    float(value.imag / (2 * np.pi)),
-                    float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
-                    ratio,
-                    spread,
-                    float(-value.real / abs(value)),
-                    tuple((name, float(v)) for name, v in mode.parameters.items()),
-                )
+    for mode, value, slope_of in modes.measured(unknowns):
+        hertz, std, speed = mode.in_si
+        along = slope_of()[free].imag / (2 * np.pi)
+        ratio, spread = (None, None) if mode.damping is None else mode.damping
+        found.append(
+            ModeFit(
+                number(mode),
+                speed,
+                hertz,
+                std,
+                float(value.imag / (2 * np.pi)),
+                float(np.sqrt(max(float(along @ covariance @ along), 0.0))),
+                ratio,
+                spread,
+                float(-value.real / abs(value)),
+                tuple((name, float(v)) for name, v in mode.parameters.items()),
             )
+        )
     return tuple(found)
 
 

@@ -73,20 +73,10 @@ def summarize(model: Model, fit: Fit, causes: Sequence[Note] = ()) -> Estimate:
 
 
 def _values(fit: Fit, inflation: float) -> list[Value]:
-    std = _deviations(fit)
-    return [
-        Value(
-            u.name,
-            u.unit,
-            float(x) if np.isfinite(s) else np.nan,
-            float(s),
-            float(s * inflation),
-            u.fixed,
-        )
-        for u, x, s in zip(
-            fit.prepared.layout.unknowns, fit.solution.point.unknowns, std, strict=True
-        )
-    ]
+    unknowns, std = fit.prepared.layout.unknowns, _deviations(fit)
+    values = np.where(np.isfinite(std), fit.solution.point.unknowns, np.nan)
+    rows = zip(unknowns, values.tolist(), std.tolist(), (std * inflation).tolist(), strict=True)
+    return [Value(u.name, u.unit, x, s, wider, u.fixed) for u, x, s, wider in rows]
 
 
 def _held(model: Model, fit: Fit) -> list[Value]:

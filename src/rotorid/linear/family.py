@@ -170,12 +170,9 @@ class Posed:
         base, covariance = self.base(values), basis @ covariance @ basis.T
         found = np.isfinite(base)
         std = np.where(found, np.sqrt(np.diag(covariance).clip(0)), np.nan)
-        parameters = [
-            Value(name, unit, float(value), float(s), float(s * inflation))
-            for name, unit, value, s in zip(
-                model.base.names, model.base.units, base, std, strict=True
-            )
-        ]
+        columns = base.tolist(), std.tolist(), (std * inflation).tolist()
+        named = zip(model.base.names, model.base.units, *columns, strict=True)
+        parameters = [Value(*row) for row in named]
         if unknown is not None:
             unstated = (basis[:, unknown] != 0).any(axis=1)
             parameters = [
