@@ -35,7 +35,7 @@ MOST = 4_000
 """Places times masses: more make more pairs of masses than are tried in a second."""
 
 Mounted = tuple[tuple[float, float], ...]
-"""Masses and angles in one plane."""
+"""Masses and angles in one plane, (kg, rad) each."""
 
 
 @frozen
@@ -152,7 +152,8 @@ def _nearest(kit: Masses, ideal: complex) -> list[tuple[complex, Mounted]]:
     each: Floats = np.array([(m, a) for m in kit.masses for a in angles])
     values = kit.radius * each[:, 0] * np.exp(1j * each[:, 1])
     found: list[tuple[complex, Mounted]] = [(0j, ())]
-    found += [(complex(values[i]), _of(each, i)) for i in _closest(values - ideal)]
+    nearest = np.argsort(np.abs(values - ideal), kind="stable")[:NEAREST].tolist()
+    found += [(complex(values[i]), _of(each, i)) for i in nearest]
     # The second mass is the one nearest to what the first leaves.
     for i, value in enumerate(values):
         for j in np.argsort(np.abs(values + value - ideal), kind="stable")[:2]:
@@ -162,11 +163,6 @@ def _nearest(kit: Masses, ideal: complex) -> list[tuple[complex, Mounted]]:
     for way in found:
         unique.setdefault(np.round(way[0] / (abs(ideal) or 1.0), 9), way)
     return list(unique.values())[:NEAREST]
-
-
-def _closest(away: Complexes) -> list[int]:
-    found: list[int] = np.argsort(np.abs(away), kind="stable")[:NEAREST].tolist()
-    return found
 
 
 def _of(each: Floats, *rows: int) -> Mounted:
@@ -193,8 +189,7 @@ class Correction:
     # ``None`` where nothing is known of the deviations
     std_kg_m: float | None
     angle_std_rad: float | None
-    # sequence of (mass, angle): kg and rad: what to mount, where radius or masses were given
-    masses: tuple[tuple[float, float], ...] = ()
+    masses: Mounted = ()  # what to mount, where radius or masses were given
 
 
 @frozen
@@ -297,7 +292,10 @@ def balance(
     effects, load = task.weigh(machine)
     applied, mounted = chosen(kit, ideal, (effects, load))
     share = float(np.linalg.norm(load + effects @ applied) / np.linalg.norm(load))
-    covariance = _covariance(task, machine)
+    covariance = None
+    if machine.covariance is not None:  # of the correction that the values ask for
+        parts = machine.changes(task.solution).view(np.float64)
+        covariance = np.asarray(parts.T @ parts)
     mass, top = rotor_mass(machine), float(np.abs(speeds).max())
     beyond = np.linalg.norm(load + effects @ ideal) > POOR * np.linalg.norm(load)
     weighed = None if beyond else mass  # what no plane reaches is left besides, and has no place
@@ -371,14 +369,8 @@ def _said_of(estimate: Estimate) -> list[str]:
     model = own_model(estimate)
     held = sorted({t.monomial for t in model.require_linear().load_terms})
     loads = set(np.flatnonzero(model.monomials[held].any(axis=0)).tolist())
-    exact = [
-        v.name
-        for v in estimate.parameters
-        if v.fixed
-        and v.value
-        and v.name in model.parameter_names
-        and model.parameter_names.index(v.name) in loads
-    ]
+    named = {model.parameter_names[k] for k in loads}
+    exact = [v.name for v in estimate.parameters if v.fixed and v.value and v.name in named]
     if exact:
         said.append(f"taken as exact, and not counted in what is left: {', '.join(exact)}")
     return said
@@ -459,20 +451,8 @@ def _weights(machine: Machine, at: Mapping[str, float] | None) -> Floats:
     return np.array(rows)
 
 
-def _covariance(task: _Task, machine: Machine) -> Floats | None:
-    """Return the covariance of the correction that the values ask for, (2 planes, 2 planes)."""
-    if machine.covariance is None:
-        return None
-    slopes = machine.changes(task.solution)
-    parts = slopes.view(np.float64)
-    return np.asarray(parts.T @ parts)
-
-
 def _correction(
-    plane: str,
-    applied: complex,
-    covariance: Floats | None,
-    masses: tuple[tuple[float, float], ...],
+    plane: str, applied: complex, covariance: Floats | None, masses: Mounted
 ) -> Correction:
     size, angle = abs(applied), float(np.angle(applied))
     if covariance is None:

@@ -127,15 +127,12 @@ def _answers(
     """Return motion and current of each force, (force, 2), amplitudes of exp(i phi), or NaN."""
     motion, _ = machine.response(speed)
     directions, inputs = directions_of(machine), machine.input_matrix()
-    values = dict(zip(machine.names, machine.values.tolist(), strict=True))
     found = np.zeros((len(forces), 2), dtype=np.complex128)
     for j, name in enumerate(forces):
         acts = directions.forces(inputs[:, machine.model.inputs.index(name)])
         directions.check(acts)
         there = complex(acts @ motion)
-        law = known.get(name, (np.nan, np.nan))
-        ki = values.get(f"ki[{name}]", law[0])
-        ks = values.get(f"ks[{name}]", values.get("ks", law[1]))
+        ki, ks = machine.law(name, known)
         found[j] = there, -ks / ki * there
     return found
 

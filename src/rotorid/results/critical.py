@@ -197,12 +197,10 @@ def _followed(
     scale = max(float(np.abs(at.found.values).max()), 1e-300)
     rows, columns = scipy.optimize.linear_sum_assignment(away / scale - overlap)
     sure = overlap[rows, columns] > ALIKE
-    for group in (*at.found.distinct,):
-        if len(group) > 1:  # their vectors are any
-            sure |= np.isin(rows, group)
-    for group in to.found.distinct:
-        if len(group) > 1:
-            sure |= np.isin(columns, group)
+    for placed, modes in ((rows, at.found), (columns, to.found)):
+        for group in modes.distinct:
+            if len(group) > 1:  # their vectors are any
+                sure |= np.isin(placed, group)
     if sure.all() or left == 0:
         return dict(zip(rows.tolist(), columns.tolist(), strict=True))
     middle = (here + there) / 2
@@ -274,7 +272,7 @@ def _seeds(machine: Machine, to: float) -> Floats:
     values = scipy.linalg.eigvals(*pencil)
     values = scale * values[np.isfinite(values)]
     real = np.abs(values.real)[np.abs(values.imag) < np.abs(values.real)]
-    return np.sort(np.concatenate([real[(real > 0) & (real < 2 * abs(to))]]))
+    return np.sort(real[(real > 0) & (real < 2 * abs(to))])
 
 
 def _above(machine: Machine, speed: float) -> Floats:
@@ -325,8 +323,7 @@ def _spread(
     sign = -1.0 if speed < 0 else 1.0
     group = next(g for g in (*eigen.clusters, *eigen.found.distinct) if near in g)
     by_speed = sign * _by_speed(machine, speed, eigen, group)
-    cluster = any(near in c for c in eigen.clusters)
-    if not cluster:
+    if not any(near in c for c in eigen.clusters):
         slope = complex(np.trace(by_speed)) / len(group)
         along = -eigen.slopes[near].imag / (slope.imag - 1)
         std = float(np.linalg.norm(along @ machine.root))

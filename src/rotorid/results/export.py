@@ -155,8 +155,7 @@ def _spaces(
     )
     n = len(mass)
     own = heavy[gain]  # which of the coordinates that are left have a velocity of their own
-    body = np.flatnonzero(own)
-    light = np.flatnonzero(~own)
+    body, light = np.flatnonzero(own), np.flatnonzero(~own)
     count = n + len(body)
     a, b = np.zeros((count, count)), np.zeros((count, push.shape[1]))
     a[body, n + np.arange(len(body))] = 1.0

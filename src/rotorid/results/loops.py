@@ -195,7 +195,8 @@ def loop_sensitivity(
     deviations = np.linalg.norm(changes, axis=0)
     axes = []
     top, where = peak_of(hertz, here.T)
-    caveat = _caveat(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
+    right = poles_on_the_right(omega, returned, plant_poles(*_plant(machine, turning, known)[:3]))
+    caveat = f"{UNTOLD}, {right}" if isinstance(right, str) else UNSTABLE if right else ""
     if caveat == UNSTABLE:
         top = np.full(len(top), np.inf)
     for j, name in enumerate(machine.model.inputs):
@@ -205,14 +206,6 @@ def loop_sensitivity(
         found = (here[:, j], std, float(top[j]), float(where[j]), interval, caveat)
         axes.append(AxisSensitivity(name, hertz, *found))
     return LoopSensitivity(tuple(axes), hertz, np.linalg.det(returned))
-
-
-def _caveat(omega: Floats, returned: Complexes, poles: Complexes) -> str:
-    """Say that the loop is not stable, or why it is not told; empty where it is."""
-    right = poles_on_the_right(omega, returned, poles)
-    if isinstance(right, str):
-        return f"{UNTOLD}, {right}"
-    return UNSTABLE if right else ""
 
 
 def _loops(
@@ -241,11 +234,8 @@ def _plant(
     """Return K less that of the magnets, D and M, and the forces of the commands, (row, input)."""
     stiffness, damping, mass = machine.matrices(speed)
     push, directions = machine.input_matrix(), directions_of(machine)
-    values = dict(zip(machine.names, machine.values.tolist(), strict=True))
-    ki, ks = np.ones(push.shape[1]), np.zeros(push.shape[1])
-    for j, name in enumerate(machine.model.inputs):
-        law = known.get(name, (1.0, 0.0))
-        ki[j] = values.get(f"ki[{name}]", law[0])
-        ks[j] = values.get(f"ks[{name}]", values.get("ks", law[1]))
+    inputs = machine.model.inputs
+    known = dict.fromkeys(inputs, (1.0, 0.0)) | dict(known)  # commanded as a force, unless told
+    ki, ks = np.array([machine.law(name, known) for name in inputs]).reshape(-1, 2).T
     displacement = directions.forces(push)
     return stiffness - (push * ks) @ displacement.T, damping, mass, push * ki

@@ -212,6 +212,13 @@ class Machine:
         """B, shape (row, input)."""
         return self.linear.input_matrix(self.monomials.values(self.values) * self.used)
 
+    def law(self, name: str, known: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+        """Return ki and ks of an input: as they were identified, else as known, else NaN."""
+        values = dict(zip(self.names, self.values.tolist(), strict=True))
+        ki, ks = known.get(name, (np.nan, np.nan))
+        ki = values.get(f"ki[{name}]", ki)
+        return ki, values.get(f"ks[{name}]", values.get("ks", ks))
+
     @property
     def spread(self) -> Floats:
         if self.covariance is None:
@@ -284,7 +291,8 @@ def machine_of(source: Estimate | Model, record: int = 0) -> Machine:
     names = [value.name for value in source.free]
     covariance = source.covariance if len(names) == len(source.covariance) else None
     remarks = []
-    if covariance is not None and not _usable(source, covariance):
+    determined = [np.isfinite(value.value) for value in source.free]
+    if covariance is not None and not np.isfinite(np.diag(covariance)[determined]).all():
         covariance = None
         remarks.append("the result states no deviations, and so does nothing that follows from it")
     elif covariance is not None and not (np.diag(covariance) > 0).any():
@@ -335,12 +343,6 @@ def _with_nuisance(machine: Machine, estimate: Estimate, rows: Rows | None) -> M
         monomials=Monomials.from_exponents(exponents),
         nuisance=tuple(v.name for v in extra),
     )
-
-
-def _usable(estimate: Estimate, covariance: Floats) -> bool:
-    """Tell whether there are deviations: of what is determined, at least."""
-    known = [np.isfinite(value.value) for value in estimate.free]
-    return bool(np.isfinite(np.diag(covariance)[known]).all())
 
 
 def _inflation(estimate: Estimate) -> float:

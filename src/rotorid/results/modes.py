@@ -257,6 +257,7 @@ def _mode(
     value = complex(eigen.found.values[group].mean())
     std = (None, None) if spread is None else tuple(spread[group].mean(axis=0).tolist())
     first = int(group[0])
+    shape = eigen.found.right[first]
     return NaturalMode(
         frequency_hz=value.imag / (2 * np.pi),
         std_hz=std[0],
@@ -267,13 +268,8 @@ def _mode(
         close=any(first in cluster for cluster in eigen.clusters),
         count=len(group),
         eigenvalue=value,
-        shape=tuple(normalized(eigen.found.right[first]).tolist()),
+        shape=tuple((shape / shape[int(np.abs(shape).argmax())]).tolist()),
     )
-
-
-def normalized(shape: Complexes) -> Complexes:
-    """Return a shape whose largest entry is 1."""
-    return np.asarray(shape / shape[int(np.abs(shape).argmax())])
 
 
 def whirls_of(machine: Machine, speed: float, found: Eigenmodes) -> list[Whirl]:

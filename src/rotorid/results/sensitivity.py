@@ -56,6 +56,8 @@ ORDER = 2
 """s of the windows: curves bend less than a parabola in the few lines of one."""
 LEAST = 12
 """Degrees of freedom that a window leaves for its noise, at the least."""
+FEWEST = 4
+"""Windows of an axis, at the least, of what is called excited."""
 WEAK = 0.3
 """Deviation of S over itself above which a line says nothing: it was not excited."""
 LEAST_SETTLED = 5
@@ -259,7 +261,7 @@ def sensitivity(
         ends = (quantity(band[0], "Hz", place="band"), quantity(band[1], "Hz", place="band"))
         first = quantity(skip, "s", place="skip")
         whole = _of_whole([r for r in data if isinstance(r, Record)], pairs, ends, first)
-        axes = [each.axis(name, draws) for name, each in zip(pairs, whole, strict=True)]
+        axes = [each.axis(name, draws) for name, each in whole.items()]
     return [_settled(axis) for axis in axes]
 
 
@@ -378,8 +380,7 @@ class _Whole:
             if tried == CANDIDATES:
                 break
         if not found:
-            axis = _axis(name, *self.raw, rng)
-            return replace(axis, caveat=UNTOLD)
+            return replace(_axis(name, *self.raw, rng), caveat=UNTOLD)
         best = max(found, key=lambda each: each.peak.size)
         ends = np.max([each.interval(CONFIDENCE) for each in found], axis=0)
         frequency, values, variance, _ = self.raw
@@ -402,21 +403,23 @@ def _looked_at(hertz: float, found: Sequence[LocatedPeak]) -> bool:
 
 def _of_whole(
     records: Sequence[Record], pairs: Mapping[str, str], band: tuple[float, float], skip: float
-) -> list[_Whole]:
-    best: list[_Whole | None] = [None] * len(pairs)
+) -> dict[str, _Whole]:
+    """Return each axis from the record that tells most of its lines."""
+    found: dict[str, _Whole] = {}
     for record in records:
         groups = (list(pairs), list(pairs.values()))
         frequency, (e, r), rotation = whole_lines(record, band, groups, skip)
-        for j, (raw, candidates) in enumerate(_windows(frequency, e, r, rotation)):
-            held = best[j]
-            if len(raw[0]) >= 4 and (held is None or len(raw[0]) > len(held.raw[0])):
-                best[j] = _Whole(raw, LoopLines(frequency, e[:, j], r, rotation, j), candidates)
-    found = []
-    for name, whole in zip(pairs, best, strict=True):
-        if whole is None:
+        for j, (name, (raw, candidates)) in enumerate(
+            zip(pairs, _windows(frequency, e, r, rotation), strict=True)
+        ):
+            most = len(found[name].raw[0]) if name in found else FEWEST - 1
+            if len(raw[0]) > most:
+                lines = LoopLines(frequency, e[:, j], r, rotation, j)
+                found[name] = _Whole(raw, lines, candidates)
+    for name in pairs:
+        if name not in found:
             raise _not_excited(name)
-        found.append(whole)
-    return found
+    return {name: found[name] for name in pairs}
 
 
 def _windows(
