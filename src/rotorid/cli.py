@@ -30,7 +30,6 @@ from rotorid.core.files import Kind
 from rotorid.core.watch import watch
 
 MAX_RUNS = 100_000  # of the demonstration: a day's work
-MAX_SEED = 2**128 - 1  # what a generator keeps of it
 _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
@@ -54,11 +53,6 @@ def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
                     "a whole file",
                     "copy or write it again",
                 ) from error
-
-
-def _example(command: str) -> str:
-    """Return what stands below the options in the help of a command."""
-    return f"\b\nExample:\n  {command}"
 
 
 def _names_in(folder: str) -> Callable[..., list[CompletionItem]]:
@@ -134,7 +128,15 @@ def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
 
 
-@cli.command(epilog=_example("rotorid demo --machine machine.html --report paper.html"))
+def _command(summary: str, example: str) -> Callable[..., click.Command]:
+    """Return what makes a command of a function: its line in the list, and its example."""
+    return cli.command(short_help=summary, epilog=f"\b\nExample:\n  {example}")
+
+
+@_command(
+    "A levitated machine identified, its truth beside the answer.",
+    "rotorid demo --machine machine.html --report paper.html",
+)
 @click.option(
     "--runs",
     type=click.IntRange(min=1, max=MAX_RUNS),
@@ -153,7 +155,9 @@ def demo(**options: Any) -> int:
     return _work("demo", **options)
 
 
-@cli.command(epilog=_example("rotorid inspect run.toml --report inspect.html"))
+@_command(
+    "What is in the records of an experiment.", "rotorid inspect run.toml --report inspect.html"
+)
 @click.argument("experiment", type=_FILE)
 @_output_options
 def inspect(**options: Any) -> int:
@@ -161,7 +165,10 @@ def inspect(**options: Any) -> int:
     return _work("inspect", **options)
 
 
-@cli.command(epilog=_example("rotorid identify run.toml --json run.json --report run.html"))
+@_command(
+    "Estimate the parameters of a machine from its records.",
+    "rotorid identify run.toml --json run.json --report run.html",
+)
 @click.argument("experiment", type=_FILE)
 @click.option("--method", type=_METHOD, help="In place of the file's.")
 @click.option(
@@ -181,7 +188,7 @@ def identify(**options: Any) -> int:
     return _work("identify", **options)
 
 
-@cli.command(epilog=_example("rotorid validate run.json other-run.toml"))
+@_command("Predict other records with a result.", "rotorid validate run.json other-run.toml")
 @click.argument("result", type=_FILE)
 @click.argument("experiment", type=_FILE)
 @_output_options
@@ -190,7 +197,10 @@ def validate(**options: Any) -> int:
     return _work("validate", **options)
 
 
-@cli.command(epilog=_example('rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"'))
+@_command(
+    "Natural frequencies, damping, whirl, critical speeds.",
+    'rotorid modes run.json --speed "8400 rpm" --to "20000 rpm"',
+)
 @click.argument("source", metavar="RESULT-OR-MODEL", shell_complete=_names_in("models"))
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
@@ -201,8 +211,9 @@ def modes(**options: Any) -> int:
     return _work("modes", **options)
 
 
-@cli.command(
-    epilog=_example('rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"')
+@_command(
+    "Correction masses in some planes, and what they leave.",
+    'rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"',
 )
 @click.argument("result", type=_FILE)
 @click.argument("more", nargs=-1, metavar="")
@@ -219,7 +230,10 @@ def balance(**options: Any) -> int:
     return _work("balance", **options)
 
 
-@cli.command(epilog=_example("rotorid sensitivity sweep.toml --report sensitivity.html"))
+@_command(
+    "Sensitivity of the loops after ISO 14839-3, and its zone.",
+    "rotorid sensitivity sweep.toml --report sensitivity.html",
+)
 @click.argument("experiment", type=_FILE)
 @click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
 @_output_options
@@ -228,7 +242,7 @@ def sensitivity(**options: Any) -> int:
     return _work("sensitivity", **options)
 
 
-@cli.command(epilog=_example("rotorid report run.json --out run.html"))
+@_command("Write the report of a result again (HTML).", "rotorid report run.json --out run.html")
 @click.argument("result", type=_FILE)
 @click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")
 @_quiet_option
@@ -239,7 +253,10 @@ def report(**options: Any) -> int:
     return _work("report", **options)
 
 
-@cli.command(epilog=_example("rotorid export run.json --to run.mat"))
+@_command(
+    "Write a result for other programs: CSV, MATLAB, TeX, JSON.",
+    "rotorid export run.json --to run.mat",
+)
 @click.argument("result", type=_FILE)
 @click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat, .tex, .json.")
 @click.option("--speed", default="0 rpm", show_default=True, help="Of the state space.")
@@ -251,12 +268,10 @@ def export(**options: Any) -> int:
     return _work("export", **options)
 
 
-@cli.command(epilog=_example("rotorid simulate three-mass --out run.h5"))
+@_command("Record a levitated rig as a logger does.", "rotorid simulate three-mass --out run.h5")
 @click.argument("rig", required=False, shell_complete=_names_in("rig"))
 @click.option("--out", type=_FILE, help="The record to write (.h5).")
-@click.option(
-    "--seed", type=click.IntRange(min=0, max=MAX_SEED), help="Of the noise, in place of the file's."
-)
+@click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
 @click.option("--faults", is_flag=True, help="List the faults.")
 @_quiet_option
@@ -267,7 +282,9 @@ def simulate(**options: Any) -> int:
     return _work("simulate", **options)
 
 
-@cli.command(epilog=_example("rotorid new run.csv --model rigid --out run.toml"))
+@_command(
+    "Draft the experiment file of a record.", "rotorid new run.csv --model rigid --out run.toml"
+)
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @click.option(
     "--model",
@@ -282,7 +299,7 @@ def new(**options: Any) -> int:
     return _work("new", **options)
 
 
-@cli.command(epilog=_example("rotorid models three-mass"))
+@_command("List the shipped models, or show one.", "rotorid models three-mass")
 @click.argument("name", required=False, shell_complete=_names_in("models"))
 @_debug_option
 def models(**options: Any) -> int:
@@ -290,7 +307,10 @@ def models(**options: Any) -> int:
     return _work("models", **options)
 
 
-@cli.command(epilog=_example("rotorid schema experiment --out experiment.schema.json"))
+@_command(
+    "JSON Schema of a kind of file, for editors.",
+    "rotorid schema experiment --out experiment.schema.json",
+)
 @click.argument("file", type=click.Choice(["experiment", "model", "rotor", "rig"]))
 @click.option("--out", type=_FILE, help="The file to write (JSON); else it is printed.")
 @_force_option

@@ -16,7 +16,6 @@ from rotorid.data.lazy_time import changed
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel, Drive, PeriodicRecord, Record
 from rotorid.data.whole_record import spectra
-from rotorid.experiment import tables
 from rotorid.experiment.channels import Entries, Recording, check_columns, of_samples
 from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
@@ -77,6 +76,8 @@ def _planned(
 ) -> Recording:
     if record.channel_kind == "samples":
         return Recording(record, folder, entries, *of_samples(entries, model, others, folder))
+    from rotorid.experiment import tables  # which few records need
+
     check = tables.check_phasors if record.kind == "phasors" else tables.check_responses
     check(entries, model, folder)
     return Recording(record, folder, entries)
@@ -297,6 +298,8 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
 
 def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
     """Read a record that is a table; responses to several inputs are several."""
+    from rotorid.experiment import tables  # which few records need
+
     read = tables.read_phasors if plan.entry.kind == "phasors" else tables.read_responses
     return read(plan, model)
 
