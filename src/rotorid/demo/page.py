@@ -174,7 +174,6 @@ def machine_page(result: MachineResult) -> Page:
 
 
 def beside_the_truth(result: MachineResult) -> Table:
-    """Return each free quantity, true and found, and its error in deviations."""
     rows = []
     for value in result.estimate.free:
         if value.name not in result.truth or not value.std:

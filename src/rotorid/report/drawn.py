@@ -78,7 +78,6 @@ def _plane(one: Any, left: Any) -> Panel:
 
 
 def loops(found: Loops, limits: dict[str, float]) -> list[Panel]:
-    """Return the sensitivity of each loop over the frequency, and the limits of the zones."""
     return [_loop(one, limits) for one in found[:MOST_PANELS]]
 
 
@@ -430,7 +429,6 @@ def _signed(part: Any) -> Floats:
 
 
 def response(found: Response, units: Mapping[str, str]) -> list[Panel]:
-    """Return the amplitude that unbalance makes of each coordinate, over the speed."""
     rpm = RPM * np.asarray(found.speed)
     panels = []
     names = list(enumerate(found.coordinates))
@@ -603,7 +601,6 @@ def line_filter(
 
 
 def each_period(record: Periods) -> Panel:
-    """Return the deviation of each period from the mean, over its scatter, channel by channel."""
     z = record.spectra - record.mean_spectrum
     scatter = np.sqrt(np.median(np.abs(z) ** 2, axis=0).mean(axis=0))
     size = np.sqrt((np.abs(z) ** 2).mean(axis=1)) / np.where(scatter > 0, scatter, np.inf)
@@ -624,7 +621,6 @@ def each_period(record: Periods) -> Panel:
 
 
 def noise_correlation(names: list[str], matrix: Floats) -> Panel:
-    """Return the size of the correlation of the noise between channels."""
     short = tuple(label(name, 14) for name in names)
     shown = Matrix(short, short, matrix, 0.0, 1.0, "correlation")
     return Panel(matrix=shown, height=min(9.0, 1.6 + 0.3 * len(short)))

@@ -78,7 +78,6 @@ def _explained(estimate: Estimate) -> str:
 
 
 def _kind(estimate: Estimate, names: list[str]) -> str:
-    """Return what channels are, by their units."""
     records = estimate.evidence.records if estimate.evidence else ()
     units = {c.unit for record in records for c in record.channels if c.name in names}
     kinds = {"N": "forces", "m": "positions", "A": "currents"}
@@ -172,8 +171,6 @@ class Bar:
 
 @frozen
 class Row:
-    """A quantity as the page shows it."""
-
     name: str
     value: str
     half: str
@@ -211,7 +208,6 @@ def groups(estimate: Estimate) -> list[RowGroup]:
 
 
 def any_known(estimate: Estimate) -> bool:
-    """Tell whether anything that was estimated was known beforehand."""
     known = estimate.evidence
     return known is not None and any(known.prior(value.name) for value in estimate.free)
 
@@ -221,7 +217,6 @@ def fixed(estimate: Estimate) -> list[str]:
 
 
 def relations(estimate: Estimate) -> list[str]:
-    """Return what was known of combinations, in words."""
     every = (*estimate.parameters, *estimate.nuisance)
     named = {value.name for value in every}
     known = estimate.evidence.known if estimate.evidence else ()
@@ -418,7 +413,6 @@ def _titled(one: Table) -> Section:
 
 
 def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
-    """Return the model of a result, or why there is none."""
     try:
         return own_model(estimate), []
     except InputError as error:
@@ -426,7 +420,6 @@ def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
 
 
 def _drawn(model: Model | None) -> Iterator[Section]:
-    """Draw the rotor, where the model comes from a drawing."""
     if isinstance(model, RotorModel):
         told = "The rotor as it is drawn, and what stands on it."
         yield Section("The rotor", told, panels=(drawn.drawing(model.rotor),))
@@ -462,7 +455,6 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
 
 
 def _strongest(names: Sequence[str], matrix: Floats) -> str:
-    """Name the two parameters that hang together most."""
     size = np.nan_to_num(np.abs(np.triu(matrix, 1)))
     i, j = divmod(int(np.argmax(size)), size.shape[1])
     value = f"{matrix[i, j]:+.2f}".replace("-", "\N{MINUS SIGN}")
@@ -538,7 +530,6 @@ def _of_lines(record: RecordEvidence) -> str:
 
 
 def channels_table(records: Sequence[RecordEvidence]) -> Table | None:
-    """Return how well each channel is predicted, in figures."""
     several = len(records) > 1
     rows = [
         ((f"{c.name}, record {n + 1}" if several else c.name), *_against_noise(c))

@@ -40,8 +40,6 @@ class Section:
 
 @dataclass
 class PagePanels:
-    """The panels of a page, numbered as they come."""
-
     panels: list[Panel]
 
     def add(self, panel: Panel) -> str:
@@ -162,5 +160,4 @@ def answer(
 
 
 def filled(sections: Iterable[Section]) -> list[Section]:
-    """Return the sections that hold anything."""
     return [one for one in sections if one.table or one.items or one.panels]

@@ -88,7 +88,6 @@ def residual_table(found: Balance) -> Table:
 
 
 def said_of(found: Balance) -> list[str]:
-    """Return what is to be said besides the tables."""
     said = list(found.remarks)
     if found.grade_mm_s is not None and found.rotor_mass is not None:
         said.append(
@@ -107,7 +106,6 @@ def said_of(found: Balance) -> list[str]:
 
 
 def centring_table(found: Sequence[Feedforward], speed: float) -> Table:
-    """Return a row per axis: what to feed forward."""
     known = any(each.amplitude_ampere is not None for each in found)
     rows = []
     for each in found:
@@ -219,7 +217,6 @@ def modes_sentence(found: Modes, diagram: Campbell | None) -> str:
 
 
 def _nearest(rpm: float, diagram: Campbell) -> str:
-    """Say how far the nearest critical speed is."""
     if not diagram.critical:
         return f"no critical speed up to {RPM * abs(diagram.speed[-1]):.5g} rpm"
     speeds = [RPM * abs(each.speed_rad_s) for each in diagram.critical]
@@ -247,7 +244,6 @@ def mode_table(found: Modes) -> Table:
 
 
 def summary(found: Modes) -> list[str]:
-    """Return what is to be said of modes besides their table."""
     said = list(found.remarks)
     heard = ringing(found).modes
     if len(heard) > MOST_MODES:

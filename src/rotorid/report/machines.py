@@ -34,7 +34,7 @@ from rotorid.report.machine_tables import (
 from rotorid.results.balancing import POOR, Balance
 from rotorid.results.centring import Feedforward
 from rotorid.results.critical import Campbell, UnbalanceResponse, campbell, response_of
-from rotorid.results.machine import machine_of
+from rotorid.results.machine import Machine, machine_of
 from rotorid.results.modes import Modes, modes, partners
 from rotorid.results.sensitivity import LIMITS, AxisSensitivity, worst_of
 
@@ -55,25 +55,20 @@ class Part:
 
 
 def machine_part(source: Estimate | Model, speed: float) -> Part:
-    title = f"Modes at {RPM * speed:.5g} rpm" if speed else "Modes at standstill"
+    """Return the modes at a speed, and the way there and beyond, as part of a page."""
     try:
         found = modes(source, speed=speed)
         diagram = campbell(source, BEYOND * speed) if speed else None
-        response = _response(source, BEYOND * speed) if speed else None
     except InputError as error:
         return Part("Modes", (f"No modes are told: {error.found}; {error.cure}.",))
-    return part_of(source, title, found, diagram, response)
+    return part_of(machine_of(source), found, diagram)
 
 
-def part_of(
-    source: Estimate | Model,
-    title: str,
-    found: Modes,
-    diagram: Campbell | None,
-    response: UnbalanceResponse | None,
-) -> Part:
-    """Return what was found of a machine as part of a page."""
-    model = machine_of(source).model
+def part_of(machine: Machine, found: Modes, diagram: Campbell | None) -> Part:
+    model, response = machine.model, None
+    title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
+    if diagram is not None and machine.linear.load_terms:
+        response = response_of(machine, np.linspace(0, diagram.speed[-1], SPEEDS + 1)[1:])
     free = ", ".join(model.inputs)
     said = [
         f"Of the machine as its equations have it, without forces at its inputs ({free}): what a "
@@ -136,24 +131,15 @@ def _positions(model: Model, pairs: Sequence[tuple[int, int]]) -> Floats | None:
     return None if None in found else np.array(found, dtype=float)
 
 
-def _response(source: Estimate | Model, to: float) -> UnbalanceResponse | None:
-    machine = machine_of(source)
-    if not machine.linear.load_terms:
-        return None
-    return response_of(machine, np.linspace(0, to, SPEEDS + 1)[1:])
-
-
 def modes_report(
     source: Estimate | Model,
     found: Modes,
     diagram: Campbell | None,
     notes: Sequence[str],
 ) -> str:
-    end = diagram.speed[-1] if diagram is not None else 0.0
-    response = _response(source, float(end)) if end else None
-    title = f"Modes at {RPM * found.speed:.5g} rpm" if found.speed else "Modes at standstill"
-    part = part_of(source, title, found, diagram, response)
-    return render("modes.html", part=part, model=machine_of(source).model, notes=notes)
+    machine = machine_of(source)
+    part = part_of(machine, found, diagram)
+    return render("modes.html", part=part, model=machine.model, notes=notes)
 
 
 MOODS = {"zone A": "ok", "zone B": "rejected", "zone C": "not_converged", "zone D": "not_converged"}

@@ -76,7 +76,6 @@ class Panel:
 
 
 def key_of(panels: Sequence[Panel]) -> list[Curve]:
-    """Return the curves that a key explains: one of each label."""
     found = {c.label: c for panel in panels for c in panel.curves if c.label}
     return list(found.values())
 

@@ -93,7 +93,6 @@ def _standing(rotor: Rotor, names: tuple[str, ...]) -> str:
 
 
 def _weights(model: RotorModel) -> list[str]:
-    """Return mass and inertia at the nominal values, and bending frequencies of the shaft."""
     hertz = ", ".join(f"{w / (2 * np.pi):.4g}" for w in bending(model.rotor))
     told = [f"shaft alone, free, at rest: bending at {hertz} Hz"]
     missing = [name for name in model.parameter_names if name not in model.nominal]
@@ -159,7 +158,6 @@ def model_list(models: Iterable[Model]) -> Table:
 
 
 def model_page(model: Model) -> Page:
-    """Return what the program makes of a model: equations, parameters, base parameters."""
     units = [(name, model.units[name]) for name in (*model.coordinates, *model.inputs)]
     kinds = ["coordinate"] * len(model.coordinates) + ["input"] * len(model.inputs)
     signals = [(name, kind, unit) for (name, unit), kind in zip(units, kinds, strict=True)]
@@ -227,7 +225,6 @@ _HEADINGS = ("column", "unit", "mean", "rms about it", "hold", "delay us")
 
 
 def record_page(record: Logged, file: str, experiment: str) -> Page:
-    """Return the columns of a record with their size, and what to do with it."""
     turning = record.truth.rpm
     return [
         f"{record.count} samples at {record.sample_rate:g} Hz, {turning:.6g} rpm: {file}",

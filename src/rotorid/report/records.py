@@ -50,7 +50,6 @@ def _tabled(found: LineInspection) -> str:
 
 
 def _amplitudes(found: LineInspection) -> Page:
-    """Return a row per channel, and what was said of the table."""
     unit = "rpm" if found.turning else "Hz"
     rows = [
         (

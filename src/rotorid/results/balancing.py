@@ -363,7 +363,6 @@ def unbalanced(machine: Machine) -> Machine:
 
 
 def _said_of(estimate: Estimate) -> list[str]:
-    """Return what is to be said of what was told apart from the unbalance."""
     runout = sorted({v.name.rpartition(".")[0] for v in estimate.nuisance if "runout[" in v.name})
     said = [f"not unbalance, and left as it is: {', '.join(runout)}"] if runout else []
     model = own_model(estimate)

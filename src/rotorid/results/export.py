@@ -289,7 +289,6 @@ def export(
 def exported(
     estimate: Estimate, path: str | Path, *, ending: str | None = None, speed: float | str = 0.0
 ) -> bytes:
-    """Return the content of the file that `export` writes."""
     return EXPORT.signed(_WRITERS[known_ending(path, ending)](estimate, speed))
 
 

@@ -249,7 +249,6 @@ class Machine:
 
     @property
     def needed(self) -> list[int]:
-        """The unknowns that the matrices hold."""
         held = {m for m in self.linear.stiffness.monomials if self.used[m]}
         count = len(self.names)
         return sorted({u for m in held for u in self.monomials.factors[m].tolist() if u < count})

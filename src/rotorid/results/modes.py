@@ -349,7 +349,6 @@ def block_of(machine: Machine, speed: float, found: Eigenmodes, group: Integers)
 
 
 def chosen(found: Eigenmodes, modes: slice | Integers) -> Eigenmodes:
-    """Return some of the modes."""
     return replace(
         found, values=found.values[modes], right=found.right[modes], left=found.left[modes]
     )

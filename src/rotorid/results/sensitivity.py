@@ -278,7 +278,6 @@ Raw = tuple[Floats, Complexes, Floats, Floats]
 
 
 def _check(record: PeriodicRecord | Record, pairs: Mapping[str, str]) -> None:
-    """Refuse channels that are not there."""
     names = [channel.name for channel in record.channels]
     require_names([*pairs, *pairs.values()], names, "no channel {}", file=record.source)
 
@@ -292,7 +291,6 @@ def _not_excited(axis: str) -> InputError:
 
 
 def _of_periods(records: Sequence[PeriodicRecord], pairs: Mapping[str, str]) -> list[Raw]:
-    """Return S_jj on the lines of whole periods."""
     lines: dict[float, list[tuple[PeriodicRecord, int]]] = {}
     for record in records:
         fundamental = record.sample_rate / len(record.mean)
