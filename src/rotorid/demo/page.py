@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -20,9 +20,6 @@ from rotorid.report.estimate import verdict_of
 from rotorid.report.html import Section, answer
 from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Floats, Panel
 from rotorid.results.evidence import record_evidence
-
-FIRST = ("ml",)
-"""Estimators whose columns come first, beside the bound."""
 
 
 def demo_page(result: DemoResult) -> Page:
@@ -43,16 +40,33 @@ def demo_page(result: DemoResult) -> Page:
 
 
 def ordered(result: DemoResult) -> list[str]:
-    return sorted(result.estimators, key=lambda name: name not in FIRST)
+    return sorted(result.estimators, key=lambda name: name != "ml")  # it stands beside the bound
 
 
 def sizes(result: DemoResult) -> Table:
-    names = ordered(result)
+    errors = {name: result.rms(name) for name in ordered(result)}
+    return _figures(result, {"bound": result.bound_percent, **errors}, ".3f")
+
+
+def means(result: DemoResult) -> Table:
+    return _figures(result, {name: result.bias(name) for name in ordered(result)}, "+.3f")
+
+
+def _deviations(result: DemoResult) -> Table | None:
+    """Return scatter over stated deviation; none from a single record."""
+    if result.runs < 2:
+        return None
+    ratios = {name: result.scatter_over_stated(name) for name in result.estimators}
+    return _figures(result, ratios, ".2f")
+
+
+def _figures(result: DemoResult, columns: Mapping[str, Floats], form: str) -> Table:
+    """Return a row per parameter, in the order of the paper."""
     rows = [
-        (row.base, f"{result.bound_percent[i]:.3f}", *(f"{result.rms(n)[i]:.3f}" for n in names))
+        (row.base, *(format(values[i], form) for values in columns.values()))
         for row, i in _numbered(result)
     ]
-    return table(("parameter", "bound", *names), rows)
+    return table(("parameter", *columns), rows)
 
 
 def beside_the_paper(result: DemoResult) -> Table:
@@ -70,15 +84,6 @@ def beside_the_paper(result: DemoResult) -> Table:
         rows.append((row.base, f"{result.truth[i]:.5g}", result.units[i], *flat))
     headings = [text for name in names for text in (name, "here")]
     return table(("parameter", "true", "unit", *headings), rows)
-
-
-def means(result: DemoResult) -> Table:
-    names = ordered(result)
-    rows = [
-        (row.base, *(f"{result.bias(name)[i]:+.3f}" for name in names))
-        for row, i in _numbered(result)
-    ]
-    return table(("parameter", *names), rows)
 
 
 def as_printed() -> str:
@@ -263,12 +268,3 @@ def _sections(result: DemoResult) -> Iterator[Section]:
         "is not in it.",
         _deviations(result),
     )
-
-
-def _deviations(result: DemoResult) -> Table | None:
-    """Return scatter over stated deviation, a row per parameter; none from a single record."""
-    if result.runs < 2:
-        return None
-    ratios = [result.scatter_over_stated(name) for name in result.estimators]
-    rows = [(row.base, *(f"{ratio[i]:.2f}" for ratio in ratios)) for row, i in _numbered(result)]
-    return table(("parameter", *result.estimators), rows)
