@@ -56,9 +56,9 @@ def correction_table(found: Balance) -> Table:
         (
             each.plane,
             f"{each.unbalance_kg_m * GMM:.5g}",
-            _std(each.std_kg_m, GMM),
+            _told(each.std_kg_m, GMM),
             f"{np.degrees(each.angle_rad):.1f}",
-            _std(each.angle_std_rad, 180 / np.pi),
+            _told(each.angle_std_rad, DEGREES),
         )
         for each in found.corrections
     ]
@@ -78,9 +78,9 @@ def residual_table(found: Balance) -> Table:
     rows = [
         (
             each.plane,
-            "-" if each.unbalance_kg_m is None else f"{each.unbalance_kg_m * GMM:.4g}",
-            _std(each.std_kg_m, GMM),
-            "-" if each.grade_mm_s is None else f"{each.grade_mm_s:.3g}",
+            _told(each.unbalance_kg_m, GMM, ".4g"),
+            _told(each.std_kg_m, GMM),
+            _told(each.grade_mm_s, form=".3g"),
         )
         for each in found.residual
     ]
@@ -109,12 +109,10 @@ def centring_table(found: Sequence[Feedforward], speed: float) -> Table:
     known = any(each.amplitude_ampere is not None for each in found)
     rows = []
     for each in found:
-        row = [each.input, f"{1e6 * each.motion_m:.4g}", _std(each.motion_std_m, 1e6)]
+        row = [each.input, f"{1e6 * each.motion_m:.4g}", _told(each.motion_std_m, 1e6)]
         if known:
-            row += ["-" if (a := each.amplitude_ampere) is None else f"{1e3 * a:.4g}"]
-            row += [_std(each.std_ampere, 1e3)]
-            row += ["-" if (b := each.angle_rad) is None else f"{np.degrees(b):.1f}"]
-            row += [_std(each.angle_std_rad, 180 / np.pi)]
+            row += [_told(each.amplitude_ampere, 1e3, ".4g"), _told(each.std_ampere, 1e3)]
+            row += [_told(each.angle_rad, DEGREES, ".1f"), _told(each.angle_std_rad, DEGREES)]
         rows.append(tuple(row))
     headings = [f"inertial centring at {speed * RPM:.6g} rpm", "motion in um", "std"]
     if known:
@@ -122,10 +120,12 @@ def centring_table(found: Sequence[Feedforward], speed: float) -> Table:
     return table(tuple(headings), rows)
 
 
-def _std(value: float | None, factor: float = 1.0) -> str:
-    return "-" if value is None else f"{factor * value:.2g}"
+def _told(value: float | None, factor: float = 1.0, form: str = ".2g") -> str:
+    """Return a number, a deviation if nothing else is said; a dash where there is none."""
+    return "-" if value is None or np.isnan(value) else format(factor * value, form)
 
 
+DEGREES = 180 / np.pi
 NAMED = 5
 """Frequencies that a sentence names: the lowest."""
 SHOWN = 11
@@ -233,9 +233,9 @@ def mode_table(found: Modes) -> Table:
         (
             f"{number}{'~' if mode.close else ''}",
             f"{mode.frequency_hz:.6g}",
-            _std(mode.std_hz),
+            _told(mode.std_hz),
             _ratio(mode.damping_ratio),
-            "-" if abs(mode.damping_ratio) < NOTHING else _std(mode.damping_std),
+            "-" if abs(mode.damping_ratio) < NOTHING else _told(mode.damping_std),
             mode.whirl + (", both planes" if mode.count > 1 else ""),
         )
         for number, mode in enumerate(ringing(found).modes[:MOST_MODES], start=1)
@@ -277,7 +277,7 @@ def critical_table(found: Campbell) -> Table:
         (
             str(number),
             f"{each.speed_rad_s * RPM:.6g}",
-            _std(each.std, RPM),
+            _told(each.std, RPM),
             f"{each.speed_rad_s:.6g}",
             each.whirl,
             _ratio(each.damping_ratio),
@@ -300,7 +300,7 @@ def campbell_table(found: Campbell) -> Table:
     rows = [
         (
             f"{found.speed[k] * RPM:.5g}",
-            *("-" if np.isnan(f) else f"{f:.5g}" for f in found.frequency_hz[k, curves]),
+            *(_told(f, form=".5g") for f in found.frequency_hz[k, curves]),
         )
         for k in chosen
     ]
@@ -318,7 +318,7 @@ def response_table(found: UnbalanceResponse, units: Mapping[str, str]) -> Table:
             (
                 name,
                 f"{size:.4g}" if np.isfinite(size) else "no bound",
-                "-" if np.isnan(std) else f"{factor * std:.2g}",
+                _told(std, factor),
                 unit,
                 f"{np.degrees(np.angle(value)):.1f}" if np.isfinite(size) else "",
             )
