@@ -353,8 +353,6 @@ def freed(
     kind: Kind = "term",
     *,
     on: tuple[str, ...] | None = None,
-    way: Literal["near", "both"] = "near",
-    sharper: Callable[[Case, Point], Iterator[Rival]] | None = None,
 ) -> Rival:
     """Return the rival that an unknown is not what it is taken for."""
     names = [scalar.name for scalar in unknown.scalars]
@@ -379,13 +377,12 @@ def freed(
         unknown.told,
         value,
         unknown.unit,
-        way,
-        Small(
+        small=Small(
             lambda slopes: slopes.by(*names),
             lambda step: unknown.size(start + step),
             unknown,
         ),
-        sharper=sharper or instead,
+        sharper=instead,
     )
 
 
@@ -403,3 +400,11 @@ def mistake(
     return Rival(
         term, on, kind, lambda case: case.reading(change), (said, cure), value, unit, way="far"
     )
+
+
+def each_record(
+    change: Callable[[Observation], Observation],
+    of: Callable[[Observation], bool] = lambda record: True,
+) -> Callable[[Records], list[Observation]]:
+    """Return what changes each record by itself; `of`: those of one kind."""
+    return lambda records: [change(record) if of(record) else record for record in records]

@@ -410,15 +410,12 @@ def _turned(point: Point, number: int, record: Observation, parts: int) -> Float
 
 
 @doubt()
-def unit_of_speed(asked: Asked) -> Iterator[Note]:
+def unit_of_speed(asked: Asked) -> Iterable[Note]:
     """Judge whether the speeds of tables are in the unit that they are said to be in."""
     fit = asked.fit
     modes = bool(len(fit.problem.known.modes))
     at = fit.solution.point.unknowns
-    found = scale_of_time(fit.prepared.layout, at, fit.records, modes=modes)
-    if found is not None:
-        said, sure = found
-        yield Note("unit of the speed", "rejects" if sure else "doubts", said)
+    return scale_of_time(fit.prepared.layout, at, fit.records, modes=modes)
 
 
 @doubt()
@@ -431,14 +428,12 @@ def against_the_angle(asked: Asked) -> Iterator[Note]:
 
 
 @doubt()
-def growing(asked: Asked) -> Iterator[Note]:
+def growing(asked: Asked) -> Iterable[Note]:
     """Say that a machine whose responses were measured grows by itself."""
     fit, layout = asked.fit, asked.fit.prepared.layout
-    if _determined(fit):
-        at = fit.solution.point.unknowns
-        grows = growing_mode(layout, at, fit.covariance, fit.records)
-        if grows is not None:
-            yield Note("growing mode", "rejects", grows)
+    if not _determined(fit):
+        return ()
+    return growing_mode(layout, fit.solution.point.unknowns, fit.covariance, fit.records)
 
 
 def _determined(fit: Fit) -> bool:
@@ -592,9 +587,7 @@ def sensors_alike(asked: Asked) -> Iterator[Note]:
     if fit.inference.expectation.p_value(point.cost) < MISFIT:
         return
     for record, at in zip(fit.records, point.records, strict=True):
-        said = lines_alike(record, at)
-        if said is not None:
-            yield Note("neighbouring lines", "doubts", said)
+        yield from lines_alike(record, at)
 
 
 @doubt("rejected", last=True)

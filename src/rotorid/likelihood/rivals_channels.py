@@ -11,7 +11,7 @@ share is no factor of a channel, but an unknown of its own in what the sensor re
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations
@@ -20,7 +20,7 @@ import numpy as np
 
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.likelihood.case import Case, Records, Rival, freed, mistake, rivals
+from rotorid.likelihood.case import Case, Records, Rival, each_record, freed, mistake, rivals
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_tables import SPEEDS, is_table
 from rotorid.likelihood.unknowns import Multiplier, Share, every_unknown
@@ -75,10 +75,6 @@ def turning(observation: Observation, factor: float) -> Observation:
     return observation.with_lines(moved)
 
 
-def _each(change: Callable[[Observation], Observation]) -> Callable[[Records], list[Observation]]:
-    return lambda records: [change(record) for record in records]
-
-
 def swap(pairs: Sequence[tuple[str, str]]) -> Rival:
     told = " and ".join(f"{a} with {b}" for a, b in pairs)
     return mistake(
@@ -86,7 +82,7 @@ def swap(pairs: Sequence[tuple[str, str]]) -> Rival:
         tuple(name for pair in pairs for name in pair),
         f"the columns of {told} exchanged" if len(pairs) > 1 else f"{told} exchanged",
         "exchange their columns in [channels]",
-        _each(lambda record: exchanged(record, pairs)),
+        each_record(lambda record: exchanged(record, pairs)),
     )
 
 
@@ -97,7 +93,7 @@ def sign(names: Sequence[str]) -> Rival:
         tuple(names),
         f"{listed} upside down",
         "turn the sign: scale = -1 (or that of ki, where the channel is a current)",
-        _each(lambda record: multiplied(record, dict.fromkeys(names, -1.0))),
+        each_record(lambda record: multiplied(record, dict.fromkeys(names, -1.0))),
         -1.0,
         "1",
     )
@@ -110,7 +106,7 @@ def unit(names: Sequence[str], label: str, gain: float) -> Rival:
         (label,),
         f"{label} reading {gain:.4g} times the quantity{factor_name(gain)}",
         f"look up the unit and the scale of {label}, and give them",
-        _each(lambda record: multiplied(record, dict.fromkeys(names, 1 / gain))),
+        each_record(lambda record: multiplied(record, dict.fromkeys(names, 1 / gain))),
         gain,
         "1",
         kind="unit",
@@ -477,7 +473,7 @@ def _positions(case: Case) -> Iterator[Rival]:
                     (channel.name,),
                     f"the force law of {channel.name} at {other}",
                     f'set position = "{other}" of {channel.name} in [channels]',
-                    _each(partial(_driven_at, name=channel.name, other=other)),
+                    each_record(partial(_driven_at, name=channel.name, other=other)),
                 )
 
 

@@ -12,11 +12,12 @@ from functools import partial
 
 import numpy as np
 
+from rotorid.core.notes import Note
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PhasorClock, SilentClock
 from rotorid.data.observation import Observation
-from rotorid.likelihood.case import Case, Records, Rival, mistake, rivals
+from rotorid.likelihood.case import Case, Rival, each_record, mistake, rivals
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.modal import pencil_at
@@ -55,14 +56,14 @@ def is_response(record: Observation) -> bool:
 
 def growing_mode(
     layout: Layout, unknowns: Floats, covariance: Floats, records: Sequence[Observation]
-) -> str | None:
+) -> Iterator[Note]:
     """Say that a machine whose responses were measured grows by itself: it would have none.
 
     `covariance` is that of all unknowns.
     """
     linear = layout.model.require_linear()
     if linear.rows != linear.coordinates:
-        return None
+        return
     for number, record in enumerate(records):
         if not is_response(record):
             continue
@@ -74,28 +75,30 @@ def growing_mode(
             slope = pencil.slopes(value, left[None], right[None], unknowns)[0, 0] / gram
             std = float(np.sqrt(max(float(slope.real @ covariance @ slope.real), 0.0)))
             if value.real > max(GROWS * std, NONE * abs(value)):
-                return (
+                text = (
                     f"a mode at {value.imag / (2 * np.pi):.4g} Hz with a damping ratio of "
                     f"{-value.real / abs(value):.3g}: a machine that grows by itself has no "
                     "frequency response, so the phases count the other way (set lag = true in "
                     "the channels), or a response has the wrong sign"
                 )
-    return None
+                yield Note("growing mode", "rejects", text)
+                return
 
 
-def lines_alike(record: Observation, at: Evaluation) -> str | None:
+def lines_alike(record: Observation, at: Evaluation) -> Iterator[Note]:
     """Say that neighbouring lines of responses hold the same noise, as a window makes them."""
     if not is_response(record) or len(at.whitened) < LEAST:
-        return None
+        return
     correlation = lag_one_correlation(at.whitened[:, :, None])
     if correlation < ALIKE:
-        return None
+        return
     names = ", ".join(sensor.channel.name for sensor in record.sensors)
-    return (
+    text = (
         f"the residuals of neighbouring lines of {names} are alike (correlation "
         f"{correlation:.2f}), as a window such as Hann makes them: the deviations are too small by "
         f"a factor of about {np.sqrt(1 + 2 * correlation):.2g}; keep every second line (every = 2)"
     )
+    yield Note("neighbouring lines", "doubts", text)
 
 
 FAR = 30.0
@@ -134,18 +137,19 @@ def _all_rows(case: Case) -> Iterator[Rival]:
     if not tables or not case.gross:
         return
     names = [s.channel.name for s in tables[0].sensors]
+    lag = "phases that count the other way, lag for lead"
     cure = "set lag = true in their channels, or take it out where it stands"
     degrees = 'set phase_unit = "rad" in the channels'
+    radians = "phases in radians taken for degrees"
     other_way = "the rotor turning the other way"
-    of_tables = partial(_of, is_table)
-    yield of_tables("lag", "phases that count the other way, lag for lead", cure, _lag(names))
-    yield of_tables("phase_unit", "phases in radians taken for degrees", degrees, _radians)
-    speed = of_tables("speed", other_way, "turn the sign of the speed", _reversed)
-    yield replace(speed, on=(), kind="speed")
+    back = each_record(_reversed, is_table)
+    yield mistake("lag", ("lag",), lag, cure, each_record(_lag(names), is_table))
+    yield mistake("phase_unit", ("phase_unit",), radians, degrees, each_record(_radians, is_table))
+    yield mistake("speed", (), other_way, "turn the sign of the speed", back, kind="speed")
     for name in names if len(names) > 1 else ():
         said = f"the phase of {name} counting the other way, lag for lead"
         cure = f"set lag = true in the channel of {name}, or take it out where it stands"
-        yield replace(of_tables(f"lag[{name}]", said, cure, _lag([name])), on=(name,))
+        yield mistake(f"lag[{name}]", (name,), said, cure, each_record(_lag([name]), is_table))
 
 
 @rivals("table")
@@ -154,49 +158,33 @@ def _responses(case: Case) -> Iterator[Rival]:
     orders = {s.order for r in case.records if is_response(r) for s in r.sensors}
     if not orders or not case.gross:
         return
-    of_responses = partial(_of, is_response)
     for order in range(len(KINDS)) if len(orders) == 1 else ():
         (said,) = orders
         if order != said:
-            yield replace(
-                of_responses(
-                    "derivative",
-                    f"responses of {KINDS[order]}, where {KINDS[said]} are said to be read",
-                    f'write reads = "x{chr(39) * order}" in channels of names of their own',
-                    partial(_shifted, order=said - order),
-                ),
-                value=float(order),
+            yield mistake(
+                "derivative",
+                ("derivative",),
+                f"responses of {KINDS[order]}, where {KINDS[said]} are said to be read",
+                f'write reads = "x{chr(39) * order}" in channels of names of their own',
+                each_record(partial(_shifted, order=said - order), is_response),
+                float(order),
             )
-    yield of_responses(
+    yield mistake(
         "lag",
+        ("lag",),
         "phases that count the other way, lag for lead",
         "set lag = true in the channels, or take it out where it stands",
-        lambda r: r.with_lines(replace(r.lines, mean=r.lines.mean.conj())),
-    )
-    yield replace(
-        of_responses(
-            "sign[force]",
-            "all responses upside down, as where the force sensor or the shaker is turned about",
-            "set scale = -1 in each channel of the responses, or turn the force sensor",
-            partial(_shifted, order=0, sign=-1.0),
+        each_record(
+            lambda r: r.with_lines(replace(r.lines, mean=r.lines.mean.conj())), is_response
         ),
-        on=("force",),
     )
-
-
-def _of(
-    which: Callable[[Observation], bool],
-    term: str,
-    said: str,
-    cure: str,
-    change: Callable[[Observation], Observation],
-) -> Rival:
-    """Return the rival that changes the records of a kind."""
-
-    def undo(records: Records) -> list[Observation]:
-        return [change(record) if which(record) else record for record in records]
-
-    return mistake(term, (term,), said, cure, undo)
+    yield mistake(
+        "sign[force]",
+        ("force",),
+        "all responses upside down, as where the force sensor or the shaker is turned about",
+        "set scale = -1 in each channel of the responses, or turn the force sensor",
+        each_record(partial(_shifted, order=0, sign=-1.0), is_response),
+    )
 
 
 def _shifted(record: Observation, order: int, sign: float = 1.0) -> Observation:
@@ -269,8 +257,8 @@ def _timing(records: Sequence[Observation], modes: bool) -> tuple[str, bool] | N
 
 def scale_of_time(
     layout: Layout, unknowns: Floats, records: Sequence[Observation], *, modes: bool = False
-) -> tuple[str, bool] | None:
-    """Say that the speeds of tables look like those of another unit, and whether that is sure.
+) -> Iterator[Note]:
+    """Say that the speeds of tables look like those of another unit.
 
     With all speeds a factor f off, stiffnesses are f^2 and dampings f times what they are, and
     nothing else in a table changes; with all frequencies of responses, masses are f^-2 times, and
@@ -280,26 +268,27 @@ def scale_of_time(
     """
     timing = _timing(records, modes)
     if timing is None:
-        return None
+        return
     what, force = timing
     inner = [int(i) for i in layout.free if i < layout.parameters]
     powers = {i: _of_time(layout.unknowns[i], force) for i in inner}
     at = [i for i, power in powers.items() if power and unknowns[i] * layout.start[i] > 0]
     if not at:
-        return None
+        return
     power = np.array([powers[i] for i in at])
     ratio = np.log(np.maximum(unknowns[at] / layout.start[at], 1e-300))
     if np.abs(ratio * 2 / power).max() < np.log(FAR):
-        return None
+        return
     off = {said: float(np.abs(ratio + power * np.log(f)).max()) for said, f in SPEEDS.items()}
     said = min(off, key=lambda name: off[name])
     factor = SPEEDS[said]
     if off[said] > np.log(NEAR) or factor in (0.5, 2.0):
-        return None
+        return
     names = ", ".join(layout.unknowns[i].name for i in at)
-    told = (
+    text = (
         f"{names} are far off their start, and within a factor {np.exp(off[said]):.2g} of it with "
         f"{what} {factor:.4g} times as large ({said}): the data cannot tell, so check their "
         "unit, or give a nearer start"
     )
-    return told, max(factor, 1 / factor) ** 2 > SURE
+    sure = max(factor, 1 / factor) ** 2 > SURE
+    yield Note("unit of the speed", "rejects" if sure else "doubts", text)
