@@ -231,3 +231,24 @@ def test_missing_and_invalid_samples_are_no_numbers() -> None:
         data.save("run.mf4")
     found = open_table(Path("run.mf4")).read(["0/fx"])["0/fx"].values
     assert np.flatnonzero(np.isnan(found)).tolist() == [3, 11]
+
+
+def test_a_group_of_many_channels_is_unpacked_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands of channels, each by itself, took more seconds than a file has."""
+    from asammdf import MDF, Signal
+    from asammdf.blocks.mdf_v4 import MDF4
+
+    rng = np.random.default_rng(3)
+    samples = rng.standard_normal((50, 400))
+    with MDF(version="4.10") as made:
+        made.append([Signal(samples[k], np.arange(400) / 1e3, name=f"c{k}") for k in range(50)])
+        made.save(tmp_path / "run.mf4", compression=2)
+    unpacked, load = [], MDF4._load_data
+    monkeypatch.setattr(MDF4, "_load_data", lambda *a, **k: (unpacked.append(0), load(*a, **k))[1])
+    table = open_table(tmp_path / "run.mf4")
+    found = table._columns([f"c{k}" for k in range(50)], str(tmp_path))
+    for k in range(50):
+        np.testing.assert_array_equal(found[f"c{k}"].values, samples[k])
+    assert 0 < len(unpacked) < 5

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from io import StringIO
-from itertools import count, takewhile
+from itertools import count, islice, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -67,6 +67,7 @@ class _Channels:
         self._version = 4 if data.version >= "4" else 3
         self._conversions: dict[tuple[int, int], Any] = {}
         self._times: dict[int, Floats | None] = {}
+        self._pieces: dict[int, Any] = {}
         for number, group in enumerate(data.groups):
             for index, channel in enumerate(group.channels):
                 self._conversions[number, index] = channel.conversion
@@ -101,6 +102,16 @@ class _Channels:
             return np.arange(found.channel_group.cycles_nr) * float(channel.sampling_rate or 1)
         return self._values(group, index)
 
+    def _unpacked(self, group: int) -> Any:
+        """Return the bytes of a group, once for all of its channels; None where they are many.
+
+        asammdf would unpack a group again for each channel, of which it may have thousands.
+        """
+        if self._version == 4 and group not in self._pieces:
+            pieces = list(islice(self._data._mdf._load_data(self.groups[group]), 2))
+            self._pieces = {group: pieces[0] if len(pieces) == 1 else None}
+        return self._pieces.get(group)
+
     def _values(self, group: int, index: int) -> Floats:
         """Return the samples of a channel in its unit, invalid ones as NaN."""
         channel = self.groups[group].channels[index]
@@ -108,6 +119,7 @@ class _Channels:
             samples, invalid = self._data.get(
                 group=group,
                 index=index,
+                data=self._unpacked(group),
                 raw=True,
                 samples_only=True,  # with raw alone the times are still converted
                 ignore_invalidation_bits=True,  # else invalid samples are left out unsaid
