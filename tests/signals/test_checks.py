@@ -12,7 +12,7 @@ from rotorid import Channel, Note, PeriodicRecord, Record, average
 from rotorid.core.notes import worst
 from rotorid.signals.checks import channels as checks_stuck
 from rotorid.signals.checks import rotation as checks_rotation
-from rotorid.signals.checks.channels import check_stuck
+from rotorid.signals.checks.channels import check_copied, check_stuck
 from rotorid.signals.checks.registry import check_periods, check_record
 
 RATE, F0, SIZE = 5000.0, 20.0, 250
@@ -181,6 +181,15 @@ def test_a_copied_sensor_is_refused_and_a_copied_force_told() -> None:
     assert (", ".join(found.on), found.verdict) == ("x, y", "refused")
     assert "y is 2.5 times x" in found.found
     assert only(told(damaged(machine(), force)), "copied").verdict == "warning"
+
+
+def test_each_copy_of_a_channel_is_told_of_the_first_alone() -> None:
+    """Three channels that are one: two notes; of two samples, which are alike by chance, none."""
+    channels = [Channel(f"x{i}", "m") for i in range(4)]
+    noise = np.random.default_rng(3).normal(size=(40, 2))
+    values = np.stack([noise[:, 0], 2 * noise[:, 0], noise[:, 1], -noise[:, 0]], axis=1)
+    assert [n.on for n in check_copied(channels, values)] == [("x0", "x1"), ("x0", "x3")]
+    assert not list(check_copied(channels, values[:2] - values[:2].mean(axis=0)))
 
 
 def test_the_same_excitation_on_two_axes_is_no_copy() -> None:

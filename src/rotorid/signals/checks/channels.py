@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -59,6 +58,9 @@ than about 1.5 % of the signal."""
 COPY = 1e-9
 """What is left of one channel when another is taken off, over its variance, below which the two
 are the same column: two converters share no noise."""
+
+TELLING = 3
+"""Values that tell a copy, at the least: of two, less their mean, all channels are the same."""
 
 DITHER = 2.5
 """Steps of a converter within which the last digit of a channel plays that reads nothing: one up
@@ -251,17 +253,21 @@ def check_copied(channels: Sequence[Channel], deviations: Floats) -> Iterator[No
     """Find pairs of channels whose noise is the same: one column read twice.
 
     `deviations`, (value, channel), are what chance makes of each channel: deviations from the mean
-    over periods, or, where there are no periods, the samples less their mean.
+    over periods, or, where there are no periods, the samples less their mean. Of several copies of
+    one channel each is told of that one alone.
     """
     power = np.sqrt((deviations**2).sum(axis=0))
     alive = power > 0
     unit = deviations / np.where(alive, power, 1.0)
     correlation = unit.T @ unit
-    for i, j in combinations(range(len(channels)), 2):
-        if alive[i] and alive[j] and abs(correlation[i, j]) > 0.999:
+    near = np.triu(np.abs(correlation) > 0.999, 1) & alive & alive[:, None]
+    copies: set[int] = set()
+    for i in range(len(channels)) if len(deviations) >= TELLING else ():
+        for j in (int(k) for k in np.flatnonzero(near[i]) if not {i, int(k)} & copies):
             rest = unit[:, j] - correlation[i, j] * unit[:, i]
             if (rest**2).sum() > COPY:
                 continue
+            copies.add(j)
             factor = correlation[i, j] * power[j] / power[i]
             both_sensors = not is_input(channels[i]) and not is_input(channels[j])
             yield Note(
