@@ -13,17 +13,18 @@ differences.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from rotorid import MaximumLikelihood
 from rotorid.answer.identify import identify
-from rotorid.data.observation import bind
+from rotorid.data.observation import Observation, bind
 from rotorid.data.record import PeriodicRecord
-from rotorid.demo.run import demo_plan
-from rotorid.likelihood.fit import fit
+from rotorid.demo.paper import demo_plan
+from rotorid.likelihood.fit import Fit, answered, located
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.solver import STAGES
 from rotorid.likelihood.unknowns import Nuisances
@@ -99,6 +100,12 @@ def by_scipy(model: Model, record: PeriodicRecord, knowledge: Knowledge) -> tupl
     return problem.at(x).cost, evaluations
 
 
+def minimum(model: Model, records: Sequence[Observation], knowledge: Knowledge) -> Fit:
+    """Return the minimum with its deviations, without a word of what it means."""
+    steps = located(model, records, knowledge, Nuisances(), covariance="white")
+    return answered(deque(steps, maxlen=1).pop().fit)
+
+
 def compare(name: str, sensors: tuple[str, ...] | None, fixed: dict[str, float]) -> None:
     model = load_model("three-mass")
     records = [demo_record(model, sensors, seed) for seed in range(40)]
@@ -106,9 +113,7 @@ def compare(name: str, sensors: tuple[str, ...] | None, fixed: dict[str, float])
     known = [Knowledge(fixed=fixed, start=start) for start in starts]
 
     def ours(seed: int) -> float:
-        found = fit(
-            model, [bind(model, records[seed])], known[seed], Nuisances(), covariance="white"
-        )
+        found = minimum(model, [bind(model, records[seed])], known[seed])
         return found.solution.point.cost
 
     def whole(seed: int) -> object:
@@ -202,7 +207,7 @@ def large() -> None:
     def work(seed: int) -> None:
         start = start_of(model, seed, 0.1)
         known = Knowledge(start=start)
-        found = fit(model, [bind(model, records[seed])], known, Nuisances(), covariance="white")
+        found = minimum(model, [bind(model, records[seed])], known)
         p_value = found.inference.expectation.p_value(found.solution.point.cost)
         statuses.append((found.solution.converged, p_value, found.solution.iterations))
 

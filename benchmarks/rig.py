@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from rotorid.rig import assembly
+from rotorid.rig import kernel_tables
 from rotorid.rig.file import load_rig, parse_rig
 from rotorid.rig.kernel import forces
 from rotorid.rig.parts import ProcessNoise
@@ -71,10 +71,10 @@ def derivative(motion, load, harmonics, per_force, angle, y, force):
 def by_scipy(rig: Rig, duration: float, method: str, rtol: float) -> np.ndarray:
     """Positions at the samples of a quiet rig, each interval of constant inputs by solve_ivp."""
     plant = rig.plant(duration)
-    bearings, rotor = assembly.bearing_table(rig, plant), assembly.rotor_table(rig, plant)
-    table, controller = assembly.excitation_table(rig), rig.controller
+    bearings, rotor = kernel_tables.bearing_table(rig, plant), kernel_tables.rotor_table(rig, plant)
+    table, controller = kernel_tables.excitation_table(rig), rig.controller
     names = [sensor.name for sensor in rig.sensors]
-    reads = assembly.sensor_matrix(rig)[[names.index(name) for name in rig.feedback]]
+    reads = kernel_tables.sensor_matrix(rig)[[names.index(name) for name in rig.feedback]]
     n, inputs = plant.force.shape
     force, floor = np.zeros(inputs), np.repeat([1e-6, 1e-3], n)
     speed, phase = rig.rotation.speed, rig.rotation.phase

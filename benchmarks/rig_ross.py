@@ -85,7 +85,7 @@ def prepare() -> Path:
 def main() -> None:
     import numpy as np
 
-    from rotorid.rig.file import load_rig
+    from rotorid import load_rig
 
     rig = load_rig("three-mass").rig
     rig.run(0.01, np.random.default_rng(0))

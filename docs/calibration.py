@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rotorid import load_rig
 from rotorid.cli import run
-from rotorid.rig.file import load_rig
 
 # Case: the shipped rig, what is replaced in its text, and its faults, which are options here.
 CASES: Mapping[str, tuple[str, tuple[tuple[str, str], ...], tuple[str, ...]]] = {

@@ -12,12 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorid import cli
+from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
 from rotorid.commands.demo import NOISE
 from rotorid.demo import run_demo
-from rotorid.demo.page import example_evidence, filter_panels, rms_panel
+from rotorid.demo.page import rms_panel
+from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, PERIODS, simulate_record
 from rotorid.report.drawn import waves
 from rotorid.report.figure import figure_of
+from rotorid.report.panels import BLUE, GREY, Axis, Curve, Panel
+from rotorid.results.evidence import record_evidence
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import browser
@@ -38,15 +41,41 @@ PLACE = """(() => {
 })()"""
 
 
+def line_filter(record: Record, periods: PeriodicRecord, channel: str) -> Panel:
+    """Draw the spectrum of a position before and after the line filter, the paper's Fig. 2."""
+    count = periods.periods * periods.samples
+    samples = 1e6 * record.column(channel)[-count:]
+    frequency = np.fft.rfftfreq(count, 1 / record.sample_rate)
+    shown = (frequency > 0) & (frequency <= 1.2 * periods.frequency.max())
+    before = 2 * np.abs(np.fft.rfft(samples, norm="forward"))[shown]
+    kept = 2e6 * np.abs(periods.mean_spectrum[:, periods.index(channel)])
+    floor = np.quantile(before, 0.02) / 2
+    return Panel(
+        f"1. Keep the excited lines of {PERIODS} periods",
+        Axis("frequency in Hz", ends=(0, 1.2 * periods.frequency.max())),
+        Axis("amplitude in µm", log=True, ends=(floor, 4 * kept.max())),
+        (
+            Curve(frequency[shown], before, "before: every line of the record", GREY, "thin"),
+            Curve(periods.frequency, kept, "", BLUE, "stems", base=np.full_like(kept, floor)),
+            Curve(periods.frequency, kept, "after: the lines of the excitation", BLUE, "dots"),
+        ),
+        height=3.9,
+    )
+
+
 def overview(folder: Path) -> None:
     """Draw the paper's example: line filter, predicted force, errors of every estimator."""
-    result = run_demo(60, rng=np.random.default_rng(NOISE))
-    kept = f"1. Keep the excited lines of {result.example.periods.periods} periods"
-    force, errors = waves(example_evidence(result, "ml"))[0], rms_panel(result)
+    rng, model = np.random.default_rng(NOISE), load_model("three-mass")
+    result = run_demo(60, rng=rng)
+    record = simulate_record(model, rng)
+    periods = average(record, FUNDAMENTAL, harmonics=HARMONICS)
+    estimate = identify(model, periods, MaximumLikelihood(base=True))
+    (predicted,) = record_evidence(estimate, model, [periods])
+    errors = rms_panel(result)
     room = replace(errors.x, ends=(0.03, 60.0))  # for the key beside the points
     panels = [
-        replace(filter_panels(result)[0], title=kept, height=3.9),
-        replace(force, title="2. Fit the equations of motion to the forces"),
+        line_filter(record, periods, "x1"),
+        replace(waves(predicted)[0], title="2. Fit the equations of motion to the forces"),
         replace(errors, x=room, title="3. Read the rotor's parameters"),
     ]
     figure = figure_of(panels, columns=3, apart=True)

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 import rotorid as rid
+from rotorid import load_rig
 from rotorid.force.reading import forces
 from rotorid.rig.controller import Controller
-from rotorid.rig.file import load_rig
 from rotorid.rig.rig import Rig
 
 

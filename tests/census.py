@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rotorid"
-FACE = {"rotorid", "rotorid.testing"}
+FACE = {"rotorid", "rotorid.testing", "rotorid.cli"}  # the package, its machines, the command
 
 
 def name_of(file: Path) -> str:

@@ -39,7 +39,7 @@ CODES = (0, 1, 2, 3)
 LOADED = (
     *(f"rotorid.commands.{name}" for name in ("identify", "inspect", "new", "models", "validate")),
     *(f"rotorid.commands.{name}" for name in ("export", "report", "simulate", "modes", "balance")),
-    *("rotorid.report.estimate", "rotorid.io.hdf5", "rotorid.io.mat", "sympy"),
+    *("rotorid.report.estimate_report", "rotorid.io.hdf5", "rotorid.io.mat", "sympy"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )
 

@@ -29,9 +29,8 @@ from rotor_bank import (
 )
 
 import rotorid as rid
-from rotorid import Model, PeriodicRecord
+from rotorid import Model, PeriodicRecord, load_rig
 from rotorid.core.values import Complexes
-from rotorid.rig.file import load_rig
 from rotorid.rig.rig import Rig
 
 INFORMS = 0.25

@@ -27,11 +27,10 @@ SOURCE = ROOT / "src"
 # a long text a message shows, and data (printed figures, units, codes of other programs).
 LEFT_OUT = {
     "rotorid.report": {"*"},
-    "rotorid.demo.paper": {"*"},
     "rotorid.models.polynomials": {"*"},  # beyond them the algebra does the same, but slower
     "rotorid.commands": {"INTERRUPTED"},  # a shell's own number
     "rotorid.commands.demo": {"NOISE"},  # starts a generator: one start is as good as another
-    "rotorid.demo.run": {"*"},  # the conditions of the paper's example: test_demo pins its figures
+    "rotorid.demo.paper": {"*"},  # conditions of the paper's example: test_demo pins them
 }
 
 

@@ -14,7 +14,6 @@ STILL_MISCALLED = {"a spring that stiffens": 1}
 def test_the_bank_is_large_and_says_each_thing_once() -> None:
     assert len(CASES) >= 100
     assert len({case.what for case in CASES}) == len(CASES)
-    assert WRONG == 5.0
 
 
 SAMPLED = CASES[::8]

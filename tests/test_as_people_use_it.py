@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
+from rotorid import load_rig
 from rotorid.force.reading import forces
 from rotorid.report.figure import MOST_IMAGE
-from rotorid.rig.file import load_rig
 
 LINES = [1, 3, 5, 7, 9, 11]
 

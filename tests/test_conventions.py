@@ -165,6 +165,16 @@ def test_functions_fit_a_screen() -> None:
     assert found.keys() == LONGER.keys(), found
 
 
+def test_a_class_name_means_one_thing() -> None:
+    names = [
+        node.name
+        for path in sorted((ROOT / "src" / "rotorid").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
+    assert len(set(names)) == len(names), {name for name in names if names.count(name) > 1}
+
+
 def test_cures_say_what_to_do() -> None:
     """No message ends in "correct it": whoever could do that would have done it."""
     empty = re.compile(r"\bcorrect (?:it|its|them|the|this|what)\b")

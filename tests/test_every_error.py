@@ -180,7 +180,7 @@ def test_a_report_that_fails_spares_the_answer(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("rotorid.report.estimate.estimate_report", raiser(error))
+    monkeypatch.setattr("rotorid.report.estimate_report.estimate_report", raiser(error))
     assert cli.run(["identify", "run.toml", *OUTPUTS]) == NO_ANSWER
     printed = capsys.readouterr()
     assert printed.out.startswith("jeffcott, batch: ok\n")

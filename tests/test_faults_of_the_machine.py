@@ -299,11 +299,12 @@ def test_a_file_that_only_its_owner_reads_stays_so(here: Path) -> None:
 
 def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
     place = tmp_path / "gone"
-    place.mkdir()
-    told = run("new", "run.csv", limit=lambda: (os.chdir(place), place.rmdir()))
-    assert (told.returncode, told.stdout) == (2, "")
-    assert told.stderr.startswith("rotorid: found no working folder")
-    assert told.stderr.count("\n") == 1
+    for command, file in (("new", "run.csv"), ("inspect", "run.toml")):
+        place.mkdir()
+        told = run(command, file, limit=lambda: (os.chdir(place), place.rmdir()))
+        assert (told.returncode, told.stdout) == (2, "")
+        assert told.stderr.startswith("rotorid: found no working folder")
+        assert told.stderr.count("\n") == 1
 
 
 def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path: Path) -> None:

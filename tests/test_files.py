@@ -11,13 +11,12 @@ from pathlib import Path
 import pytest
 
 import rotorid as rid
-from rotorid import InputError, ReadError
+from rotorid import InputError, ReadError, load_rig
 from rotorid.cli import run
 from rotorid.core.files import check_beside, check_regular, open_regular, read_regular
 from rotorid.core.limits import RESULT_BYTES, RESULT_OBJECTS, RESULT_VALUES, TOML_BYTES, TOML_VALUES
 from rotorid.core.toml import parse_toml
 from rotorid.io import READERS, open_table
-from rotorid.rig.file import load_rig
 
 EXPERIMENT = """
 model = "jeffcott"

@@ -23,7 +23,7 @@ LAYERS = (
     ("models",),
     ("force.at_binding",),
     ("data.observation",),
-    ("models.priors",),
+    ("models.constraints",),
     ("data.measured_modes",),
     ("answer",),
     ("linear",),
@@ -43,7 +43,7 @@ LAYERS = (
 )
 
 # What shows itself asks for its picture, or a model for ROSS, when that is called, not before.
-SHOWN_LATE = {"data.record", "data.lines", "answer.estimate", "models.rotor.model"}
+SHOWN_LATE = {"data.record", "data.lines", "answer.estimate", "models.rotor.rotor_model"}
 
 # Packages from outside that only some parts may import.
 CONFINED = {

@@ -9,7 +9,6 @@ from coast_down import MODEL, TRUTH, run_down
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.data.order_tracking import BENT
 
 JEFFCOTT = rid.parse_model(MODEL)
 TRIAL = 5e-5 + 2e-5j
@@ -86,7 +85,6 @@ def test_segments_are_as_long_as_the_phasors_let_them() -> None:
     assert not [w for w in bent.warnings if "bend" in w]
     (told,) = rid.phasors(turning(2.0 * np.exp(2j * np.pi * time / 6), noise=0.01), 64).warnings[:1]
     assert "bend within their segments" in told
-    assert BENT == 3.0  # a value that noise alone does not reach: see the coast-downs
 
 
 def test_a_run_down_gives_the_rotor() -> None:

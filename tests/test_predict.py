@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import rotorid as rid
-from rotorid import InputError, predict, with_evidence
+from rotorid import InputError, load_rig, predict, with_evidence
 from rotorid.linear.family import information
-from rotorid.report.estimate import verdict_of
-from rotorid.rig.file import load_rig
+from rotorid.report.estimate_report import verdict_of
 from rotorid.testing import line_record
 
 HARMONICS = (1, 3, 5, 7, 9, 11)

@@ -175,7 +175,6 @@ def test_an_interrupt_before_the_first_minimum_leaves_nothing(
 def test_what_is_done_sooner_than_that_says_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, patience: float, says: bool
 ) -> None:
-    assert console.PATIENCE == 2.0  # the interface's
     shown = shown_in_process(monkeypatch, *LONG, "--effort", "quick", patience=patience)
     assert bool(shown) == says
 

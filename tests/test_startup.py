@@ -104,7 +104,7 @@ def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) ->
     slow = {"numpy.ma", *(f"scipy.{part}" for part in parts)}
     slow -= modules("import numpy")[0]  # numpy 1 loads its masked arrays by itself
     ours = {"likelihood.estimator", "models.symbolic", "models.rotor", "rig"}
-    tables = {"experiment.tables"}
+    tables = {"experiment.table_records"}
     assert names & {*slow, *(f"rotorid.{name}" for name in ours | tables)} == set()
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import rotorid as rid
 from rotorid import InputError, response_lines
-from rotorid.data.tables import phasor_lines
+from rotorid.data.table_lines import phasor_lines
 from rotorid.experiment.duplicates import check_tables
 
 MODEL = """
@@ -376,8 +376,8 @@ def test_excerpts_of_one_measurement_that_overlap(
 
 
 def test_excerpts_that_are_read_in_blocks(load, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("rotorid.io.record.WORTH", 0)
-    monkeypatch.setattr("rotorid.io.record.ROWS", 100)
+    monkeypatch.setattr("rotorid.io.columns.WORTH", 0)
+    monkeypatch.setattr("rotorid.io.columns.ROWS", 100)
     values = columns()
     write(tmp_path / "run.h5", values)
     write(tmp_path / "later.h5", {name: one[137:] for name, one in values.items()})

@@ -13,7 +13,7 @@ from rotorid import InputError, cli
 from rotorid.data.observation import bind_all
 from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
 from rotorid.likelihood.unknowns import Nuisances
-from rotorid.likelihood.unknowns.rotor_angle import HELD, NEAR, Phase
+from rotorid.likelihood.unknowns.rotor_angle import Phase
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -173,7 +173,6 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     elsewhere = replace(lines[0], speed=1.03 * lines[0].speed)
     (asked,) = Phase.asked(bind_all(MODEL, [elsewhere, lines[1]]), Nuisances())
     assert asked.scalars[0].start == 0.0
-    assert (NEAR, HELD) == (0.02, 0.1)
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "ok"
     (phase,) = (value for value in estimate.nuisance if value.name == "phase[1]")

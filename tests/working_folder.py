@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import rotorid as rid
-from rotorid.rig.file import load_rig
+from rotorid import load_rig
 
 EXPERIMENT = """
 model = "jeffcott"

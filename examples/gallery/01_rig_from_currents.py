@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rotorid as rid
-from rotorid.rig.file import load_rig
+from rotorid import load_rig
 
 rig = load_rig("three-mass").rig
 bearings = ("x1", "y1", "x3", "y3")

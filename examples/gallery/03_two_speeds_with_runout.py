@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rotorid as rid
-from rotorid.rig.file import load_rig
+from rotorid import load_rig
 from rotorid.rig.parts import SensorRunout
 
 plan = load_rig("three-mass").rig

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rotorid as rid
-from rotorid.rig.file import load_rig
+from rotorid import load_rig
 from rotorid.signals.multisine import multisine
 
 SECONDS, RATE = 5.0, 10e3

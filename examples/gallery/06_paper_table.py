@@ -11,7 +11,9 @@ can have (the Cramer-Rao bound).
 import matplotlib.pyplot as plt
 import numpy as np
 
+import rotorid as rid
 from rotorid.demo import run_demo
+from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, simulate_record
 
 result = run_demo(20, rng=np.random.default_rng(2026))
 print(f"{'rms error in %':20}" + "".join(f"{name:>12}" for name in (*result.estimators, "bound")))
@@ -26,5 +28,32 @@ for estimator in result.estimators:
 axes.plot(result.bound_percent, result.names, "k|", ms=12, label="bound")
 axes.set_xscale("log")
 axes.set_xlabel("rms error in %")
+axes.legend()
+plt.show()
+
+# %%
+# The mean of the errors is the bias: least squares takes noisy positions as exact.
+figure, axes = plt.subplots(1, 2, figsize=(9, 4), sharey=True, layout="constrained")
+for estimator, panel in zip(("ls", "ml"), axes, strict=True):
+    panel.plot(result.errors(estimator).T, result.names, ".", color="tab:blue")
+    panel.axvline(0, color="grey")
+    panel.set_xlabel(f"error of {estimator} in %")
+plt.show()
+
+# %%
+# One record: its spectrum before and after the line filter, the paper's Fig. 2.
+model = rid.load_model("three-mass")
+record = simulate_record(model, np.random.default_rng(1))
+periods = rid.average(record, FUNDAMENTAL, harmonics=HARMONICS)
+x1 = 1e6 * record.column("x1")
+amplitude = 2 * np.abs(np.fft.rfft(x1, norm="forward"))
+frequency = np.fft.rfftfreq(len(x1), 1 / record.sample_rate)
+kept = 2e6 * np.abs(periods.mean_spectrum[:, periods.index("x1")])
+figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
+axes.semilogy(frequency[1:], amplitude[1:], color="0.7", lw=0.6, label="every line of the record")
+axes.semilogy(periods.frequency, kept, "o", label="lines of the excitation")
+axes.set_xlim(0, 260)
+axes.set_xlabel("frequency in Hz")
+axes.set_ylabel("amplitude of x1 in um")
 axes.legend()
 plt.show()

@@ -1,16 +1,16 @@
 # The public names and where they live; read by type checkers, and when rotorid is imported.
+from .answer.contents import Alternative as Alternative
+from .answer.contents import LineMisfit as LineMisfit
+from .answer.contents import Misfit as Misfit
+from .answer.contents import ModeFit as ModeFit
+from .answer.contents import Prediction as Prediction
+from .answer.contents import Provenance as Provenance
+from .answer.contents import Suspect as Suspect
+from .answer.contents import Unbalance as Unbalance
+from .answer.contents import Value as Value
 from .answer.estimate import Estimate as Estimate
 from .answer.identify import Estimator as Estimator
 from .answer.identify import identify as identify
-from .answer.parts import Alternative as Alternative
-from .answer.parts import LineMisfit as LineMisfit
-from .answer.parts import Misfit as Misfit
-from .answer.parts import ModeFit as ModeFit
-from .answer.parts import Prediction as Prediction
-from .answer.parts import Provenance as Provenance
-from .answer.parts import Suspect as Suspect
-from .answer.parts import Unbalance as Unbalance
-from .answer.parts import Value as Value
 from .answer.predict import predict as predict
 from .answer.result_file import load_estimate as load_estimate
 from .core.errors import InputError as InputError
@@ -26,7 +26,7 @@ from .data.record import Channel as Channel
 from .data.record import Drive as Drive
 from .data.record import PeriodicRecord as PeriodicRecord
 from .data.record import Record as Record
-from .data.tables import response_lines as response_lines
+from .data.table_lines import response_lines as response_lines
 from .data.whole_record import spectra as spectra
 from .experiment import Experiment as Experiment
 from .experiment import load_experiment as load_experiment
@@ -42,7 +42,7 @@ from .models import Model as Model
 from .models import load_model as load_model
 from .models import parse_model as parse_model
 from .models import shipped_models as shipped_models
-from .models.priors import Constraint as Constraint
+from .models.constraints import Constraint as Constraint
 from .models.rotor.ross import from_ross as from_ross
 from .results.balancing import balance as balance
 from .results.centring import centring as centring
@@ -57,6 +57,7 @@ from .results.modes import modes as modes
 from .results.sensitivity import sensitivity as sensitivity
 from .rig import simulate as simulate
 from .rig import steady_state as steady_state
+from .rig.file import load_rig as load_rig
 from .signals.average import average as average
 
 __version__: str

@@ -11,7 +11,6 @@ from rotorid.linear.solve import (
     BLOCKS,
     CHANCE,
     FEWEST,
-    MEMORY,
     TINY,
     Scatter,
     block_numbers,
@@ -60,7 +59,6 @@ def test_blocks_that_remember_one_another_are_merged() -> None:
         found[memory] = fit(level, noise, numbers)
     assert [found[m].blocks for m in (1e-3, 0.06, 100.0)] == [32, 16, FEWEST]
     assert [found[m].memory for m in (1e-3, 0.06, 100.0)] == [False, False, True]
-    assert FEWEST == 8
 
 
 @pytest.mark.parametrize(("share", "merged"), [(0.95, False), (1.05, True)])
@@ -77,7 +75,6 @@ def test_how_much_neighbours_may_resemble(share: float, merged: bool) -> None:
         return (shifts[1:] @ shifts[:-1]) / (shifts @ shifts) - share / np.sqrt(32)
 
     shifts = mixed(brentq(lagged, 0.0, 0.99))
-    assert MEMORY == 1.0
     found = fit(np.ones((32, 1)), shifts, np.arange(32))
     assert (found.blocks < 32) == merged
 
@@ -92,7 +89,6 @@ def test_what_one_block_tells_alone() -> None:
         matrix = np.column_stack([column, np.tile([1.0, -1.0, -1.0, 1.0], 80)])
         found = fit(matrix, RNG.standard_normal(320), numbers)
         assert found.alone.tolist() == [alone, False]
-    assert ALONE == 0.02
 
 
 @pytest.mark.parametrize(("share", "both"), [(0.8, False), (1.25, True)])
@@ -113,7 +109,6 @@ def test_which_parameters_are_of_a_combination_that_one_block_tells(
     multiple = brentq(lambda m: posed(m)[1] - share * TINY, 0.0, 5.0)
     found = fit(posed(multiple)[0], RNG.standard_normal(320), numbers)
     assert found.alone.tolist() == [both, True]
-    assert TINY == 0.1
 
 
 def test_halves_differ_by_what_lies_between_them_alone() -> None:
@@ -129,4 +124,3 @@ def test_halves_differ_by_what_lies_between_them_alone() -> None:
     within = np.concatenate([half - half.mean() for half in np.split(quiet[:, 0], 2)])
     wider = student.isf(student.sf(CHANCE, 1e9), 30) / CHANCE
     assert std == pytest.approx(wider * np.sqrt((within**2).sum() * 32 / 30), rel=1e-3)
-    assert CHANCE == 4.0

@@ -9,7 +9,7 @@ from bank import ARM, JEFFCOTT, RIGID, THREE_MASS, TRAIN
 from rotorid import Batch, Constraint, InputError, LeastSquares, ModelError, Sequential
 from rotorid.data.observation import bind_all
 from rotorid.linear.family import LeastSquaresProblem
-from rotorid.models.priors import constraint_polynomial, eliminate
+from rotorid.models.constraints import constraint_polynomial, eliminate
 
 FAMILY = (LeastSquares, Batch, Sequential)
 family = pytest.mark.parametrize("method", FAMILY, ids=lambda m: m.__name__)

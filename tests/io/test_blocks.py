@@ -10,8 +10,8 @@ from io_writers import write_parquet, write_tdms
 import rotorid as rid
 from rotorid import InputError
 from rotorid.io import Source, open_table
-from rotorid.io import record as blocks
-from rotorid.io.record import open_blocks
+from rotorid.io import columns as blocks
+from rotorid.io.columns import open_blocks
 from rotorid.signals.average import PeriodSums, average_blocks
 
 SIZE, PERIODS, RATE = 50, 67, 1000.0

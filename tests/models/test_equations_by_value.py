@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rotorid import ModelError
 from rotorid.models.equations import Names, polynomial, split_equations
-from rotorid.models.text import evaluate
+from rotorid.models.expressions import evaluate
 
 POINT = {"x": 0.7, "y": -1.3, "phi": 0.4, "Omega": 2.1, "F": 1.9, "a": 0.6, "b": 3.1}
 FRACTIONS = {"a": Fraction(7, 3), "b": Fraction(-2, 5), "c": Fraction(11, 7)}

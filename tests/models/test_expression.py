@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid import InputError, ModelError, load_model
+from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
 from rotorid.models.symbolic import from_sympy, symbol, vanishes
 from rotorid.models.symbolic import parse as parse_tree
 from rotorid.models.syntax import read
-from rotorid.models.text import FUNCTIONS, Expression, evaluate, product
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
 LINEAR = frozenset({"a", "b", "F"})

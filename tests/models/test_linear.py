@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from rotorid import InputError, ModelError, load_model, parse_model
 from rotorid.data.observation import bind
-from rotorid.linear.equations import Regression
+from rotorid.linear.regression import Regression
 from rotorid.signals.spectrum import line_spectra
 
 SPEEDS = (0.0, 1.0, 2 * np.pi * 140, -300.0)

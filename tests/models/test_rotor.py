@@ -23,8 +23,8 @@ from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.modal import eigenmodes
 from rotorid.models.rotor.elements import Beam
 from rotorid.models.rotor.fem import bending
-from rotorid.models.rotor.model import inertia
 from rotorid.models.rotor.reduction import Band
+from rotorid.models.rotor.rotor_model import inertia
 from rotorid.report.drawn import drawing
 from rotorid.testing import add_noise, line_record
 
@@ -284,7 +284,7 @@ def spied(monkeypatch, told=None):
         seen.append((len(records[0].model.coordinates), found))
         return found
 
-    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
     monkeypatch.setattr("rotorid.likelihood.estimator.shift_by_reduction", shift_seen)
     return seen
 
@@ -362,7 +362,7 @@ def test_a_rotor_is_reduced_to_its_shapes_on_a_few_lines_of_a_few_speeds():
 
 def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
     model, record, _ = reducible
-    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
     seen = []
 
     def watched(problem, *rest):
@@ -384,7 +384,7 @@ def test_ways_from_further_starts_end_on_few_shapes(monkeypatch, reducible):
 def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypatch):
     model = rid.load_model("flexible")
     record = drawn_record(model, np.random.default_rng(3))
-    monkeypatch.setattr("rotorid.models.rotor.model.WORTH", 0.0)
+    monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 0.0)
     knowledge = Knowledge(start=model.nominal)
     bound = bind_all(model, [record])
     coarse = reduction.reduced(bound, model.nominal, share=1e-3)

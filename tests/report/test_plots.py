@@ -8,15 +8,22 @@ import numpy as np
 import plotly.graph_objects
 import pytest
 
-from rotorid import Channel, InputError, Record
-from rotorid.demo import DemoResult, run_demo
-from rotorid.demo.page import error_panels, example_evidence, filter_panels
-from rotorid.demo.paper import TABLE
+from rotorid import (
+    Channel,
+    Estimate,
+    InputError,
+    PeriodicRecord,
+    Record,
+    average,
+    identify,
+    load_model,
+)
+from rotorid.answer.contents import RecordEvidence
+from rotorid.demo.paper import ESTIMATORS, FUNDAMENTAL, HARMONICS, simulate_record
 from rotorid.report import interactive
 from rotorid.report.drawn import (
     correlation,
     differences,
-    line_filter,
     lines,
     misfit,
     residual,
@@ -26,13 +33,32 @@ from rotorid.report.drawn import (
 )
 from rotorid.report.figure import figure_of
 from rotorid.report.panels import Axis, Curve, Panel, envelope, label
+from rotorid.results.evidence import record_evidence
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
 
+MODEL = load_model("three-mass")
+
+
 @pytest.fixture(scope="module")
-def demo() -> DemoResult:
-    return run_demo(3, rng=np.random.default_rng(3))
+def record() -> Record:
+    return simulate_record(MODEL, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def periods(record: Record) -> PeriodicRecord:
+    return average(record, FUNDAMENTAL, harmonics=HARMONICS)
+
+
+@pytest.fixture(scope="module")
+def estimates(periods: PeriodicRecord) -> dict[str, Estimate]:
+    return {name: identify(MODEL, periods, ESTIMATORS[name]) for name in ("batch-100", "ml")}
+
+
+@pytest.fixture(scope="module")
+def evidence(periods: PeriodicRecord, estimates: dict[str, Estimate]) -> dict[str, RecordEvidence]:
+    return {name: record_evidence(e, MODEL, [periods])[0] for name, e in estimates.items()}
 
 
 def curve(panel: Panel, text: str) -> Curve:
@@ -40,37 +66,18 @@ def curve(panel: Panel, text: str) -> Curve:
     return found
 
 
-@pytest.mark.slow
-def test_line_filter_shows_the_amplitudes_of_the_forces(demo: DemoResult) -> None:
-    """10 sin + 10 cos is a wave of sqrt(200) N; F_x1 has half of it, in six lines."""
-    example = demo.example
-    whole = line_filter(example.record, example.periods, "F_x1")
-    zoom = line_filter(example.record, example.periods, "F_x1", (178.4, 181.6))
-    kept, before = curve(whole, "after"), curve(whole, "before")
-    np.testing.assert_allclose(kept.x, [20, 60, 100, 140, 180, 220])
-    np.testing.assert_allclose(kept.y, np.sqrt(200) / 2, rtol=0.01)
-    np.testing.assert_allclose(np.diff(before.x), 20 / 260)
-    noise = before.y[before.y < 1]
-    assert len(noise) == len(before.y) - 6
-    assert np.sqrt(np.mean(noise**2)) == pytest.approx(2 / np.sqrt(65000), rel=0.05)
-    assert curve(zoom, "after").x.tolist() == [180.0]
-    assert (whole.y.title, whole.x.title) == ("amplitude in N", "frequency in Hz")
-
-
-def test_positions_are_drawn_in_micrometres(demo: DemoResult) -> None:
-    example = demo.example
-    whole = filter_panels(demo)[0]
-    assert whole.y.title == "amplitude in µm"
-    found = np.abs(example.periods.mean_spectrum[:, example.periods.index("x1")])
-    np.testing.assert_allclose(curve(whole, "after").y, 2e6 * found)
+def test_positions_are_drawn_in_micrometres(periods: PeriodicRecord) -> None:
+    panel = spectra(periods)[periods.index("x1")]
+    assert panel.y.title == "amplitude in µm"
+    found = np.abs(periods.mean_spectrum[:, periods.index("x1")])
+    np.testing.assert_allclose(curve(panel, "used").y, 2e6 * found)
 
 
 @pytest.mark.parametrize("name", ["batch-100", "ml"])
 def test_predicted_forces_have_the_error_that_the_estimate_states(
-    demo: DemoResult, name: str
+    estimates: dict[str, Estimate], evidence: dict[str, RecordEvidence], name: str
 ) -> None:
-    stated = demo.example.estimates[name].prediction
-    record = example_evidence(demo, name)
+    stated, record = estimates[name].prediction, evidence[name]
     for channel, over_time, on_lines in zip(
         record.channels[:4], waves(record), lines(record), strict=False
     ):
@@ -85,8 +92,10 @@ def test_predicted_forces_have_the_error_that_the_estimate_states(
         assert f"{100 * channel.error:.2g} %" in over_time.title
 
 
-def test_forces_are_drawn_over_one_period_with_their_noise(demo: DemoResult) -> None:
-    record = example_evidence(demo, "ml")
+def test_forces_are_drawn_over_one_period_with_their_noise(
+    evidence: dict[str, RecordEvidence],
+) -> None:
+    record = evidence["ml"]
     panels = waves(record)
     assert [panel.y.title for panel in panels] == [f"F_{n} in N" for n in ("x1", "y1", "x3", "y3")]
     assert panels[0].x.title == "time in ms"
@@ -100,25 +109,13 @@ def test_forces_are_drawn_over_one_period_with_their_noise(demo: DemoResult) -> 
         np.testing.assert_allclose(away.y, curve(panel, "predicted").y - curve(panel, "measured").y)
 
 
-def test_what_is_left_is_shown_over_its_noise(demo: DemoResult) -> None:
-    record = example_evidence(demo, "ml")
-    (panel,) = residual(record)
+def test_what_is_left_is_shown_over_its_noise(evidence: dict[str, RecordEvidence]) -> None:
+    (panel,) = residual(evidence["ml"])
     assert panel.matrix is not None
     assert panel.matrix.values.shape == (4, 6)
     size = np.sqrt((panel.matrix.values**2).mean())
     assert 0.5 < size < 1.5
     assert panel.matrix.columns.tolist() == [20, 60, 100, 140, 180, 220]
-
-
-def test_every_parameter_has_its_errors(demo: DemoResult) -> None:
-    panels = error_panels(demo)
-    assert [panel.title for panel in panels] == [row.base for row in TABLE]
-    assert panels[0].y.names == demo.estimators
-    index = demo.names.index(TABLE[0].base)
-    medians = [np.median(demo.errors(name)[:, index]) for name in demo.estimators]
-    np.testing.assert_allclose(curve(panels[0], "median").x, medians)
-    marks = curve(panels[0], "printed").x
-    assert sorted(marks) == sorted([s * e for e in TABLE[0].errors for s in (-1, 1)])
 
 
 def test_correlation_names_rows_and_columns() -> None:
@@ -175,8 +172,10 @@ def test_a_spike_shows_in_a_long_record() -> None:
     assert (low.tolist(), high.tolist(), size) == ([0, 4], [3, 7], 4)
 
 
-def test_deviations_of_an_estimate_are_drawn_in_percent(demo: DemoResult) -> None:
-    estimate = demo.example.estimates["batch-100"]
+def test_deviations_of_an_estimate_are_drawn_in_percent(
+    estimates: dict[str, Estimate],
+) -> None:
+    estimate = estimates["batch-100"]
     left, right, _ = estimate.plot().axes
     assert [text.get_text() for text in left.get_yticklabels()] == [v.name for v in estimate.free]
     percent = [100 * v.std / abs(v.value) for v in estimate.free]
@@ -187,26 +186,24 @@ def test_deviations_of_an_estimate_are_drawn_in_percent(demo: DemoResult) -> Non
         estimate.with_(covariance=np.zeros((0, 0))).plot()
 
 
-def test_records_draw_themselves(demo: DemoResult) -> None:
-    example = demo.example
-    assert len(example.record.plot().axes) == 12
-    drawn = example.periods.plot().axes
-    assert [axes.get_title(loc="left") for axes in drawn] == [*example.periods.names]
+def test_records_draw_themselves(record: Record, periods: PeriodicRecord) -> None:
+    assert len(record.plot().axes) == 12
+    drawn = periods.plot().axes
+    assert [axes.get_title(loc="left") for axes in drawn] == [*periods.names]
 
 
-def test_every_panel_is_what_plotly_takes(demo: DemoResult) -> None:
+def test_every_panel_is_what_plotly_takes(
+    record: Record, periods: PeriodicRecord, evidence: dict[str, RecordEvidence]
+) -> None:
     """The library that draws it knows every key, and the numbers are JSON."""
-    example = demo.example
-    record = example_evidence(demo, "ml")
+    predicted = evidence["ml"]
     panels = [
-        *filter_panels(demo),
-        *waves(record),
-        *differences(record),
-        *lines(record),
-        *residual(record),
-        *error_panels(demo)[:1],
-        *spectra(example.periods)[:1],
-        *samples(example.record)[:1],
+        *waves(predicted),
+        *differences(predicted),
+        *lines(predicted),
+        *residual(predicted),
+        *spectra(periods)[:1],
+        *samples(record)[:1],
         misfit([0, 1], [10.0, 20.0], [1.0, np.nan], [1.0, 1.0]),
         correlation(["a", "b"], np.array([[1.0, np.nan], [np.nan, 1.0]])),
     ]
@@ -223,9 +220,11 @@ def test_names_are_no_markup_in_a_page() -> None:
     assert "<" not in json.dumps(interactive.spec(panel))
 
 
-def test_pictures_are_the_same_each_time_and_leave_no_trace(demo: DemoResult) -> None:
+def test_pictures_are_the_same_each_time_and_leave_no_trace(
+    evidence: dict[str, RecordEvidence],
+) -> None:
     before = dict(mpl.rcParams)
-    first, second = (figure_of(error_panels(demo), columns=3) for _ in range(2))
+    first, second = (figure_of(waves(evidence["ml"]), columns=3) for _ in range(2))
     for one, other in zip(first.axes, second.axes, strict=True):
         for a, b in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())

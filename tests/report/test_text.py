@@ -19,7 +19,7 @@ from rotorid import (
     load_model,
     shipped_models,
 )
-from rotorid.answer.tables import page
+from rotorid.answer.estimate_tables import page
 from rotorid.answer.validation import ChannelError
 from rotorid.core.tables import page_text
 from rotorid.report.record_tables import model_page, validation_table
@@ -83,6 +83,11 @@ def test_what_there_is_to_say() -> None:
     ):
         assert note in text.splitlines()
     assert text.count("m1 ") == 1  # derived from itself: said once
+
+
+def test_a_misfit_without_degrees_of_freedom_judges_nothing() -> None:
+    text = str(ESTIMATE.with_(misfit=Misfit(5.662e6, 0.0, 0, 1.0)))
+    assert "misfit 5.662e+06, no degrees of freedom" in text.splitlines()
 
 
 def test_inflated_deviations_show_only_where_they_differ() -> None:

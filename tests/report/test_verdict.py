@@ -7,15 +7,9 @@ import pytest
 from severities import causes
 
 from rotorid import Estimate, Misfit, Note, Prediction, Suspect, Value
-from rotorid.answer.parts import DOUBTFUL, EXPLAINS, ChannelEvidence, Evidence, RecordEvidence
-from rotorid.report import drawn as estimates
-from rotorid.report import drawn as machines
-from rotorid.report import drawn as records
-from rotorid.report import estimate as parameters
-from rotorid.report import estimate as verdict
-from rotorid.report import html, interactive
-from rotorid.report import panels as panel
-from rotorid.report.estimate import channel_ratios, verdict_of
+from rotorid.answer.contents import ChannelEvidence, Evidence, RecordEvidence
+from rotorid.report import html
+from rotorid.report.estimate_report import channel_ratios, verdict_of
 from rotorid.report.panels import Axis, Curve, Panel, thinned
 
 ESTIMATE = Estimate(
@@ -38,19 +32,6 @@ def shown(*channels: ChannelEvidence) -> Evidence:
     )
 
 
-def test_decisions() -> None:
-    assert (DOUBTFUL, verdict.AS_NOISE, verdict.TOLD) == (1e-3, 1.5, 0.5)
-    assert (html.MOST_POINTS, html.FEWEST_POINTS) == (2048, 64)
-    assert (html.MOST_DATA, html.WORTH) == (1_000_000, 16)
-    assert (interactive._INCH, interactive._SHARP) == (110, 5)
-    assert (panel.MOST_PANELS, estimates.MOST_DOTS, estimates.NOISE_BAND) == (24, 60, 2.0)
-    assert (estimates.LEAST, estimates.WORST) == (0.01, 5.0)
-    assert (records.MOST_BLOCKS, records.MOST_MARKS, records.MOST_STEMS) == (600, 400, 40)
-    assert (machines.MOST_SHAPES, machines.MOST_PLACES, machines.HIGHEST) == (9, 12, 3.0)
-    assert (machines.SAME, parameters.PLAIN) == (1e-9, (1e-3, 1e7))
-    assert (machines.EVEN, parameters.ROUNDING, EXPLAINS) == (1.5, 0.005, 0.2)
-
-
 @pytest.mark.parametrize(
     ("p_value", "end"),
     [
@@ -62,6 +43,9 @@ def test_accepted_by_a_likelihood(p_value: float, end: str) -> None:
     found = verdict_of(ESTIMATE.with_(misfit=Misfit(80.0, 82.0, 80, p_value)))
     start = "Accepted: these 2 parameters explain 2 channels to 0.12 %"
     assert found.sentence == start + end
+    assert (
+        "nothing tells how well" in verdict_of(ESTIMATE.with_(misfit=Misfit(0, 0, 0, 1))).sentence
+    )
     forces = ESTIMATE.with_(evidence=shown(channel("F_x", 1, 1), channel("F_y", 1, 1)))
     assert "explain 2 forces to" in verdict_of(forces).sentence
 

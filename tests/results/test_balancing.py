@@ -9,9 +9,9 @@ from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
 from rotorid import cli
-from rotorid.answer.parts import Evidence, RecordEvidence
+from rotorid.answer.contents import Evidence, RecordEvidence
 from rotorid.core.distributions import bound_of_length
-from rotorid.results.balancing import CONFIDENCE, Balance, Masses, chosen
+from rotorid.results.balancing import Balance, Masses, chosen
 from rotorid.results.machine import machine_of
 from rotorid.results.planes import rotor_mass
 
@@ -80,7 +80,6 @@ def test_the_covariance_is_that_of_the_unbalance():
 
 
 def test_what_is_left_is_less_than_stated_19_times_of_20():
-    assert CONFIDENCE == 0.95
     rng = np.random.default_rng(2)
     for mean, spread in (
         (np.zeros(2), np.eye(2)),

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 import rotorid as rid
 from rotorid import InputError
-from rotorid.results import critical, machine, modes
+from rotorid.results import machine
 from rotorid.results.balancing import Balance, Masses, _nearest, _too_coarse, chosen
 from rotorid.results.export import _solved
 from rotorid.results.modes import whirl_of
@@ -95,11 +95,3 @@ def test_a_matrix_is_singular_to_rounding(away: float, solved: bool) -> None:
     else:
         with pytest.raises(InputError, match="that is singular"):
             _solved(of, matrix, np.eye(2))
-
-
-def test_how_finely_a_machine_is_looked_at() -> None:
-    """No answer tells these from their neighbours; what they cost and resolve is said beside."""
-    assert (critical.POINTS, critical.SCAN, critical.HALVINGS) == (61, 120, 6)
-    assert (critical.EXACT, critical.FALSE, critical.ALIKE) == (1e-10, 1e-6, 0.7)
-    assert (machine.STEP, machine.SIDE, machine.NEAR) == (1e-4, 0.05, 0.01)
-    assert (modes.BESIDE, modes.TERMS, modes.DRAWS, modes.NORMAL) == (3, 1 << 22, 4000, 1.959964)

@@ -9,9 +9,9 @@ import pytest
 
 import rotorid as rid
 from rotorid import with_evidence
-from rotorid.answer.parts import Evidence, Prior
-from rotorid.answer.validation import STEPS, at_best_phase, channel_errors
-from rotorid.report.estimate import estimate_report
+from rotorid.answer.contents import Evidence, Prior
+from rotorid.answer.validation import at_best_phase, channel_errors
+from rotorid.report.estimate_report import estimate_report
 from rotorid.results import evidence as gathering
 from rotorid.results.evidence import record_evidence
 
@@ -43,12 +43,6 @@ def periods_of(model: rid.Model, harmonics: list[int], seed: int = 4) -> rid.Per
 @pytest.fixture(scope="module")
 def few(model: rid.Model) -> rid.PeriodicRecord:
     return periods_of(model, [3, 20, 50])
-
-
-def test_decisions() -> None:
-    chosen = (gathering.MOST_LINES, gathering.MOST_SAMPLES, gathering.MOST_NUMBERS)
-    assert chosen == (400, 500, 60_000)
-    assert (gathering.FEWEST, gathering.PER_CYCLE, gathering.DIGITS) == (60, 10, 6)
 
 
 def test_lines_and_waves_are_those_of_the_record(model: rid.Model, few: rid.PeriodicRecord) -> None:
@@ -190,7 +184,6 @@ def test_a_record_whose_rotor_angle_was_found_is_predicted(model: rid.Model, who
     assert not any(channel.predicted for channel in unknown.channels)
     placed, found = at_best_phase(model, estimate, data[1], 1)
     assert found == pytest.approx(2.0, abs=0.03)
-    assert STEPS == 24
     assert all(e.relative_error < 0.05 for e in channel_errors(model, estimate, placed, 1))
     assert at_best_phase(model, estimate, data[0]) == (data[0], None)
 

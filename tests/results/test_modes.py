@@ -5,7 +5,6 @@ import pytest
 from linear_machines import SUPPORTED, estimate_of, model_of
 
 import rotorid as rid
-from rotorid.results import modes as modes_module
 from rotorid.results.machine import machine_of
 from rotorid.results.modes import modes_at, partners, whirl_of
 
@@ -146,7 +145,6 @@ def test_modes_are_close_by_their_deviations(std, close):
 
 def test_the_limit_of_close_modes(monkeypatch):
     """The distance is 100, its deviation 25 less a little, and then a little more."""
-    assert modes_module.CLOSE == 4.0
     for size, close in ((24.9, False), (25.1, True)):
         std = np.array([size, size, 1e-9, 0.0]) / np.sqrt(2)
         found = rid.modes(estimate_of(model_of(TWO), covariance=np.diag(std**2)))

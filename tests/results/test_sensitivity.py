@@ -10,7 +10,7 @@ from loop_cases import FUNDAMENTAL, LAST, exact, exact_peak, excited, loop, meas
 from report_pages import Page, check_self_contained
 
 import rotorid as rid
-from rotorid import cli
+from rotorid import cli, load_rig
 from rotorid.results.sensitivity import (
     LIMITS,
     AxisSensitivity,
@@ -19,7 +19,6 @@ from rotorid.results.sensitivity import (
     worst_of,
     zone_of,
 )
-from rotorid.rig.file import load_rig
 
 LINES = FUNDAMENTAL * np.arange(1, LAST + 1)
 

@@ -9,12 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rotorid import Channel, Record
+from rotorid import Channel, Record, load_rig
 from rotorid.cli import run
 from rotorid.force.channel_dynamics import Constant, FirstOrder
 from rotorid.force.laws import Differential
 from rotorid.force.reading import ForceReading, forces
-from rotorid.rig.file import load_rig
 from rotorid.rig.logger import decimated
 
 RIGID = load_rig("rigid").text.replace('"10 s"', '"5 s"')

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import rotorid as rid
+from rotorid import load_rig
 from rotorid.cli import run as command
-from rotorid.rig.file import load_rig
 
 RUNOUT = {"s_xa": (3e-6, 1e-6), "s_ya": (-2e-6, 2e-6), "s_xb": (1e-6, -4e-6), "s_yb": (0.0, 2e-6)}
 MARK = "\n\n[channels]"

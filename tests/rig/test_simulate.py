@@ -5,9 +5,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from rotorid import load_experiment
+from rotorid import load_experiment, load_rig
 from rotorid.cli import run
-from rotorid.rig.file import load_rig
 
 
 @pytest.fixture

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from rotorid import Channel, InputError, Record, average
-from rotorid.signals import local_polynomial, rotation_fit
 from rotorid.signals import period_search as periodicity
 from rotorid.signals.angle import _rhythm, _without_excursions, keyphasor_angle, pulse_edges
 from rotorid.signals.average import _excerpt
-from rotorid.signals.checks import periods as checks_scatter
 from rotorid.signals.checks import rotation as checks_rotation
 from rotorid.signals.checks import timing as checks_timing
 from rotorid.signals.checks.channels import _flat
@@ -99,15 +97,3 @@ def test_four_periods_tell_a_step_of_time(monkeypatch, count: int, looked: int) 
 @pytest.mark.parametrize(("typed", "found"), [(12.34, 12.34), (12.345, None)])
 def test_a_frequency_that_somebody_typed_has_four_digits(typed: float, found: float) -> None:
     assert periodicity.Period(1000.0, 0.5, 1.0).fundamental(1000 * typed) == found
-
-
-def test_how_closely_a_signal_is_looked_at() -> None:
-    """What is found does not tell these from their neighbours; why they are so is said there."""
-    assert rotation_fit.KNOTS_PER_SECOND == (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-    assert rotation_fit.NOISES == (32.0, 8.0, 2.0, 0.5, 0.15, 0.05, 0.015, 0.004)
-    fine = rotation_fit._STEPS, rotation_fit._GRID, rotation_fit._ZOOMS, rotation_fit._RESOLVED
-    assert fine == (25, 61, 4, 8)
-    assert (periodicity._MARGIN, periodicity._OVERLAP) == (0.01, 0.25)
-    assert checks_rotation.SMALL == 1e-6
-    assert local_polynomial.PROBED == 200
-    assert checks_scatter.FALSE_ALARM == 1e-7

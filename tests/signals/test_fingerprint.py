@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rotorid.experiment.duplicates import FEWEST, MOST, Printer, Shared, candidates, shared
+from rotorid.experiment.duplicates import MOST, Printer, Shared, candidates, shared
 
 
 def prints(*blocks):
@@ -42,7 +42,6 @@ def test_many_samples_leave_few_prints_and_are_found_still():
 
 def test_a_few_samples_alike_are_not_told():
     whole = noise(20000)
-    assert FEWEST == 8
     assert shared(prints(whole), prints(np.concatenate([whole[:100], noise(900, 2, 1)]))) is None
 
 

@@ -7,7 +7,6 @@ import pytest
 from adverse_cases import CASES
 
 from rotorid import Channel, Record, average
-from rotorid.signals.checks import periods as checks_ramp
 
 RATE, F0, SIZE = 4000.0, 20.0, 200
 
@@ -71,8 +70,3 @@ def test_a_drift_of_offsets_leaves_the_answer_right():
         found = case.run(seed, leads=False)
         assert found.status == "ok"
         assert found.error < 5
-
-
-def test_what_decides_that_a_ramp_is_one():
-    assert (checks_ramp.RAMP, checks_ramp.LEAST, checks_ramp.BENT) == (1.0, 6, 0.2)
-    assert checks_ramp.ROUNDING == 1e-9

@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import TypeAdapter
 from pydantic_core import to_json
 
-from rotorid.answer import tables as page_of
+from rotorid.answer import estimate_tables as page_of
+from rotorid.answer.contents import Answer, Value
 from rotorid.answer.judge import judge
-from rotorid.answer.parts import Answer, Value
 from rotorid.core.errors import InputError
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen
@@ -150,6 +150,8 @@ class Estimate(Answer):
 
     def with_notes(self, *more: Note) -> Estimate:
         """Return a copy with further notes, and the status that they leave."""
+        if not more:
+            return self
         return replace(self, status=judge(more, self.status), notes=(*self.notes, *more))
 
     def plot(self) -> Figure:

@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from rotorid.answer.contents import Provenance, Value
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import of_data
-from rotorid.answer.parts import Provenance, Value
 from rotorid.answer.unbalance import unbalance_of, unbalance_untold
 from rotorid.core.errors import InputError, require_names
 from rotorid.core.notes import Note

@@ -12,17 +12,17 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from rotorid.answer.contents import DOUBTFUL, Value
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import judge
-from rotorid.answer.parts import DOUBTFUL, Value
 from rotorid.core.distributions import Expectation
 from rotorid.core.notes import Note, Severity
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Floats
 from rotorid.models import Model
-from rotorid.models.linear import LinearForm, speed_factor
+from rotorid.models.expressions import symbol
+from rotorid.models.linear_form import LinearForm, speed_factor
 from rotorid.models.structure import force_balance
-from rotorid.models.text import symbol
 
 REJECTED = 1e-6
 """The p-value below which the data reject the model."""

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from rotorid.answer.contents import Prediction
 from rotorid.answer.estimate import Estimate, check_units
-from rotorid.answer.parts import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.values import Floats
 from rotorid.data.observation import Data, Observation, bind_all
@@ -16,9 +16,9 @@ from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.unknowns import Own, every_unknown
 from rotorid.linear.by_samples import filtered_records
-from rotorid.linear.equations import Predicted, Regression, SampledRegression, relative_errors
+from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
-from rotorid.models.priors import own_in_si
+from rotorid.models.constraints import own_in_si
 
 
 def predict(

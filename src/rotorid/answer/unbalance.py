@@ -6,15 +6,15 @@ from functools import cache
 
 import numpy as np
 
+from rotorid.answer.contents import Unbalance
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import Unbalance
 from rotorid.core.notes import Note
 from rotorid.core.values import Complexes, Floats
 from rotorid.models import Model
-from rotorid.models.linear import rotation_line, speed_factor
+from rotorid.models.expressions import Expression, symbol
+from rotorid.models.linear_form import rotation_line, speed_factor
 from rotorid.models.model import fact
 from rotorid.models.structure import ForceBalance, force_balance
-from rotorid.models.text import Expression, symbol
 
 SPEEDS = (1.0, 2.0, 3.0, 4.0)  # rad/s: tell a square from other powers up to the cube
 TURNING = symbol("phi")

@@ -15,7 +15,7 @@ from rotorid.core.distributions import Expectation, line_moments
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
-from rotorid.linear.equations import Predicted
+from rotorid.linear.regression import Predicted
 from rotorid.models import Model
 from rotorid.signals.checks.registry import NO_SCATTER
 from rotorid.signals.covariance import correlated_covariance, is_correlated

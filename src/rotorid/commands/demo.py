@@ -10,7 +10,7 @@ from rotorid.commands import OK
 from rotorid.commands.console import Outputs
 from rotorid.core.files import check_apart
 from rotorid.demo import run_demo
-from rotorid.demo.machine import run_machine
+from rotorid.demo.levitated import run_machine
 from rotorid.demo.page import demo_page, machine_page
 
 NOISE = 2026  # starts the generator of the noise, so that every run shows the same figures
@@ -36,7 +36,9 @@ def _show_machine(report: Path | None) -> None:
     result = run_machine(np.random.default_rng(NOISE))
 
     def html() -> str:
-        from rotorid.report.estimate import estimate_report  # pictures take their time to load
+        from rotorid.report.estimate_report import (
+            estimate_report,  # pictures take their time to load
+        )
         from rotorid.results.evidence import with_evidence
 
         known = with_evidence(result.estimate, result.model, result.periods, result.estimator)

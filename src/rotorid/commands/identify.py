@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotorid.answer.contents import Provenance
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
-from rotorid.answer.parts import Provenance
 from rotorid.commands import NO_ANSWER, OK, REJECTED
 from rotorid.commands.console import Outputs
 from rotorid.commands.provenance import environment, source_of
@@ -48,7 +48,9 @@ def run(
         estimate = estimate.with_(provenance=provenance(plan, answer.given))
 
     def html() -> str:
-        from rotorid.report.estimate import estimate_report  # pictures take their time to load
+        from rotorid.report.estimate_report import (
+            estimate_report,  # pictures take their time to load
+        )
 
         return estimate_report(estimate)
 

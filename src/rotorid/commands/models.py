@@ -14,7 +14,7 @@ def run(name: str | None) -> int:
         return OK
     model = load_model(name)
     if hasattr(model, "rotor"):
-        from rotorid.models.rotor.model import RotorModel  # scipy: where a rotor is drawn
+        from rotorid.models.rotor.rotor_model import RotorModel  # scipy: where a rotor is drawn
         from rotorid.report.record_tables import rotor_page
 
         assert isinstance(model, RotorModel)

@@ -10,7 +10,7 @@ from platform import python_version
 import numpy as np
 import scipy
 
-from rotorid.answer.parts import SourceFile
+from rotorid.answer.contents import SourceFile
 from rotorid.core.files import check_regular, is_hollow
 from rotorid.core.limits import HASHED_BYTES
 

@@ -10,7 +10,7 @@ from rotorid.commands import OK
 from rotorid.commands.console import as_text, check_outputs, show, write
 from rotorid.core.files import REPORT, check_apart
 from rotorid.core.watch import watch
-from rotorid.report.estimate import WITHOUT, estimate_report
+from rotorid.report.estimate_report import WITHOUT, estimate_report
 
 
 def run(result: Path, out: Path | None, force: bool) -> int:

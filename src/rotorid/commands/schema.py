@@ -14,8 +14,8 @@ from rotorid.core.toml import json_schema
 FILES = {
     "experiment": ("rotorid.experiment.schema", "ExperimentFile"),
     "model": ("rotorid.models.loader", "ModelFile"),
-    "rotor": ("rotorid.models.rotor.file", "RotorFile"),
-    "rig": ("rotorid.rig.schema", "RigFile"),
+    "rotor": ("rotorid.models.rotor.rotor_file", "RotorFile"),
+    "rig": ("rotorid.rig.file_schema", "RigFile"),
 }
 """The files that people write, and the class that says what may stand in each."""
 SCHEMA = Kind("rotorid schema")

@@ -17,7 +17,7 @@ from rotorid.experiment import Experiment, load_experiment
 from rotorid.experiment.channels import Recording
 from rotorid.experiment.read import measured, periods_of, reference_name
 from rotorid.force.laws import Linear
-from rotorid.io.record import Source
+from rotorid.io.columns import Source
 from rotorid.report.machine_tables import sensitivity_page
 from rotorid.results.sensitivity import AxisSensitivity, sensitivity, worst_of
 

@@ -109,6 +109,7 @@ def _require_regular(path: str | Path, found: os.stat_result, expected: str) -> 
 
 def _unreadable(path: str | Path, error: Exception, expected: str) -> ReadError:
     if isinstance(error, FileNotFoundError):
+        os.getcwd()  # where that was deleted, it says so itself
         found = "no such file"
     elif isinstance(error, ValueError):  # in whose words each Python says it otherwise
         found = "a null byte in the name"
@@ -289,8 +290,19 @@ def _written(path: Path, data: bytes, mode: int | None) -> str:
 
 
 def _sent(path: Path, data: bytes) -> None:
-    """Write to a device or a pipe; one that nobody reads refuses at once."""
-    with open(path, "wb", opener=_open) as stream:
+    """Write to a device or a pipe."""
+    try:
+        stream = open(path, "wb", opener=_open)  # noqa: SIM115 - closed below
+    except OSError as error:
+        if error.errno != errno.ENXIO:
+            raise
+        raise InputError(
+            "a pipe that nobody reads",
+            "one with a reader",
+            "start the reader first, or write elsewhere",
+            file=str(path),
+        ) from None
+    with stream:
         os.set_blocking(stream.fileno(), True)
         stream.write(data)
 

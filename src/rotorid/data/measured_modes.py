@@ -11,7 +11,7 @@ from rotorid.core.errors import InputError, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import quantity
 from rotorid.models import Model
-from rotorid.models.priors import in_si
+from rotorid.models.constraints import in_si
 
 
 @frozen

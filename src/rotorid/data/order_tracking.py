@@ -28,7 +28,7 @@ from rotorid.core.units import quantity
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines
 from rotorid.data.record import Record, samples_between
-from rotorid.data.tables import lines_at_speeds
+from rotorid.data.table_lines import lines_at_speeds
 from rotorid.signals.covariance import LineCovariance
 
 LENGTHS = (64, 32, 16, 8, 4)

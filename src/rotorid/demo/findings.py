@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotorid.core.values import Floats
-from rotorid.demo.run import DemoResult
+from rotorid.demo.paper import DemoResult
 
 ENOUGH = 10  # records, below which bias cannot be told from scatter
 FIRM = 2.0  # standard errors

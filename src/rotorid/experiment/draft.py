@@ -22,7 +22,7 @@ from rotorid.core.values import Floats
 from rotorid.experiment.schema import OPEN
 from rotorid.io import open_table
 from rotorid.io.clock import read_clock
-from rotorid.io.record import check_magnitude, largest_of
+from rotorid.io.columns import check_magnitude, largest_of
 from rotorid.io.table import Column, ColumnFile, Rate, TooMuchError
 from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name

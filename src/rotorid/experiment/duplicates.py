@@ -28,7 +28,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, PhasorClock, SilentClock
 from rotorid.data.observation import Measured
 from rotorid.data.record import PeriodicRecord, Record
-from rotorid.data.tables import SAME, multiple_of
+from rotorid.data.table_lines import SAME, multiple_of
 from rotorid.experiment.channels import Entries, columns_of
 from rotorid.experiment.read import is_reference
 from rotorid.experiment.schema import ModeEntry, RecordEntry

@@ -54,7 +54,7 @@ from rotorid.experiment.schema import (
 )
 from rotorid.io import READERS, read_record
 from rotorid.models import Model, load_model
-from rotorid.models.priors import Constraint
+from rotorid.models.constraints import Constraint
 from rotorid.signals.angle import keyphasor_angle, pulse_edges
 from rotorid.signals.average import KEYS
 from rotorid.signals.inspection import Inspection, inspect_record

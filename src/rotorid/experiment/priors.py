@@ -13,9 +13,9 @@ from rotorid.data.measured_modes import Mode, in_units_of
 from rotorid.experiment.channels import unknown
 from rotorid.experiment.schema import Effort, ExperimentFile, Method, OwnEntry, PriorKeys
 from rotorid.models import Model
+from rotorid.models.constraints import Constraint, unit_of_expression
 from rotorid.models.equations import polynomial
 from rotorid.models.model import Parameter
-from rotorid.models.priors import Constraint, unit_of_expression
 
 
 @frozen

@@ -21,7 +21,7 @@ from rotorid.experiment.schema import RecordEntry, RecordKeys
 from rotorid.force.laws import Linear
 from rotorid.force.reading import ForceReading, as_channels, forces
 from rotorid.io import Source, read_record
-from rotorid.io.record import RecordBlocks, open_blocks
+from rotorid.io.columns import RecordBlocks, open_blocks
 from rotorid.models import Model
 from rotorid.signals.angle import encoder_angle, keyphasor_angle, pulse_edges
 from rotorid.signals.average import average, average_blocks
@@ -76,9 +76,11 @@ def _planned(
 ) -> Recording:
     if record.channel_kind == "samples":
         return Recording(record, folder, entries, *of_samples(entries, model, others, folder))
-    from rotorid.experiment import tables  # which few records need
+    from rotorid.experiment import table_records  # which few records need
 
-    check = tables.check_phasors if record.kind == "phasors" else tables.check_responses
+    check = (
+        table_records.check_phasors if record.kind == "phasors" else table_records.check_responses
+    )
     check(entries, model, folder)
     return Recording(record, folder, entries)
 
@@ -298,9 +300,11 @@ def _readings(record: Record, plan: Recording) -> dict[str, ForceReading]:
 
 def read_table(plan: Recording, model: Model) -> Sequence[Lines]:
     """Read a record that is a table; responses to several inputs are several."""
-    from rotorid.experiment import tables  # which few records need
+    from rotorid.experiment import table_records  # which few records need
 
-    read = tables.read_phasors if plan.entry.kind == "phasors" else tables.read_responses
+    read = (
+        table_records.read_phasors if plan.entry.kind == "phasors" else table_records.read_responses
+    )
     return read(plan, model)
 
 

@@ -34,8 +34,8 @@ from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
 from rotorid.likelihood.whitening import Sizes, Transient, find_scales, noise_factor
 from rotorid.models.equations import SensorTerm
-from rotorid.models.linear import speed_factor
-from rotorid.models.text import Expression, evaluate, symbol
+from rotorid.models.expressions import Expression, evaluate, symbol
+from rotorid.models.linear_form import speed_factor
 from rotorid.signals.covariance import LineCovariance
 
 Factors = tuple[int, ...]

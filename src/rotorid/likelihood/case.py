@@ -29,7 +29,7 @@ from rotorid.likelihood.starts import moved, thinned
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.likelihood.unknowns import Unknown
 from rotorid.models import Model
-from rotorid.models.rotor.model import structure_of
+from rotorid.models.rotor.rotor_model import structure_of
 from rotorid.models.structure import Structure
 
 GROSS = 3.0

@@ -23,9 +23,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from rotorid.answer import machine_checks
+from rotorid.answer.contents import DOUBTFUL
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import STATUSES, Status
-from rotorid.answer.parts import DOUBTFUL
 from rotorid.core.distributions import Expectation
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
@@ -50,8 +50,6 @@ from rotorid.models import Model
 
 @frozen
 class Asked:
-    """An answer that may be doubted."""
-
     model: Model
     estimate: Estimate
     fit: Fit
@@ -148,7 +146,6 @@ def taken_as_exact(asked: Asked) -> Iterable[Note]:
 
 
 def _scales_all(effects: Iterable[Drives]) -> bool:
-    """Tell whether an effect multiplies all forces."""
     return any(effect.part == "force" for effect in effects)
 
 
@@ -411,7 +408,6 @@ def _turned(point: Point, number: int, record: Observation, parts: int) -> Float
 
 @doubt()
 def unit_of_speed(asked: Asked) -> Iterable[Note]:
-    """Judge whether the speeds of tables are in the unit that they are said to be in."""
     fit = asked.fit
     modes = bool(len(fit.problem.known.modes))
     at = fit.solution.point.unknowns

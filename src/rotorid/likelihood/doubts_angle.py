@@ -211,13 +211,15 @@ def _given(periodic: PeriodicRecord) -> Floats | None:
     turns = periodic.speed / (2 * np.pi * periodic.fundamental)
     if abs(turns - round(turns)) * periodic.periods > 1:
         return None
-    wave = np.exp(-2j * np.pi * round(turns) * np.arange(periodic.samples) / periodic.samples)
     given = unread(periodic, "angle")
     if isinstance(given, Steady):
-        turned = np.exp(1j * given.in_period * np.arange(periodic.periods))
+        phase = np.unwrap(given.in_period * np.arange(periodic.periods))
     else:
-        turned = np.cos(given) @ wave + 1j * (np.sin(given) @ wave)
-    phase = np.unwrap(np.angle(turned))
+        line = 2 * np.pi * round(turns) * np.arange(periodic.samples) / periodic.samples
+        ahead = given - line
+        within = ahead - ahead[:, :1]
+        within -= 2 * np.pi * np.rint(within / (2 * np.pi))  # the angle may begin anew each turn
+        phase = np.unwrap(ahead[:, 0] + within.mean(axis=1))
     return np.asarray(phase - phase.mean())
 
 

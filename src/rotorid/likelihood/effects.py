@@ -25,7 +25,7 @@ from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.data.lines import Lines, Samples
 from rotorid.data.observation import Observation
 from rotorid.force.at_binding import Passed, displacement
-from rotorid.models.text import Expression
+from rotorid.models.expressions import Expression
 
 
 @frozen

@@ -26,7 +26,7 @@ from rotorid.likelihood.summary import nothing_found, summarize, trials_of
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.linear.by_samples import refuse_filtered
 from rotorid.models import Model
-from rotorid.models.priors import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
+from rotorid.models.constraints import Bounds, Constraint, bounds_in_si, constraints_in_si, in_si
 
 DONE = "done"
 """What the last step says."""

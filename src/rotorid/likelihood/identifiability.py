@@ -14,7 +14,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.parts import Value
+from rotorid.answer.contents import Value
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats

@@ -12,7 +12,7 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.data.observation import Observation
-from rotorid.likelihood.effects import E, Reads, Replaces, of_kind
+from rotorid.likelihood.effects import E, Effect, Reads, Replaces
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
 
@@ -59,11 +59,11 @@ class Layout:
 
     def wherever(self, kind: type[E]) -> list[tuple[int | None, E, Integers]]:
         """Return the effects of a kind on any record, behind the record if it is on one alone."""
-        return [
-            (unknown.record, effect, at)
-            for unknown, at in self.places()
-            for effect in of_kind(kind, unknown.effects())
-        ]
+        return [(record, e, at) for record, e, at in self._effects if isinstance(e, kind)]
+
+    @cached_property
+    def _effects(self) -> list[tuple[int | None, Effect, Integers]]:
+        return [(u.record, effect, at) for u, at in self.places() for effect in u.effects()]
 
     @cached_property
     def replaced(self) -> tuple[tuple[int, Replaces, int], ...]:

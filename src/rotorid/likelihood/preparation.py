@@ -17,12 +17,12 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Likelihood
 from rotorid.likelihood.effects import Replaces, of_kind
 from rotorid.likelihood.layout import Layout, base_factors, physical_factors
-from rotorid.likelihood.modal import modal_rows
+from rotorid.likelihood.mode_rows import modal_rows
 from rotorid.likelihood.problem import Known, Problem, retract
 from rotorid.likelihood.relations import Polynomial, Relations
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models import Model
-from rotorid.models.priors import Constraint, constraint_polynomial, eliminate
+from rotorid.models.constraints import Constraint, constraint_polynomial, eliminate
 
 GENERIC = 0.2
 """Relative change of the unknowns after which natural frequencies that coincide do so always."""

@@ -21,7 +21,7 @@ from rotorid.core.values import Floats, Integers
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.linear import RANK, Linearized, tangent_basis
-from rotorid.likelihood.modal import ModalRows, modal_rows
+from rotorid.likelihood.mode_rows import ModalRows, modal_rows
 from rotorid.likelihood.relations import Relations
 
 Number = TypeVar("Number", np.float64, np.int64)

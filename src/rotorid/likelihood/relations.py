@@ -54,6 +54,13 @@ class Monomials:
         rows = np.arange(len(self.factors)) * (self.unknowns + 1)
         return (rows + self._columns).ravel()
 
+    @cached_property
+    def _others(self) -> Integers:
+        """Places of the other factors beside each, shape (factor, factor - 1)."""
+        places = range(self.factors.shape[1])
+        others = [[i for i in places if i != j] for j in places]
+        return np.array(others, dtype=np.int64).reshape(len(others), max(len(others) - 1, 0))
+
     def _held(self, x: ArrayLike) -> Floats:
         padded = np.empty(self.unknowns + 1)
         padded[:-1], padded[-1] = x, 1.0
@@ -65,11 +72,7 @@ class Monomials:
 
     def jacobian(self, x: ArrayLike) -> Floats:
         """Return d mu / d x, shape (monomial, unknown); exact where unknowns are zero."""
-        held = self._held(x)
-        others = np.ones_like(held)
-        for j in range(len(held)):
-            others[:j] *= held[j]
-            others[j + 1 :] *= held[j]
+        others = np.multiply.reduce(self._held(x)[self._others], axis=1)
         width = self.unknowns + 1
         size = len(self.factors) * width
         flat = np.bincount(self._flat, weights=others.ravel(), minlength=size)
@@ -135,10 +138,14 @@ class Relations:
 
     def values(self, x: Floats) -> Floats:
         """Return h, shape (relation,)."""
+        if not len(self):  # most problems have none, and each point asks
+            return np.zeros(0)
         return np.asarray(self.matrix @ self.monomials.values(x))
 
     def jacobian(self, x: Floats) -> Floats:
         """Return dh/dx, shape (relation, unknown)."""
+        if not len(self):
+            return np.zeros((0, self.monomials.unknowns))
         return np.asarray(self.matrix @ self.monomials.jacobian(x))
 
     def linear_in(self) -> list[int]:

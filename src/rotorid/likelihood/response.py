@@ -13,7 +13,7 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.cost import Evaluation, Likelihood
 from rotorid.likelihood.layout import Layout
-from rotorid.linear.equations import Predicted, lay_to_inputs
+from rotorid.linear.regression import Predicted, lay_to_inputs
 
 SINGULAR = 1e10
 """|Z| |q| / |f| from which on a line is taken for singular, as at DC where the rotor floats: the

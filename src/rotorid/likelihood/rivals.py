@@ -28,8 +28,8 @@ from functools import partial
 
 import numpy as np
 
+from rotorid.answer.contents import EXPLAINS
 from rotorid.answer.judge import SUSPECTS
-from rotorid.answer.parts import EXPLAINS
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
 from rotorid.data.observation import Observation
@@ -166,8 +166,6 @@ Tries = Generator[Tried, None, list[Finding]]
 
 @frozen
 class _Search:
-    """Tries the rivals of one case."""
-
     case: Case
     tried: frozenset[str] = frozenset()
     besides: str = ""
@@ -259,7 +257,6 @@ class _Search:
         return found
 
     def finding(self, rival: Rival, point: Point) -> Finding:
-        """Return what a rival leaves at the minimum with it."""
         likely = rival.likely is not None and rival.likely(point)
         drop = self.case.point.cost - point.cost
         value = rival.value_at(point)
@@ -406,7 +403,6 @@ def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
 
 
 def _entries_of(rival: Rival) -> set[Entry]:
-    """Return what a rival adds to the equations."""
     return {*of_kind(Entry, rival.added.effects())} if rival.added else set()
 
 

@@ -24,7 +24,7 @@ from rotorid.likelihood.case import Case, Records, Rival, each_record, freed, mi
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_tables import SPEEDS, is_table
 from rotorid.likelihood.unknowns import Multiplier, Share, every_unknown
-from rotorid.likelihood.unknowns.channels import FACTORS, factor_name, snap
+from rotorid.likelihood.unknowns.channel_factors import FACTORS, factor_name, snap
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
 from rotorid.models import Model
 from rotorid.models.structure import Structure
@@ -290,7 +290,6 @@ def _turned_pairs(
 
 @rivals("single")
 def _single_swaps(case: Case) -> Iterator[Rival]:
-    """Yield two like channels exchanged."""
     pairs = planes(case)
     for group in like_groups(case):
         both = list(combinations(group, 2))
@@ -301,7 +300,6 @@ def _single_swaps(case: Case) -> Iterator[Rival]:
 
 @rivals("single")
 def _single_signs(case: Case) -> Iterator[Rival]:
-    """Yield each channel upside down."""
     yield from (sign([name]) for group in like_groups(case) for name in group)
 
 
@@ -478,7 +476,6 @@ def _positions(case: Case) -> Iterator[Rival]:
 
 
 def _driven_at(record: Observation, name: str, other: str) -> Observation:
-    """Return a record with another displacement in one force law."""
     inputs = tuple(
         replace(c, drive=replace(c.drive, position={other: 1.0}))
         if c.name == name and c.drive is not None

@@ -27,13 +27,13 @@ from rotorid.data.measured_modes import Mode, number
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Kind, Records, Rival, Small, mistake, rivals
 from rotorid.likelihood.effects import Replaces, of_kind
-from rotorid.likelihood.modal import ModalRows
+from rotorid.likelihood.mode_rows import ModalRows
 from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Known, Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import bounds_held
 from rotorid.likelihood.unknowns import Scalar
-from rotorid.likelihood.unknowns.base import amount
+from rotorid.likelihood.unknowns.kinds import amount
 
 CLOSE = 1.5
 """Factor of the limit within which what was set free makes the bound the likeliest mistake: a limit
@@ -51,7 +51,6 @@ class HeldBound:
     unit: str  # of a single parameter, else empty
 
     def value(self, point: Point) -> float:
-        """Return what the expression is at a point."""
         above = float(self.bounds.values(point.unknowns)[self.row])
         return self.limit.value + self.limit.way * above
 
@@ -121,7 +120,6 @@ def _without_bounds(
 
 @rivals("known")
 def _known(case: Case) -> Iterator[Rival]:
-    """Yield that each value that was known beforehand is another."""
     layout = case.prepared.layout
     for at, scalar in enumerate(layout.unknowns[: layout.named]):
         if scalar.std is not None and at not in layout.idle:
@@ -151,7 +149,6 @@ def _prior(scalar: Scalar, at: int, given: float) -> Rival:
 
 @rivals("mode")
 def _modes(case: Case) -> Iterator[Rival]:
-    """Yield that each measured mode is wrong by itself."""
     rows = case.prepared.known.modes
     for text in dict.fromkeys(rows.texts):
         yield _mode(text, rows.of_mode(text))
@@ -218,7 +215,6 @@ def source(hertz: float) -> str:
 
 
 def without(records: Sequence[Observation], number: int, line: int) -> list[Observation]:
-    """Return records of which one line takes no part."""
     record = records[number]
     matrices = record.lines.covariance.matrices.copy()
     matrices[line] *= FORGOTTEN

@@ -20,7 +20,7 @@ from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Rival, each_record, mistake, rivals
 from rotorid.likelihood.cost import Evaluation
 from rotorid.likelihood.layout import Layout
-from rotorid.likelihood.modal import pencil_at
+from rotorid.likelihood.mode_rows import pencil_at
 from rotorid.likelihood.rivals_stated import without
 from rotorid.likelihood.unknowns import Scalar
 from rotorid.models.modal import eigenmodes
@@ -117,7 +117,6 @@ def is_table(record: Observation) -> bool:
 
 @rivals("table")
 def _row(case: Case) -> Iterator[Rival]:
-    """Yield that the row with the largest misfit is wrong."""
     tables = [k for k, record in enumerate(case.records) if is_table(record)]
     if not tables:
         return

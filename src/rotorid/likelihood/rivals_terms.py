@@ -19,11 +19,11 @@ from rotorid.core.values import Floats
 from rotorid.likelihood.case import Case, Rival, freed, rivals
 from rotorid.likelihood.effects import Entry, RowLoad
 from rotorid.likelihood.unknowns import Lever, Missing, Scalar
+from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.elements import PLANES
 from rotorid.models.rotor.fem import Piece, elastic_pieces
 from rotorid.models.structure import Structure
-from rotorid.models.text import Expression, product, symbol
 
 BENDS = "bending of the shaft"
 INTO_THE_FILE = "add it to the rotor file, as a disc, a support, an unbalance or a damping there"
@@ -132,7 +132,6 @@ def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> list[
 
 
 def _units_at(unit: str) -> tuple[str, str, str, str]:
-    """Return the units of stiffness, mass, damping and unbalance at a coordinate."""
     if unit == "rad":
         return "N m/rad", "kg m^2", "N m s/rad", "kg m^2"
     return "N/m", "kg", "N s/m", "kg m"
@@ -253,7 +252,6 @@ def levers(structure: Structure, model: RotorModel) -> Iterator[Lever]:
 
 @rivals("term")
 def _terms(case: Case) -> Iterator[Rival]:
-    """Yield the terms that any equations may lack."""
     model, structure = case.model, case.structure
     if structure is None:
         return
@@ -266,7 +264,6 @@ def _terms(case: Case) -> Iterator[Rival]:
 
 @rivals("drawn")
 def _drawn(case: Case) -> Iterator[Rival]:
-    """Yield what may be otherwise than a drawing has it."""
     model, structure = case.model, case.structure
     if structure is None or not isinstance(model, RotorModel) or case.values is None:
         return

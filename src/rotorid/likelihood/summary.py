@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from rotorid.answer.contents import DOUBTFUL, Alternative, LineMisfit, Misfit, Value
 from rotorid.answer.derived import base_from_physical, physical_from_base, physical_start
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
 from rotorid.answer.machine_checks import REJECTED
-from rotorid.answer.parts import DOUBTFUL, Alternative, LineMisfit, Misfit, Value
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
@@ -21,11 +21,11 @@ from rotorid.likelihood.identifiability import (
     find_cures,
     open_combinations,
 )
-from rotorid.likelihood.modal import close_modes, mode_fits
+from rotorid.likelihood.mode_rows import close_modes, mode_fits
 from rotorid.likelihood.other_answers import doubt_notes
 from rotorid.likelihood.response import by_likelihood
 from rotorid.likelihood.rivals import Tried, suspected
-from rotorid.linear.equations import relative_errors
+from rotorid.linear.regression import relative_errors
 from rotorid.models import Model
 
 

@@ -27,7 +27,7 @@ from rotorid.likelihood.problem import Problem, outside
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import Solution, settle
 from rotorid.models import Model
-from rotorid.models.linear import TermKind
+from rotorid.models.linear_form import TermKind
 from rotorid.models.model import fact
 from rotorid.models.symmetry import Bits, Link, Web
 

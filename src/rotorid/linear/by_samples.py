@@ -14,8 +14,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note, Severity
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
-from rotorid.linear.equations import SampledRegression
 from rotorid.linear.family import Posed
+from rotorid.linear.regression import SampledRegression
 from rotorid.linear.solve import (
     BLOCKS,
     Block,

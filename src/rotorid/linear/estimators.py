@@ -14,11 +14,11 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Floats
 from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.linear.by_samples import SampledProblem, filtered_records, refuse_filtered
-from rotorid.linear.equations import Regression, driven_rows
 from rotorid.linear.family import LeastSquaresProblem, force_variance
+from rotorid.linear.regression import Regression, driven_rows
 from rotorid.linear.solve import Block, LeastSquaresSolution, pooled, solve
 from rotorid.models import Model
-from rotorid.models.priors import Constraint
+from rotorid.models.constraints import Constraint
 from rotorid.signals.spectrum import synthesize
 
 

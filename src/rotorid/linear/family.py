@@ -9,17 +9,17 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rotorid.answer import machine_checks
+from rotorid.answer.contents import Value
 from rotorid.answer.derived import physical_from_base
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.judge import OPEN, judge
-from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.linalg import column_lengths
 from rotorid.core.notes import Note, remarks
 from rotorid.core.values import Booleans, Complexes, Floats
 from rotorid.data.observation import Data, Observation, bind
-from rotorid.linear.equations import (
+from rotorid.linear.regression import (
     Equations,
     Regression,
     driven_rows,
@@ -36,8 +36,8 @@ from rotorid.linear.solve import (
     scatter_of_answers,
 )
 from rotorid.models import Model
-from rotorid.models.priors import Constraint, Elimination, constraints_in_si, eliminate, in_si
-from rotorid.models.text import symbol
+from rotorid.models.constraints import Constraint, Elimination, constraints_in_si, eliminate, in_si
+from rotorid.models.expressions import symbol
 from rotorid.signals.checks.periods import check_identical
 from rotorid.signals.covariance import LineCovariance, choose_covariance
 

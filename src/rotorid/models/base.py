@@ -21,9 +21,9 @@ from mpmath.libmp import to_rational
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, Integers
-from rotorid.models import cost
+from rotorid.models import text_cost
 from rotorid.models.equations import Product
-from rotorid.models.text import MAX_VALUE, Expression, Factor, Monomial, evaluate, product
+from rotorid.models.expressions import MAX_VALUE, Expression, Factor, Monomial, evaluate, product
 
 Real = Any  # a number of a hundred digits; mpmath carries no types
 _EXACT = MPContext()
@@ -328,7 +328,7 @@ def base_names(
 def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fraction]]:
     """Return the reduced row echelon form of sparse rows, by the column of each pivot."""
     reduced: dict[int, dict[int, Fraction]] = {}
-    with cost.bounded():
+    with text_cost.bounded():
         for row in rows:
             _reduce(row, reduced)
     return dict(sorted(reduced.items()))
@@ -353,7 +353,7 @@ def _without(
     factor = row.get(column, Fraction(0))
     if not factor:
         return row
-    cost.spend_exact(pivot.values(), factor)
+    text_cost.spend_exact(pivot.values(), factor)
     left = {k: row.get(k, Fraction(0)) - factor * pivot.get(k, Fraction(0)) for k in row | pivot}
     return {k: value for k, value in left.items() if value}
 

@@ -9,10 +9,8 @@ from fractions import Fraction
 from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import Dimension, dimension_of
-from rotorid.models import cost
-from rotorid.models.polynomials import Polynomial, expanded
-from rotorid.models.syntax import read
-from rotorid.models.text import (
+from rotorid.models import text_cost
+from rotorid.models.expressions import (
     FUNCTIONS,
     MAX_EXPONENT,
     MAX_TERMS,
@@ -23,6 +21,8 @@ from rotorid.models.text import (
     product,
     symbol,
 )
+from rotorid.models.polynomials import Polynomial, expanded
+from rotorid.models.syntax import read
 
 DERIVATIVES = ("", "'", "''")
 MAX_NAMES = 500
@@ -88,7 +88,7 @@ class SplitEquations:
     right: tuple[Product, ...]
 
 
-@cost.bounded()
+@text_cost.bounded()
 def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
     """Expand equations into products."""
     left: list[Product] = []
@@ -183,7 +183,7 @@ def _scaled(product: Product, sign: int) -> Product:
     return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
 
 
-@cost.bounded(cost.COMBINATION)
+@text_cost.bounded(text_cost.COMBINATION)
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Return the coefficients of a polynomial by the powers of its names."""
     known = frozenset(names)

@@ -15,9 +15,9 @@ from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
 from rotorid.core.units import check_unit
 from rotorid.models.equations import MAX_NAMES, Names, check_names, split_equations
-from rotorid.models.linear import runs_by_time
+from rotorid.models.expressions import RESERVED, symbol
+from rotorid.models.linear_form import runs_by_time
 from rotorid.models.model import DeclaredParameter, Model
-from rotorid.models.text import RESERVED, symbol
 
 
 class ModelFile(Schema):
@@ -133,8 +133,11 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
 
 
 def _build_rotor(data: bytes, name: str, file: str) -> Model:
-    from rotorid.models.rotor.file import RotorFile, read_rotor  # scipy: where a rotor is drawn
-    from rotorid.models.rotor.model import rotor_model
+    from rotorid.models.rotor.rotor_file import (  # scipy: where a rotor is drawn
+        RotorFile,
+        read_rotor,
+    )
+    from rotorid.models.rotor.rotor_model import rotor_model
 
     entry = parse_toml(data, RotorFile, file=file)
     with naming(file):

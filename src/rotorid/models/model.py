@@ -30,7 +30,8 @@ from rotorid.models.equations import (
     sort_monomials,
     unit_faults,
 )
-from rotorid.models.linear import (
+from rotorid.models.expressions import RESERVED, Expression, Monomial, evaluate, symbol
+from rotorid.models.linear_form import (
     InputTerm,
     LinearForm,
     StiffnessTable,
@@ -38,7 +39,6 @@ from rotorid.models.linear import (
     classify,
     motion_factor,
 )
-from rotorid.models.text import RESERVED, Expression, Monomial, evaluate, symbol
 
 Arguments = ParamSpec("Arguments")
 Found = TypeVar("Found")

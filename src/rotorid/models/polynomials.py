@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from rotorid.models import cost
+from rotorid.models import text_cost
+from rotorid.models.expressions import Expression, symbol
 from rotorid.models.syntax import Node
-from rotorid.models.text import Expression, symbol
 
 MAX_TERMS = 300  # of any part: more are for the algebra, which bounds them
 _DEGREE = 32
@@ -34,7 +34,7 @@ def expanded(
     `linear` are the names that stand in no function. ``None`` where it is no polynomial.
     """
     try:
-        with cost.bounded():
+        with text_cost.bounded():
             total = _Expander(names, linear).of(tree)
     except _NoPolynomialError:
         return None
@@ -102,10 +102,10 @@ def _reciprocal(divisor: Polynomial) -> Polynomial:
 
 
 def _add(total: Polynomial, other: Polynomial, sign: int) -> None:
-    cost.spend(len(other))
+    text_cost.spend(len(other))
     for powers, coefficient in other.items():
         found = total[powers] = total.get(powers, Fraction(0)) + sign * coefficient
-        cost.check_digits(found.numerator, found.denominator)
+        text_cost.check_digits(found.numerator, found.denominator)
     if len(total) > MAX_TERMS:
         raise _NoPolynomialError
 
@@ -113,7 +113,7 @@ def _add(total: Polynomial, other: Polynomial, sign: int) -> None:
 def _multiplied(one: Polynomial, other: Polynomial) -> Polynomial:
     if len(one) * len(other) > MAX_TERMS:
         raise _NoPolynomialError
-    cost.spend(cost.PRODUCT * len(one) * len(other))
+    text_cost.spend(text_cost.PRODUCT * len(one) * len(other))
     total: Polynomial = {}
     for first, c in one.items():
         for second, d in other.items():
@@ -123,7 +123,7 @@ def _multiplied(one: Polynomial, other: Polynomial) -> Polynomial:
             key = frozenset(powers.items())
             total[key] = total.get(key, Fraction(0)) + c * d
     for found, coefficient in total.items():
-        cost.check_digits(coefficient.numerator, coefficient.denominator)
+        text_cost.check_digits(coefficient.numerator, coefficient.denominator)
         if sum(n for _, n in found) > _DEGREE:
             raise _NoPolynomialError
     return total

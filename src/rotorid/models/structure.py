@@ -26,9 +26,9 @@ from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.units import dimension_of
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.models.linear import motion_factor, speed_factor
+from rotorid.models.expressions import Expression, Monomial
+from rotorid.models.linear_form import motion_factor, speed_factor
 from rotorid.models.model import Model, fact
-from rotorid.models.text import Expression, Monomial
 
 ALIKE = 1e-3
 """Share by which numbers that are typed may differ and be the same: four digits are typed."""

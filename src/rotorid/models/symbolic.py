@@ -18,9 +18,8 @@ import sympy as sp
 
 from rotorid.core.errors import ModelError, nearest
 from rotorid.core.frozen import frozen
-from rotorid.models import cost
-from rotorid.models.syntax import MAX_NESTING, Node, too_deep
-from rotorid.models.text import (
+from rotorid.models import text_cost
+from rotorid.models.expressions import (
     FUNCTIONS,
     MAX_EXPONENT,
     MAX_TERMS,
@@ -31,7 +30,8 @@ from rotorid.models.text import (
     number,
     product,
 )
-from rotorid.models.text import symbol as plain_symbol
+from rotorid.models.expressions import symbol as plain_symbol
+from rotorid.models.syntax import MAX_NESTING, Node, too_deep
 
 MAX_DEGREE = 32
 # What may stand in a signal; the algebra puts cot, sec, csc and coth in their place.
@@ -116,7 +116,7 @@ class _Builder:
         return make(tree.text, parts)
 
     def number(self, text: str, parts: list[_Node]) -> _Node:
-        cost.spend(cost.NODE)
+        text_cost.spend(text_cost.NODE)
         value = float(text)
         if not re.search("[1-9]", re.split("[eE]", text)[0]):
             return _Node(sp.Integer(0))  # 0e999999999 is not to be computed
@@ -125,7 +125,7 @@ class _Builder:
         return _Node(sp.Rational(text))
 
     def name(self, name: str, parts: list[_Node]) -> _Node:
-        cost.spend(cost.NODE)
+        text_cost.spend(text_cost.NODE)
         if name == "pi":
             return _Node(sp.pi)
         if name not in self.names:
@@ -178,7 +178,7 @@ class _Builder:
                 f"the power {shown(value)}", f"a degree of at most {limit}", "write it smaller"
             )
         if base.value.is_Rational:
-            cost.check_power(_fraction(base.value), size)
+            text_cost.check_power(_fraction(base.value), size)
         terms = min(base.terms**size, 10 * MAX_TERMS)
         if value.is_Integer and value >= 0:
             return self._made(_joined(parts, terms, degree), lambda: base.value**value)
@@ -215,19 +215,19 @@ class _Builder:
     def equation(self, _: str, parts: list[_Node]) -> _Node:
         left, right = parts
         whole = _joined(parts, left.terms + right.terms, 0)
-        cost.spend(cost.TERM * whole.terms)  # it is expanded next
+        text_cost.spend(text_cost.TERM * whole.terms)  # it is expanded next
         return self._made(whole, lambda: left.value - right.value)
 
     def _expanded(self, node: _Node, terms: int, what: str, *, tested: bool = True) -> Symbolic:
         """Multiply out what stands in a function, a root or a divisor, there to test for zero."""
-        if node.nested >= cost.NESTED:
+        if node.nested >= text_cost.NESTED:
             raise ModelError(
-                f"functions and roots nesting deeper than {cost.NESTED}",
-                f"{cost.NESTED} levels at most",
+                f"functions and roots nesting deeper than {text_cost.NESTED}",
+                f"{text_cost.NESTED} levels at most",
                 "give what is inside a name, or leave it out",
             )
-        evaluated = cost.EVALUATED * node.size if tested else 0
-        cost.spend(cost.FUNCTION + cost.TERM * (terms - 1) + evaluated)
+        evaluated = text_cost.EVALUATED * node.size if tested else 0
+        text_cost.spend(text_cost.FUNCTION + text_cost.TERM * (terms - 1) + evaluated)
         expanded = sp.expand(node.value)
         self._refuse_parameters(expanded, what)
         return expanded
@@ -249,14 +249,14 @@ class _Builder:
             raise ModelError(f"degree {whole.degree}", f"{MAX_DEGREE} at most", "write it smaller")
         if whole.depth > MAX_NESTING:
             raise too_deep()
-        cost.spend(cost.NODE + whole.size)
+        text_cost.spend(text_cost.NODE + whole.size)
         found = value()
         if found.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
             raise _not_real(found)
         factor = found.as_coeff_Mul(rational=True)[0]
-        cost.check_digits(int(factor.p), int(factor.q))
+        text_cost.check_digits(int(factor.p), int(factor.q))
         if found.is_number and not found.is_Rational:
-            cost.spend(4 * cost.EVALUATED * whole.size)  # to as many digits as it takes
+            text_cost.spend(4 * text_cost.EVALUATED * whole.size)  # to as many digits as it takes
         if found.is_number and found != 0:
             check_number(found)
         return whole.with_value(found)
@@ -332,7 +332,7 @@ def _unknown(name: str, names: frozenset[str], expected: str) -> ModelError:
 
 def parse(tree: Node, names: frozenset[str], linear: frozenset[str] = frozenset()) -> Symbolic:
     """Return an expression, or an equation as left minus right side."""
-    with cost.bounded():
+    with text_cost.bounded():
         return _Builder(names, linear).of(tree).value
 
 

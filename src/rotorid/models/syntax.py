@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from rotorid.core.errors import ModelError
-from rotorid.models import cost
+from rotorid.models import text_cost
 
 MAX_LENGTH = 100_000
 MAX_NESTING = 64
@@ -90,7 +90,7 @@ class _Reader:
         return _Token(str(match.lastgroup), match.group(), place)
 
     def taken(self) -> str:
-        cost.spend(1)
+        text_cost.spend(1)
         self.last = self.next
         self.next = self._token(self.last.place + len(self.last.text))
         return self.last.text

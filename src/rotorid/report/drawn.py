@@ -564,42 +564,6 @@ def rows(record: Whole, *, turning: bool) -> list[Panel]:
     return drawn
 
 
-def line_filter(
-    record: Record, periods: Periods, channel: str, band: tuple[float, float] | None = None
-) -> Panel:
-    count = periods.periods * periods.samples
-    first = round(float(periods.time[0, 0]) * record.sample_rate)
-    amplitude = 2 * np.abs(
-        np.fft.rfft(record.column(channel)[first : first + count], norm="forward")
-    )
-    frequency = np.arange(len(amplitude)) * record.sample_rate / count
-    low, high = band or (0.0, 1.2 * float(periods.frequency.max()))
-    shown = (frequency > low) & (frequency <= high)
-    unit, factor = shown_unit(record.channels[record.names.index(channel)].unit)
-    kept = factor * periods.multiplicity * np.abs(periods.mean_spectrum[:, periods.index(channel)])
-    inside = (periods.frequency > low) & (periods.frequency <= high)
-    floor = factor * float(np.quantile(amplitude[shown], 0.02)) / 2
-    lines, sizes = periods.frequency[inside].astype(float), kept[inside]
-    title = f"{label(channel)}, {periods.periods} periods"
-    return Panel(
-        title if band is None else f"from {low:g} to {high:g} Hz",
-        Axis(HERTZ.title, ends=(low, high)),
-        Axis(f"amplitude in {unit}", log=True, ends=(floor, 4 * float(kept.max()))),
-        (
-            Curve(
-                frequency[shown],
-                factor * amplitude[shown],
-                "before: every line of the record",
-                GREY,
-                "thin",
-            ),
-            Curve(lines, sizes, "", BLUE, "stems", base=np.full_like(sizes, floor)),
-            Curve(lines, sizes, "after: the lines of the excitation", BLUE, "dots"),
-        ),
-        height=3.0,
-    )
-
-
 def each_period(record: Periods) -> Panel:
     z = record.spectra - record.mean_spectrum
     scatter = np.sqrt(np.median(np.abs(z) ** 2, axis=0).mean(axis=0))

@@ -23,7 +23,7 @@ from rotorid.report.panels import Curve, Panel, key_of, thinned
 
 
 @frozen
-class Section:
+class Passage:
     """A part of a page: a title, what it shows in words, and a table, a list, or panels."""
 
     title: str
@@ -134,7 +134,7 @@ def answer(
     title: str,
     verdict: str,
     mood: str,
-    sections: Iterable[Section],
+    sections: Iterable[Passage],
     *,
     heading: str = "",
     lead: str = "",
@@ -159,5 +159,5 @@ def answer(
     )
 
 
-def filled(sections: Iterable[Section]) -> list[Section]:
+def filled(sections: Iterable[Passage]) -> list[Passage]:
     return [one for one in sections if one.table or one.items or one.panels]

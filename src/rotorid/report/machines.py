@@ -14,7 +14,7 @@ from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
 from rotorid.report.drawn import RPM
-from rotorid.report.html import Section, answer, filled, render
+from rotorid.report.html import Passage, answer, filled, render
 from rotorid.report.machine_tables import (
     balance_sentence,
     centring_table,
@@ -50,7 +50,7 @@ class Part:
 
     title: str
     said: tuple[str, ...]
-    sections: Sequence[Section] = ()
+    sections: Sequence[Passage] = ()
     verdict: str = ""
 
 
@@ -79,8 +79,8 @@ def part_of(machine: Machine, found: Modes, diagram: Campbell | None) -> Part:
     ]
     critical = critical_table(diagram) if diagram is not None and diagram.critical else None
     sections = [
-        Section("Natural frequencies", table=mode_table(found) if ringing(found).modes else None),
-        Section("Critical speeds", table=critical),
+        Passage("Natural frequencies", table=mode_table(found) if ringing(found).modes else None),
+        Passage("Critical speeds", table=critical),
         *_pictures(model, found, diagram, response),
     ]
     return Part(title, tuple(said), filled(sections), modes_sentence(found, diagram))
@@ -88,23 +88,23 @@ def part_of(machine: Machine, found: Modes, diagram: Campbell | None) -> Part:
 
 def _pictures(
     model: Model, found: Modes, diagram: Campbell | None, response: UnbalanceResponse | None
-) -> Iterator[Section]:
+) -> Iterator[Passage]:
     pairs, alone = _places(model)
     if diagram is not None:
-        yield Section(
+        yield Passage(
             "Campbell diagram",
             "Natural frequencies over the speed, up to three times the rotation; a critical "
             "speed is where one meets the rotation. Bars and bands hold 95 %.",
             panels=(drawn.campbell(ringing_curves(diagram)),),
         )
-    yield Section(
+    yield Passage(
         "Mode shapes",
         "Each place at the moment when the largest is at its largest, as the sum of a "
         "circle run through with the rotation and one against it.",
         panels=tuple(drawn.shapes(ringing(found), pairs, alone, _positions(model, pairs))),
     )
     if response is not None:
-        yield Section(
+        yield Passage(
             "Unbalance response",
             "Amplitude that the unbalance makes, without forces at the inputs; the band "
             "holds 95 %.",
@@ -157,36 +157,36 @@ def balance_report(
     warned = [each.removeprefix("warning: ") for each in said if each.startswith("warning: ")]
     speeds = ", ".join(f"{speed * RPM:.6g}" for speed in found.speeds)
     sections = [
-        Section(
+        Passage(
             "What to add",
             "Angles count in the rotor, from x to y, from what stands along x where the rotor "
             "angle is 0: at its mark. Taking away is adding on the other side.",
             correction_table(found),
         ),
-        Section(
+        Passage(
             "Masses to mount",
             "The masses that come nearest to it, all planes together.",
             mass_table(found) if masses else None,
         ),
-        Section(
+        Passage(
             "What is left",
             "The true unbalance is not the identified one: with 95 % less than this is left.",
             residual_table(found),
         ),
-        Section(
+        Passage(
             "Inertial centring",
             "The other way to a quiet machine: the rotor turns about its own axis of inertia if "
             "these currents, a cos(phi + angle), are fed forward.",
             centring_table(centred, found.speeds[0]) if centred else None,
         ),
-        Section(
+        Passage(
             "The planes, seen along the shaft",
             "What is to be added in each plane, as a vector. The right correction lies within the "
             "circle about its end with 95 %: no wider than its dot where the unbalance is well "
             "known. Masses stand on the rim at their angles.",
             panels=tuple(drawn.corrections(found)),
         ),
-        Section("Besides", items=tuple(each for each in said if not each.startswith("warning: "))),
+        Passage("Besides", items=tuple(each for each in said if not each.startswith("warning: "))),
     ]
     return answer(
         f"Balance at {speeds} rpm",
@@ -205,14 +205,14 @@ def sensitivity_report(
 ) -> str:
     limits = ", ".join(f"{zone} below {limit:g}" for zone, limit in LIMITS.items())
     sections = [
-        Section(
+        Passage(
             "Axis by axis",
             "The largest sensitivity of each loop, the others closed. Zones of ISO 14839-3: "
             f"{limits}, D above. Where the 95 % interval lies across a limit the zone is "
             "undecided: measure longer, or excite more.",
             sensitivity_table(found),
         ),
-        Section(
+        Passage(
             "Sensitivity over the frequency",
             "S = E / R of each loop as it was measured, and the limits of the zones.",
             panels=tuple(drawn.loops(found, LIMITS)),

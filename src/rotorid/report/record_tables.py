@@ -13,7 +13,7 @@ from rotorid.models import Model
 from rotorid.models.base import monomial_name
 from rotorid.models.rotor.drawing import Rotor
 from rotorid.models.rotor.fem import bending
-from rotorid.models.rotor.model import RotorModel, inertia
+from rotorid.models.rotor.rotor_model import RotorModel, inertia
 from rotorid.rig.faults import FAULTS
 from rotorid.rig.logger import Logged, LoggedColumn
 

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
+from rotorid.answer.contents import RecordEvidence
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import RecordEvidence
 from rotorid.answer.validation import ChannelError, verdict_of
 from rotorid.core.tables import Page, by_hand, table
 from rotorid.data.line_inspection import LineInspection
 from rotorid.models import Model
 from rotorid.report import drawn
-from rotorid.report.estimate import METHODS, record_pictures, records_table
-from rotorid.report.html import Section, answer, render
+from rotorid.report.estimate_report import METHODS, record_pictures, records_table
+from rotorid.report.html import Passage, answer, render
 from rotorid.report.record_tables import told_table, validation_table
 from rotorid.signals.inspection import ChannelFacts, Inspection
 
@@ -129,17 +129,17 @@ def inspection_report(
     return render("inspection.html", name=name, told=told, records=parts, done=done)
 
 
-def _lines(one: LineInspection, title: str) -> list[Section]:
+def _lines(one: LineInspection, title: str) -> list[Passage]:
     told = "Amplitude of each row, channel by channel, with the noise where something tells it."
     panels = tuple(drawn.rows(one.lines, turning=one.turning))
-    return [Section(f"Rows of the table{title}", told, panels=panels)]
+    return [Passage(f"Rows of the table{title}", told, panels=panels)]
 
 
-def _pictures(one: Inspection, title: str) -> list[Section]:
+def _pictures(one: Inspection, title: str) -> list[Passage]:
     periods = one.periods
     size = 1 if periods is None else periods.samples
     pictures = [
-        Section(
+        Passage(
             f"Samples{title}",
             "The whole record, where it is long as a band from its lowest to its highest sample; a "
             "flat edge is a limit, a spike a knock, a slope a drift.",
@@ -149,14 +149,14 @@ def _pictures(one: Inspection, title: str) -> list[Section]:
     if periods is None:
         return pictures
     pictures += [
-        Section(
+        Passage(
             f"Spectrum of the mean period{title}",
             "Multiples of the fundamental: those that are used, and the others, odd and even, with "
             "the noise of the mean. What stands above the noise and is not used is distortion, "
             "rotation, or excitation left out.",
             panels=tuple(drawn.spectra(periods)),
         ),
-        Section(
+        Passage(
             f"From period to period{title}",
             "Deviation of each period from the mean of all, over its scatter. It falls at "
             "the start while the machine settles, stands out where something knocked, and "
@@ -167,7 +167,7 @@ def _pictures(one: Inspection, title: str) -> list[Section]:
     if one.noise_correlation is not None:
         names = [facts.name for facts in one.channels]
         pictures.append(
-            Section(
+            Passage(
                 f"Noise that goes together{title}",
                 "Correlation between the noises of two channels on the lines that are used. In "
                 "closed loop the controller feeds the noise of sensors into the forces.",
@@ -200,9 +200,9 @@ def validation_report(
         f"{reached.sentence[:1].upper()}{reached.sentence[1:]}.",
         mood,
         [
-            Section("Channel by channel", CHANCE, validation_table(found)),
+            Passage("Channel by channel", CHANCE, validation_table(found)),
             *record_pictures(records, another=True),
-            Section("Records", table=records_table(records)),
+            Passage("Records", table=records_table(records)),
         ],
         heading="Another record, predicted",
         lead=BY.format(estimate.model, method, mood, reached.verdict),

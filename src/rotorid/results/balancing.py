@@ -22,7 +22,7 @@ from rotorid.core.frozen import frozen
 from rotorid.core.linalg import rank_of_columns
 from rotorid.core.units import quantity
 from rotorid.core.values import ByContent, Complexes, Floats
-from rotorid.models.linear import solved
+from rotorid.models.linear_form import solved
 from rotorid.results.machine import Machine, machine_of, own_model
 from rotorid.results.modes import finite_speed
 from rotorid.results.planes import plane_column, rotor_mass, shares_of

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorid.answer.contents import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator
-from rotorid.answer.parts import ChannelEvidence, Evidence, Kind, Numbers, Prior, RecordEvidence
 from rotorid.answer.predict import missing_values
 from rotorid.answer.validation import Forecast
 from rotorid.core.errors import InputError
@@ -21,7 +21,7 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import PeriodicClock, PhasorClock, SilentClock, WholeClock
 from rotorid.data.observation import Data, Observation, bind
 from rotorid.likelihood.unknowns import Nuisances, asked_unknowns
-from rotorid.linear.equations import Predicted
+from rotorid.linear.regression import Predicted
 from rotorid.models import Model
 
 MOST_LINES = 400

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from rotorid.answer.contents import Value
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import Value
 from rotorid.core.errors import InputError, one_line, printable, require_names
 from rotorid.core.files import MARK, Kind, write_whole
 from rotorid.core.frozen import frozen

@@ -15,12 +15,12 @@ from rotorid.answer.estimate import Estimate, check_units
 from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.likelihood.modal import Pencil
+from rotorid.likelihood.mode_rows import Pencil
 from rotorid.likelihood.relations import Monomials
 from rotorid.models import LinearForm, Model, load_model, parse_model, shipped_models
-from rotorid.models.linear import solved, speed_factor
+from rotorid.models.expressions import Expression
+from rotorid.models.linear_form import solved, speed_factor
 from rotorid.models.structure import force_balance
-from rotorid.models.text import Expression
 
 
 def own_model(estimate: Estimate) -> Model:

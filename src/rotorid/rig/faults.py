@@ -8,6 +8,7 @@ everybody (an option, such as a notch). At the size `none` nothing changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -19,9 +20,9 @@ from rotorid.core.units import to_si
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
 from rotorid.rig.controller import Controller
+from rotorid.rig.marks import Encoder, Keyphasor
 from rotorid.rig.parts import Actuator, Coil, Disturbance, PositionSensor, SensorRunout
 from rotorid.rig.rig import Rig, Spoil
-from rotorid.rig.rotation import Encoder, Keyphasor
 from rotorid.signals.spectrum import shifted
 
 Wanted = Literal["right", "warned", "rejected"]
@@ -90,13 +91,10 @@ def find_fault(text: str) -> tuple[Fault, float]:
     fault = FAULTS[name.strip()]
     if not size.strip():
         return fault, fault.size
-    try:
-        value = float(size)
-    except ValueError:
-        value = to_si(size, fault.unit, place=f"--fault {fault.name}")
-    else:
-        value = to_si(f"{value!r} {fault.unit}" if fault.unit != "1" else value, fault.unit)
-    return fault, value
+    if fault.unit != "1":
+        with suppress(ValueError):
+            size = f"{float(size)!r} {fault.unit}"
+    return fault, to_si(size, fault.unit, place=f"--fault {fault.name}")
 
 
 def with_faults(rig: Rig, faults: Sequence[tuple[Fault, float]]) -> Rig:

@@ -23,7 +23,16 @@ from rotorid.models import Model, load_model, shipped_models
 from rotorid.models.equations import linear_combination
 from rotorid.rig.controller import Controller, pid, side_by_side
 from rotorid.rig.faults import find_fault, with_faults
+from rotorid.rig.file_schema import (
+    ActuatorEntry,
+    ControllerEntry,
+    ExcitationEntry,
+    LoggerEntry,
+    RigFile,
+    SensorEntry,
+)
 from rotorid.rig.logger import Logged, RigRecord, read
+from rotorid.rig.marks import Encoder, Keyphasor, Rotation
 from rotorid.rig.parts import (
     Actuator,
     FluxSensors,
@@ -34,16 +43,7 @@ from rotorid.rig.parts import (
     sensor_unit,
 )
 from rotorid.rig.rig import Rig
-from rotorid.rig.rotation import Encoder, Keyphasor, Rotation
 from rotorid.rig.schedule import check_rate
-from rotorid.rig.schema import (
-    ActuatorEntry,
-    ControllerEntry,
-    ExcitationEntry,
-    LoggerEntry,
-    RigFile,
-    SensorEntry,
-)
 from rotorid.signals.multisine import (
     Multisine,
     full_harmonics,
@@ -101,6 +101,22 @@ def shipped_rigs() -> tuple[str, ...]:
 
 def load_rig(name: str | Path) -> RigPlan:
     """Load a shipped rig by its name, or a rig file (TOML) by its path.
+
+    Parameters
+    ----------
+    name : str or Path
+        ``"three-mass"``, ``"rigid"`` or ``"flexible"``; or the path of a file.
+
+    Returns
+    -------
+    RigPlan
+        ``run()`` gives its record in SI, as `rid.read_record` gives that of a logger; ``rig`` is
+        the machine, ``duration`` in s and ``seed`` how it is run.
+
+    Raises
+    ------
+    InputError
+        For a name that is none of these, and for a file that does not say what a rig is.
 
     Examples
     --------

@@ -70,8 +70,11 @@ class Bearings(NamedTuple):
     friction: float
 
 
-class Rotor(NamedTuple):
-    """Accelerations as `plant.Plant`, and the rotation as `speed.Rotation`."""
+class RotorTable(NamedTuple):
+    """The equations of the rotor in arrays.
+
+    Accelerations as `plant.Plant`, and the rotation as `speed.Rotation`.
+    """
 
     motion: Floats
     load: Floats
@@ -490,7 +493,7 @@ def _laws_at(bearings: Any, time: float, laws: Any) -> None:
 
 
 def room_of(
-    events: Events, steps: Steps, bearings: Bearings, rotor: Rotor, lags: Lags, loop: Loop
+    events: Events, steps: Steps, bearings: Bearings, rotor: RotorTable, lags: Lags, loop: Loop
 ) -> tuple[Floats, ...]:
     """Return what `run` works on, in its order: a rig at rest, in the middle, without currents."""
     n, inputs = rotor.force.shape

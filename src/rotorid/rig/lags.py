@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorid.core.values import Floats
-from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
+from rotorid.rig.rig_machine import RigMachine
 
 # Eddy currents: rates over tau, one to each factor of e. What is slower than the first is left to
 # it, what is faster than the last follows at once: right to 5e-4 from omega tau = 1e-3 to 0.3, as

@@ -11,9 +11,9 @@ from numpy.polynomial import polynomial
 from rotorid.core.errors import ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
-from rotorid.models.linear import LinearForm
+from rotorid.models.linear_form import LinearForm
 from rotorid.models.model import Model
-from rotorid.rig.rotation import Rotation
+from rotorid.rig.marks import Rotation
 
 _DEGREE = 4
 _ANGLES = 64

@@ -13,11 +13,11 @@ from rotorid.core.limits import RIG_SAMPLES
 from rotorid.core.values import Floats
 from rotorid.core.watch import polled
 from rotorid.force.laws import Differential
-from rotorid.rig import assembly, kernel
+from rotorid.rig import kernel, kernel_tables
 from rotorid.rig.lags import build_lags
 from rotorid.rig.logger import Logged, RigRecord, logged, read
-from rotorid.rig.machine import RigMachine
 from rotorid.rig.plant import Plant
+from rotorid.rig.rig_machine import RigMachine
 
 # From the samples of the logger's columns, by name, to those that it changes.
 Spoil = Callable[[dict[str, Floats], np.random.Generator], dict[str, Floats]]
@@ -87,18 +87,18 @@ class Rig(RigMachine):
             raise InputError(f"{duration} s", "one sample or more", "run longer", place="duration")
         plant = self.plant(duration)
         self._require_stable(plant, duration)
-        events = assembly.event_table(self, samples)
-        log = assembly.log_table(self, samples)
-        lags = build_lags(self, plant, assembly.sensor_matrix(self))
+        events = kernel_tables.event_table(self, samples)
+        log = kernel_tables.log_table(self, samples)
+        lags = build_lags(self, plant, kernel_tables.sensor_matrix(self))
         tables = (
             events,
-            assembly.step_table(self, plant, lags),
-            bearings := assembly.bearing_table(self, plant),
-            assembly.rotor_table(self, plant),
+            kernel_tables.step_table(self, plant, lags),
+            bearings := kernel_tables.bearing_table(self, plant),
+            kernel_tables.rotor_table(self, plant),
             lags,
-            assembly.loop_table(self, events, samples, rng),
+            kernel_tables.loop_table(self, events, samples, rng),
         )
-        loads = assembly.load_table(self, plant, events)
+        loads = kernel_tables.load_table(self, plant, events)
         room = kernel.room_of(*tables)
         with polled("simulating samples", lambda: int(np.count_nonzero(log.state[:, 0])), samples):
             code, axis, time, size = kernel.run(*tables, loads, room, log)
@@ -136,7 +136,7 @@ class Rig(RigMachine):
     def _require_stable(self, plant: Plant, duration: float) -> None:
         """Refuse a loop that grows at any speed of the run."""
         for speed in dict.fromkeys(self.rotation.range_until(duration)):
-            rate, frequency, axis = assembly.growth(self, plant, speed)
+            rate, frequency, axis = kernel_tables.growth(self, plant, speed)
             if rate >= 0:
                 raise RigError(
                     f"an unstable loop at {speed:.6g} rad/s: from the first instant it grows by a "

@@ -92,11 +92,6 @@ def test_what_stands_three_deviations_out_of_its_noise_is_a_signal(
     assert (found.coordinates == pytest.approx([7e-6])) == seen
 
 
-def test_in_how_many_parts_a_record_is_looked_at() -> None:
-    """No answer tells these from their neighbours; why they are so is said beside them."""
-    assert (verdict.BLOCKS, verdict.ORDERLY) == (8, 3.0)
-
-
 def test_scales_of_a_stiffness_beyond_squaring() -> None:
     """A spring of 1e200 N/m: its square is no number, its scale is."""
     stiffness = np.array([[[1e200 + 0j]], [[2e200]]])

@@ -9,7 +9,7 @@ import rotorid as rid
 from rotorid import Lines
 from rotorid.likelihood.assembly import load_lines, phase_steps
 from rotorid.likelihood.layout import Layout, physical_factors
-from rotorid.models.text import Expression, number, product, symbol
+from rotorid.models.expressions import Expression, number, product, symbol
 
 MODEL = """
 title = "a mass on a spring, shaken at a frequency of its own"

@@ -10,7 +10,7 @@ from rotorid import Channel, Constraint, Drive, InputError, MaximumLikelihood, i
 from rotorid.core.frozen import frozen
 from rotorid.likelihood import unknowns as nuisances
 from rotorid.likelihood.unknowns import Scalar
-from rotorid.likelihood.unknowns.channels import Factor
+from rotorid.likelihood.unknowns.channel_factors import Factor
 
 
 def assert_agrees(estimate, truth, sigmas=4.5):

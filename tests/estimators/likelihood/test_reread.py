@@ -26,7 +26,7 @@ from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.rivals_channels import multiplied
 from rotorid.likelihood.unknowns import Nuisances, Unknown, asked_unknowns, every_unknown
-from rotorid.likelihood.unknowns.channels import Bend
+from rotorid.likelihood.unknowns.channel_factors import Bend
 from rotorid.signals.spectrum import shifted, synthesize
 
 MODEL = load_model("jeffcott")

@@ -14,7 +14,7 @@ from rotorid import load_model
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
 from rotorid.likelihood.case import Case, Rival, Slopes, Small
-from rotorid.likelihood.unknowns import channels
+from rotorid.likelihood.unknowns import channel_factors as channels
 
 
 def rival(term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, **more) -> Rival:

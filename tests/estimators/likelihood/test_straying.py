@@ -9,7 +9,6 @@ from severities import doubting, rejecting
 from test_spectra import KNOWN, MODEL, RATE, SPEED, TRUTH, levitated
 
 import rotorid as rid
-from rotorid.answer import machine_checks as gate
 from rotorid.data.observation import bind_all
 from rotorid.likelihood import doubts_angle as straying
 from rotorid.likelihood.doubts_angle import Straying, against_angle
@@ -99,7 +98,6 @@ def test_what_is_told_and_what_is_sure(
     faults: int,
     doubts: int,
 ) -> None:
-    assert (gate.MOVED, gate.REJECTED) == (1.0, 1e-6)
     found = Straying(np.array([size, 0.0, 0.0]), chance, moved)
     monkeypatch.setattr(straying, "straying", lambda *_: [(0, found)])
     lines = rid.spectra(record, (2.0, 20.0), references=["r_x", "r_y"])

@@ -15,7 +15,7 @@ from rotorid.likelihood import starts as search
 from rotorid.likelihood import starts as thinning
 from rotorid.likelihood import summary as result
 from rotorid.likelihood.problem import Point, Tangent
-from rotorid.likelihood.response import SINGULAR, _motion
+from rotorid.likelihood.response import _motion
 from rotorid.likelihood.rivals import PLAIN
 from rotorid.likelihood.solver import HOPELESS, Solution
 from rotorid.likelihood.starts import FEW, WORTH, thinned
@@ -99,7 +99,6 @@ def test_a_plain_mistake_is_looked_for_on_fewer_lines(
     ]
     assert len(told) == 1
     assert told[0].endswith("of the 991 lines)") == few
-    assert PLAIN == 1.5
 
 
 def test_a_start_that_joins_the_first_way_is_not_gone_on_all_lines(
@@ -163,7 +162,6 @@ def test_a_rotor_that_floats_at_dc() -> None:
         with patch.object(np.linalg, "lstsq", wraps=np.linalg.lstsq) as least:
             _motion(np.diag([1.0, 1e-10 / share])[None] + 0j, np.eye(2)[None] + 0j)
         assert least.call_count == asked
-    assert SINGULAR == 1e10
     wide = _motion(stiffness[2:, :2], right[2:, :2])
     np.testing.assert_allclose(
         wide[0], np.linalg.lstsq(stiffness[2, :2], right[2, :2], rcond=None)[0]
@@ -191,7 +189,6 @@ def test_no_way_is_gone_on_all_lines_where_a_few_say_that_it_is_hopeless(
     assert estimate.status != "ok"
     assert (estimate.misfit.cost > HOPELESS * 8 * 991) == hopeless
     assert (len(lines.frequency) not in steps) == hopeless
-    assert HOPELESS == 10.0
 
 
 def test_from_near_the_minimum_few_lines_would_only_lead_away(

@@ -78,7 +78,8 @@ def test_a_step_between_mark_and_columns_is_rejected() -> None:
     angle = record.speed * np.arange(len(record.samples)) / RATE
     half = len(angle) // 2
     moved = np.where(np.arange(len(angle)) < half, angle, angle + 0.05)
-    for wanted, column in (("ok", angle), ("rejected", moved)):
+    wrapped = moved % (2 * np.pi)
+    for wanted, column in (("ok", angle), ("rejected", moved), ("rejected", wrapped)):
         told = rid.Record(record.channels, record.samples, RATE, record.speed, angle=column)
         periods = rid.average(told, FUNDAMENTAL, harmonics=trial.harmonics)
         fixed = {"L_a": trial.machine.truth["L_a"]}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rotorid.data.observation import Observation
-from rotorid.likelihood.unknowns.base import Nuisances, Plausible, Scalar, Unknown
-from rotorid.likelihood.unknowns.channels import (
+from rotorid.likelihood.unknowns.channel_factors import (
     CommonDelay,
     Cubic,
     Delay,
@@ -22,6 +21,7 @@ from rotorid.likelihood.unknowns.force_constants import (
     MagnetConstant,
     Scale,
 )
+from rotorid.likelihood.unknowns.kinds import Nuisances, Plausible, Scalar, Unknown
 from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
 from rotorid.likelihood.unknowns.terms import Lever, Missing, Own, Share
 

@@ -19,7 +19,7 @@ from rotorid.data.record import Channel, Drive, ForceLaw
 from rotorid.force.laws import KNEE
 from rotorid.force.reading import KNEE_CONSTANT
 from rotorid.likelihood.effects import Drives, Effect, Rereads
-from rotorid.likelihood.unknowns.base import (
+from rotorid.likelihood.unknowns.kinds import (
     Nuisances,
     Scalar,
     Unknown,

@@ -13,8 +13,8 @@ from rotorid.core.values import Complexes, Floats
 from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.likelihood.effects import Adds, Effect, Turns
-from rotorid.likelihood.unknowns.base import Nuisances, Plausible, Scalar, Unknown
-from rotorid.models.text import symbol
+from rotorid.likelihood.unknowns.kinds import Nuisances, Plausible, Scalar, Unknown
+from rotorid.models.expressions import symbol
 
 NEAR = 0.02
 """Share by which the speed of another record may differ that tells where a phase may start."""

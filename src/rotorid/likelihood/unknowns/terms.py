@@ -17,9 +17,9 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.effects import Drives, Effect, Entry, Reads, Replaces, RowLoad
-from rotorid.likelihood.unknowns.base import Nuisances, Scalar, Unknown, amount
+from rotorid.likelihood.unknowns.kinds import Nuisances, Scalar, Unknown, amount
 from rotorid.models import Parameter
-from rotorid.models.priors import own_in_si
+from rotorid.models.constraints import own_in_si
 
 
 @frozen

@@ -14,7 +14,7 @@ import numpy as np
 from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.models.model import Parameter
 from rotorid.models.rotor.drawing import Disc, Quantity, Rotor, Section, Support
-from rotorid.models.rotor.model import RotorModel, rotor_model
+from rotorid.models.rotor.rotor_model import RotorModel, rotor_model
 
 
 def to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:

@@ -18,7 +18,7 @@ from rotorid.core.frozen import frozen
 from rotorid.data.record import Drive, PeriodicRecord
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.models import Model
-from rotorid.models.priors import Constraint
+from rotorid.models.constraints import Constraint
 from rotorid.rig.file import load_rig
 from rotorid.signals.average import average
 from rotorid.signals.inspection import Inspection, inspect_record

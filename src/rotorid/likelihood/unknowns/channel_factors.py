@@ -21,7 +21,7 @@ from rotorid.data.observation import Observation
 from rotorid.data.record import Channel
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
 from rotorid.likelihood.effects import Adds, Effect, Scales
-from rotorid.likelihood.unknowns.base import (
+from rotorid.likelihood.unknowns.kinds import (
     Nuisances,
     Plausible,
     Scalar,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotorid.answer.parts import Answer, Prediction, Value
+from rotorid.answer.contents import Answer, Prediction, Value
 from rotorid.core.linalg import coupled
 from rotorid.core.notes import Note
 from rotorid.core.tables import Page, Table, table
@@ -75,10 +75,11 @@ def on_fit(estimate: Answer) -> list[str]:
     told = []
     if estimate.misfit is not None:
         m = estimate.misfit
-        told.append(
-            f"misfit {m.cost:.4g} where noise alone leaves {m.expected:.4g} "
+        judged = (
+            f" where noise alone leaves {m.expected:.4g} "
             f"({m.dof} degrees of freedom), p = {m.p_value:.2g}"
         )
+        told.append(f"misfit {m.cost:.4g}{judged if m.dof else ', no degrees of freedom'}")
     errors = {n: "zero" if p is None else _percent(p) for n, p in estimate.prediction.items()}
     if errors:
         shown = ", ".join(f"{name} {error}" for name, error in errors.items())

@@ -8,9 +8,16 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from rotorid.answer.contents import (
+    DOUBTFUL,
+    EXPLAINS,
+    ChannelEvidence,
+    Prior,
+    RecordEvidence,
+    Value,
+)
 from rotorid.answer.estimate import Estimate
-from rotorid.answer.parts import DOUBTFUL, EXPLAINS, ChannelEvidence, Prior, RecordEvidence, Value
-from rotorid.answer.tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
+from rotorid.answer.estimate_tables import FAR, HALF_WIDTH, ROUNDING, as_zero, on_data, on_fit
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.tables import Table, table
@@ -18,7 +25,7 @@ from rotorid.core.values import Floats
 from rotorid.models import Model, shipped_models
 from rotorid.models.rotor import RotorModel
 from rotorid.report import drawn
-from rotorid.report.html import Section, filled, render
+from rotorid.report.html import Passage, filled, render
 from rotorid.report.machines import Part, machine_part
 from rotorid.report.record_tables import told_table
 from rotorid.results.machine import own_model
@@ -88,6 +95,8 @@ def _misfit_against_noise(estimate: Estimate) -> str:
     """Return how the misfit compares with noise, as far as anything tells."""
     if estimate.misfit is not None:
         p = estimate.misfit.p_value
+        if not estimate.misfit.dof:
+            return "; as many unknowns as equations, so that nothing tells how well"
         if p >= DOUBTFUL:
             return ", as well as the noise allows"
         return f", though not as well as the noise allows (chance {p:.1g}): read what follows"
@@ -379,8 +388,8 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         early=filled(
             [
                 *(_titled(one) for one in others if one.headings[0] in EARLY),
-                Section("How well the channels are predicted", PREDICTED, channels_table(records)),
-                Section("What was taken as exact, and what it may do", EXACT, items=exact),
+                Passage("How well the channels are predicted", PREDICTED, channels_table(records)),
+                Passage("What was taken as exact, and what it may do", EXACT, items=exact),
                 *_drawn(model),
                 *record_pictures(records),
                 *_own_pictures(estimate, records),
@@ -389,8 +398,8 @@ def estimate_report(estimate: Estimate, remarks: Sequence[str] = ()) -> str:
         late=filled(
             [
                 *(_titled(one) for one in others if one.headings[0] not in EARLY),
-                Section("The fit in figures", items=(*on_fit(estimate), *warned)),
-                Section("Records", table=records_table(records)),
+                Passage("The fit in figures", items=(*on_fit(estimate), *warned)),
+                Passage("Records", table=records_table(records)),
             ]
         ),
         remarks=told,
@@ -407,9 +416,9 @@ def _machine(
     return machine_part(estimate, max(speeds, key=abs, default=0.0))
 
 
-def _titled(one: Table) -> Section:
+def _titled(one: Table) -> Passage:
     head = one.headings[0]
-    return Section(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
+    return Passage(TITLES.get(head, head[:1].upper() + head[1:]), table=one)
 
 
 def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
@@ -419,13 +428,13 @@ def model_of(estimate: Estimate) -> tuple[Model | None, list[str]]:
         return None, [f"{error.found}: the equations of motion are not shown; {error.cure}."]
 
 
-def _drawn(model: Model | None) -> Iterator[Section]:
+def _drawn(model: Model | None) -> Iterator[Passage]:
     if isinstance(model, RotorModel):
         told = "The rotor as it is drawn, and what stands on it."
-        yield Section("The rotor", told, panels=(drawn.drawing(model.rotor),))
+        yield Passage("The rotor", told, panels=(drawn.drawing(model.rotor),))
 
 
-def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Section]:
+def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iterator[Passage]:
     """Draw what the estimate holds: where the misfit lies, and how parameters hang together."""
     rows = estimate.line_misfit
     turning = bool(records) and all(record.kind == "phasors" for record in records)
@@ -438,7 +447,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
             turning=turning,
         )
         what, where = ("row", "speed") if turning else ("spectral line", "frequency")
-        yield Section(
+        yield Passage(
             f"Misfit, {where} by {where}",
             f"Misfit of each {what} over what noise would leave of it; 1 is right on average. "
             f"Those that stand out together say at which {where} the model lacks something.",
@@ -446,7 +455,7 @@ def _own_pictures(estimate: Estimate, records: Sequence[RecordEvidence]) -> Iter
         )
     names = [value.name for value in estimate.free]
     if 1 < len(names) == len(estimate.covariance) and np.isfinite(estimate.correlation).any():
-        yield Section(
+        yield Passage(
             "Correlation of the parameters",
             f"{_strongest(names, estimate.correlation)} Near +1 or \N{MINUS SIGN}1 two "
             "parameters are known as a combination better than one by one.",
@@ -463,7 +472,7 @@ def _strongest(names: Sequence[str], matrix: Floats) -> str:
 
 def record_pictures(
     records: Sequence[RecordEvidence], *, another: bool = False
-) -> Iterator[Section]:
+) -> Iterator[Passage]:
     """Draw records as they were measured and as they are predicted.
 
     Of `another` record than the estimate was made of, the deviations of its values count too.
@@ -472,24 +481,24 @@ def record_pictures(
     for number, record in enumerate(records):
         where = f", record {number + 1}" if len(records) > 1 else ""
         each = "speed by speed" if record.kind == "phasors" else "frequency by frequency"
-        yield Section(
+        yield Passage(
             f"Measured and predicted over time{where}",
             f"{_of_waves(record)} The band holds 95 % of what {noise} of the difference.",
             panels=tuple(drawn.waves(record)),
         )
-        yield Section(
+        yield Passage(
             f"What is left over time{where}",
             f"Predicted less measured, on a scale of its own; the band holds 95 % of what "
             f"{noise} of it.",
             panels=tuple(drawn.differences(record)),
         )
-        yield Section(
+        yield Passage(
             f"Measured and predicted, {each}{where}",
             f"{_of_lines(record)} Where the difference lies in the band or below, it is what "
             f"{noise}. A channel that is not predicted is shown with its own noise.",
             panels=tuple(drawn.lines(record)),
         )
-        yield Section(
+        yield Passage(
             f"What is left, {each}{where}",
             f"Predicted less measured of each channel over what {noise} of it. Evenly near "
             "1 is noise; a line or a channel that stands out is none.",

@@ -15,11 +15,11 @@ from rotorid.core.units import check_unit, converts, multiply_units, si_factor, 
 from rotorid.core.values import Complexes, Floats
 from rotorid.data.lines import Lines
 from rotorid.data.record import Channel
-from rotorid.data.tables import phasor_lines, response_lines
+from rotorid.data.table_lines import phasor_lines, response_lines
 from rotorid.experiment.channels import Entries, Recording, source, unknown
 from rotorid.experiment.schema import ChannelEntry, RecordEntry
 from rotorid.io import open_tables, universal
-from rotorid.io.record import check_magnitude, check_stated, largest_of
+from rotorid.io.columns import check_magnitude, check_stated, largest_of
 from rotorid.io.table import ColumnFile
 from rotorid.io.universal import StoredResponse
 from rotorid.models import Model

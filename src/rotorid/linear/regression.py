@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorid.answer.parts import Prediction
+from rotorid.answer.contents import Prediction
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Booleans, Complexes, Floats, Integers
@@ -32,8 +32,8 @@ from rotorid.data.observation import Observation
 from rotorid.data.record import PeriodicRecord
 from rotorid.models import Model, Motion
 from rotorid.models.equations import DERIVATIVES
-from rotorid.models.linear import speed_factor
-from rotorid.models.text import Expression, evaluate, is_usable, symbol
+from rotorid.models.expressions import Expression, evaluate, is_usable, symbol
+from rotorid.models.linear_form import speed_factor
 from rotorid.signals.spectrum import differentiate, line_spectra, synthesize
 
 ROUNDING = 1e-12

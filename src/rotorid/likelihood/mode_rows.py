@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorid.answer.parts import ModeFit
+from rotorid.answer.contents import ModeFit
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
 from rotorid.core.notes import Note
@@ -22,7 +22,7 @@ from rotorid.data.measured_modes import Mode, configurations, number
 from rotorid.likelihood.effects import Entry
 from rotorid.likelihood.layout import Layout
 from rotorid.likelihood.relations import Monomials
-from rotorid.models.linear import speed_factor
+from rotorid.models.linear_form import speed_factor
 from rotorid.models.modal import Eigenmodes, eigenmodes, parted
 
 GRANTED = 0.3

@@ -15,7 +15,7 @@ from rotorid.core.errors import InputError, ModelError
 from rotorid.core.frozen import frozen
 from rotorid.core.values import Complexes, Floats, Integers
 from rotorid.models.equations import DERIVATIVES
-from rotorid.models.text import (
+from rotorid.models.expressions import (
     FUNCTIONS,
     RESERVED,
     Expression,

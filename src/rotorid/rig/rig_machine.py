@@ -13,9 +13,9 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
 from rotorid.models.model import Model
 from rotorid.rig.controller import Controller
+from rotorid.rig.marks import Rotation
 from rotorid.rig.parts import Actuator, Disturbance, Logger, PositionSensor, ProcessNoise
 from rotorid.rig.plant import Plant, quarter_turn, rotor_plant
-from rotorid.rig.rotation import Rotation
 from rotorid.rig.schedule import Schedule, merge_clocks
 from rotorid.signals.multisine import Multisine
 

@@ -8,11 +8,11 @@ from scipy import linalg
 from rotorid.core.errors import InputError
 from rotorid.core.values import Floats
 from rotorid.force.laws import Differential, Linear
-from rotorid.rig.kernel import Bearings, Events, Log, Loop, Rotor, Steps
+from rotorid.rig.kernel import Bearings, Events, Log, Loop, RotorTable, Steps
 from rotorid.rig.lags import Lags, build_lags
-from rotorid.rig.machine import RigMachine
 from rotorid.rig.parts import PositionSensor
 from rotorid.rig.plant import Plant, pairs
+from rotorid.rig.rig_machine import RigMachine
 
 FRICTION = 0.15  # of a steel shaft in a dry auxiliary bearing
 HUM = 50.0  # Hz, of the mains
@@ -169,11 +169,11 @@ def bearing_table(rig: RigMachine, plant: Plant) -> Bearings:
     )
 
 
-def rotor_table(rig: RigMachine, plant: Plant) -> Rotor:
+def rotor_table(rig: RigMachine, plant: Plant) -> RotorTable:
     n = len(plant.force)
     turn = rig.rotation
     rotation = (turn.speed, turn.acceleration, turn.drift, turn.drift_period, turn.phase)
-    return Rotor(
+    return RotorTable(
         motion=np.ascontiguousarray(plant.motion),
         load=np.ascontiguousarray(plant.load),
         harmonics=plant.harmonics,

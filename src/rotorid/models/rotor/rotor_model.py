@@ -15,7 +15,8 @@ from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats, Integers
 from rotorid.models.base import BaseParameters, monomial_name, monomial_unit
 from rotorid.models.equations import DERIVATIVES, Names, SplitEquations, sort_monomials
-from rotorid.models.linear import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
+from rotorid.models.expressions import Expression, Monomial, product, symbol
+from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, Factors, Rotor
 from rotorid.models.rotor.elements import PLANES
@@ -29,7 +30,6 @@ from rotorid.models.rotor.fem import (
 )
 from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
 from rotorid.models.structure import Structure, find_structure
-from rotorid.models.text import Expression, Monomial, product, symbol
 
 DEPENDENT = 1e-9
 """What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
