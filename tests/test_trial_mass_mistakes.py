@@ -11,8 +11,7 @@ from test_own_parameters import MODEL, TRIAL, text
 from rotorid.likelihood import rivals_channels
 from rotorid.likelihood import rivals_stated as trial_leads
 from rotorid.likelihood.effects import Replaces
-from rotorid.likelihood.unknowns import Own, Scalar
-from rotorid.likelihood.unknowns.rotor_angle import Phase
+from rotorid.likelihood.unknowns import Scalar, Unknown, phase
 
 SAT = np.degrees(np.angle(TRIAL))
 
@@ -67,7 +66,7 @@ def test_files_are_exchanged_of_six_pairs_that_state_something(monkeypatch) -> N
     records = [SimpleNamespace(lines=lines)] * 5
     given, asked = Scalar("t_x", "kg m", 1.0, 0.0), Scalar("t_x", "kg m", 1.0)
     own = [
-        Own((u,), frozenset("t"), 0, False, record=k)
+        Unknown((u,), frozenset("t"), (Replaces(0, alone=False),), record=k)
         for k, u in ((0, given), (2, given), (4, asked))
     ]
     layout = SimpleNamespace(nuisances=own)
@@ -107,7 +106,7 @@ def test_the_two_parts_of_a_trial_mass_lie_a_quarter_turn_apart(
 def test_what_is_told_of_a_turned_mark_can_be_done(monkeypatch, table: bool) -> None:
     """A table has no key that sets its phase free."""
     monkeypatch.setattr(rivals_channels, "is_table", lambda record: table)
-    monkeypatch.setattr(Phase, "later", lambda records, starts: [Phase.of(1)])
+    monkeypatch.setattr(rivals_channels, "later_phases", lambda records, starts: [(1, phase(1))])
     layout = SimpleNamespace(index={})
     case = SimpleNamespace(records=["bare", "run"], prepared=SimpleNamespace(layout=layout))
     (rival,) = rivals_channels._angles(case)

@@ -12,8 +12,7 @@ import rotorid as rid
 from rotorid import InputError, cli
 from rotorid.data.observation import bind_all
 from rotorid.experiment.duplicates import ALIKE, LARGE, SAME_SPEED, TURNED, Wave, check_rotation
-from rotorid.likelihood.unknowns import Nuisances
-from rotorid.likelihood.unknowns.rotor_angle import Phase
+from rotorid.likelihood.unknowns import Nuisances, phases
 
 EXPERIMENT = """
 model = "jeffcott"
@@ -167,11 +166,11 @@ def test_an_unknown_phase_starts_where_the_rotation_stands(turn: float) -> None:
     runs = [levitated(seed) for seed in (1, 2)]
     runs[1] = replace(runs[1], samples=runs[1].samples[later:], phase_known=False)
     lines = [rid.spectra(run, (2.0, 200.0), references=["r_x", "r_y"]) for run in runs]
-    (asked,) = Phase.asked(bind_all(MODEL, lines), Nuisances())
+    (asked,) = phases(bind_all(MODEL, lines), Nuisances())
     there = np.angle(np.exp(1j * SPEED * later / RATE))
     assert np.abs(np.angle(np.exp(1j * (asked.scalars[0].start - there)))) < 0.1
     elsewhere = replace(lines[0], speed=1.03 * lines[0].speed)
-    (asked,) = Phase.asked(bind_all(MODEL, [elsewhere, lines[1]]), Nuisances())
+    (asked,) = phases(bind_all(MODEL, [elsewhere, lines[1]]), Nuisances())
     assert asked.scalars[0].start == 0.0
     estimate = rid.identify(MODEL, lines, KNOWN)
     assert estimate.status == "ok"

@@ -14,7 +14,7 @@ from rotorid.data.observation import Data, Observation, bind_all
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.response import by_likelihood
-from rotorid.likelihood.unknowns import Own, every_unknown
+from rotorid.likelihood.unknowns import Unknown, every_unknown, own_values
 from rotorid.linear.by_samples import filtered_records
 from rotorid.linear.regression import Predicted, Regression, SampledRegression, relative_errors
 from rotorid.models import Model
@@ -113,10 +113,10 @@ def missing_values(
 
 def _own_values(
     model: Model, values: Mapping[str, float], records: Sequence[Observation], first: int
-) -> list[Own]:
+) -> list[Unknown]:
     """Return the parameters that records have to themselves: as they state them, or as found."""
     given = [own_in_si(record) for record in records]
-    found: list[Own] = []
+    found: list[Unknown] = []
     for index, parameter in enumerate(model.parameters):
         name = parameter.name
         own = {}
@@ -125,7 +125,7 @@ def _own_values(
                 own[k] = stated[name][0], 0.0
             elif f"{name}[{first + k}]" in values:
                 own[k] = values[f"{name}[{first + k}]"], 0.0
-        found += Own.of(index, parameter, own, len(records))
+        found += own_values(index, parameter, own, len(records))
     return found
 
 
@@ -142,7 +142,7 @@ def _at_estimate(
                 file=record.lines.source,
             )
     own = _own_values(model, values, records, first)
-    told = {*values, *(model.parameter_names[n.parameter] for n in own)}
+    told = {*values, *(name for n in own for name in n.on)}
     base = not {*model.parameter_names} <= told
     # The phase of a record is its own, and says nothing of another's.
     nuisances = [

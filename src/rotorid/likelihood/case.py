@@ -306,7 +306,7 @@ class Slopes:
         turns: dict[tuple[bool, bool], list[Rival]] = {}
         for rival in rivals:
             added = rival.added
-            turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects())))
+            turn = added and (bool(added.alternative_to), any(of_kind(Reads, added.effects)))
             turns.setdefault(turn or (False, False), []).append(rival)
         for among in turns.values():
             yield cls.of(case, [rival.added for rival in among if rival.added]), among

@@ -44,7 +44,7 @@ from rotorid.likelihood.rivals_channels import speed_term
 from rotorid.likelihood.rivals_tables import growing_mode, is_table, lines_alike, scale_of_time
 from rotorid.likelihood.rivals_terms import parts_between
 from rotorid.likelihood.summary import physical_at
-from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Missing, Plausible, Unknown, every_unknown
+from rotorid.likelihood.unknowns import TAKEN_AS_EXACT, Plausible, Unknown, every_unknown
 from rotorid.models import Model
 
 
@@ -63,17 +63,16 @@ class Asked:
     def scales(self) -> list[Unknown]:
         """The unknowns that multiply all forces."""
         every = every_unknown(self.fit.records)
-        return [u for u in every if _scales_all(of_kind(Drives, u.effects()))]
+        return [u for u in every if _scales_all(of_kind(Drives, u.effects))]
 
     @cached_property
     def exact(self) -> list[tuple[Plausible, list[Unknown]]]:
         """What may be wrong by how much where nobody asks for it, and its unknowns."""
         records = self.fit.records
-        kinds = [(kind.plausible, [*kind.every(records)]) for kind in TAKEN_AS_EXACT]
-        return [(plausible, unknowns) for plausible, unknowns in kinds if plausible]
+        return [(plausible, kind(records, None)) for kind, plausible in TAKEN_AS_EXACT]
 
     @cached_property
-    def parts(self) -> list[Missing]:
+    def parts(self) -> list[Unknown]:
         """Masses between two places of the shaft, which the model may lack."""
         model, structure = self.case.model, self.case.structure
         if structure is None or not self.fit.records:

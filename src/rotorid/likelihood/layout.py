@@ -63,7 +63,7 @@ class Layout:
 
     @cached_property
     def _effects(self) -> list[tuple[int | None, Effect, Integers]]:
-        return [(u.record, effect, at) for u, at in self.places() for effect in u.effects()]
+        return [(u.record, effect, at) for u, at in self.places() for effect in u.effects]
 
     @cached_property
     def replaced(self) -> tuple[tuple[int, Replaces, int], ...]:

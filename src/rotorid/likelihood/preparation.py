@@ -98,7 +98,7 @@ def prepare(
     own = {
         unknown.scalars[0].name: effect.parameter
         for unknown in nuisances
-        for effect in of_kind(Replaces, unknown.effects())
+        for effect in of_kind(Replaces, unknown.effects)
     }
     if base:
         if own:

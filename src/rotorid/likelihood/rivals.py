@@ -403,7 +403,7 @@ def _which_end(model: Model, found: Sequence[Finding], expected: float) -> str:
 
 
 def _entries_of(rival: Rival) -> set[Entry]:
-    return {*of_kind(Entry, rival.added.effects())} if rival.added else set()
+    return {*of_kind(Entry, rival.added.effects)} if rival.added else set()
 
 
 def sentence(case: Case, found: Sequence[Finding], which: str) -> str:

@@ -21,11 +21,20 @@ import numpy as np
 from rotorid.core.values import Floats
 from rotorid.data.observation import Observation
 from rotorid.likelihood.case import Case, Records, Rival, each_record, freed, mistake, rivals
+from rotorid.likelihood.effects import Reads
 from rotorid.likelihood.problem import Point
 from rotorid.likelihood.rivals_tables import SPEEDS, is_table
-from rotorid.likelihood.unknowns import Multiplier, Share, every_unknown
-from rotorid.likelihood.unknowns.channel_factors import FACTORS, factor_name, snap
-from rotorid.likelihood.unknowns.rotor_angle import Phase, Runout
+from rotorid.likelihood.unknowns import (
+    FACTORS,
+    Scalar,
+    Unknown,
+    every_unknown,
+    factor_name,
+    harmonic_runouts,
+    later_phases,
+    multiplier,
+    snap,
+)
 from rotorid.models import Model
 from rotorid.models.structure import Structure
 
@@ -115,7 +124,7 @@ def unit(names: Sequence[str], label: str, gain: float) -> Rival:
 
 def _gain(label: str, names: Sequence[str], start: float = 1.0) -> Rival:
     """Return the rival that some channels have a factor; of a sign or unit, that exactly."""
-    unknown = Multiplier.of(label, names, start)
+    unknown = multiplier(label, names, start)
     free = freed(unknown, "gain", on=(label,))
 
     def exactly(case: Case, point: Point) -> Iterator[Rival]:
@@ -167,14 +176,14 @@ def _effects(case: Case) -> Iterator[Rival]:
 @rivals("channel")
 def _harmonic_runout(case: Case) -> Iterator[Rival]:
     """Yield runout twice and three times per revolution of each sensor, where lines hold it."""
-    return _missing(case, (freed(runout) for runout in Runout.harmonics(case.records)))
+    return _missing(case, map(freed, harmonic_runouts(case.records)))
 
 
 def _begun(case: Case, starts: Sequence[float]) -> Iterator[Rival]:
     """Yield where the rotor angle of a further record may begin."""
-    for phase in Phase.later(case.records, starts):
-        cure = MARKED if is_table(case.records[phase.record]) else BEGINS
-        free = freed(replace(phase, cure=cure), on=(f"record {phase.record + 1}",))
+    for number, phase in later_phases(case.records, starts):
+        cure = MARKED if is_table(case.records[number]) else BEGINS
+        free = freed(replace(phase, cure=cure), on=(f"record {number + 1}",))
         yield from _missing(case, [free])
 
 
@@ -492,7 +501,15 @@ Shares = Mapping[str, tuple[int, float]]
 def _share(
     term: str, unit: str, said: str, shares: Shares, on: tuple[str, ...], given: float = 0.0
 ) -> Rival:
-    return freed(Share.of(term, unit, said, shares, given), on=on)
+    unknown = Unknown(
+        (Scalar(term, unit, 0.0, additive=True),),
+        frozenset(shares),
+        tuple(Reads(name, *more) for name, more in shares.items()),
+        phrase=said,
+        cure="correct reads in [channels], or turn the sensor",
+        size=lambda values: given + float(values[0]),
+    )
+    return freed(unknown, on=on)
 
 
 @rivals("reads")

@@ -32,8 +32,7 @@ from rotorid.likelihood.preparation import Limit
 from rotorid.likelihood.problem import Known, Point
 from rotorid.likelihood.relations import Relations
 from rotorid.likelihood.solver import bounds_held
-from rotorid.likelihood.unknowns import Scalar
-from rotorid.likelihood.unknowns.kinds import amount
+from rotorid.likelihood.unknowns import Scalar, amount
 
 CLOSE = 1.5
 """Factor of the limit within which what was set free makes the bound the likeliest mistake: a limit
@@ -389,7 +388,7 @@ def _exchanges(case: Case) -> Iterator[Rival]:
 
     The lines change places, and what is stated of each record stays.
     """
-    own = [u for u in case.prepared.layout.nuisances if of_kind(Replaces, u.effects())]
+    own = [u for u in case.prepared.layout.nuisances if of_kind(Replaces, u.effects)]
     stated = {unknown.record for unknown in own if unknown.scalars[0].std is not None}
     pairs = [pair for pair in combinations(range(len(case.records)), 2) if stated & set(pair)]
     alike = [pair for pair in pairs if _alike(*(case.records[k] for k in pair))]

@@ -17,8 +17,8 @@ import numpy as np
 from rotorid.core.linalg import coupled
 from rotorid.core.values import Floats
 from rotorid.likelihood.case import Case, Rival, freed, rivals
-from rotorid.likelihood.effects import Entry, RowLoad
-from rotorid.likelihood.unknowns import Lever, Missing, Scalar
+from rotorid.likelihood.effects import Drives, Entry, RowLoad
+from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.rotor import RotorModel
 from rotorid.models.rotor.elements import PLANES
@@ -44,14 +44,14 @@ K, K_SPEED, D, D_SPEED, M = (0, 0), (0, 1), (1, 0), (1, 1), (2, 0)
 
 def find_candidates(
     structure: Structure, units: Sequence[str], *, still: bool = False
-) -> list[Missing]:
+) -> list[Unknown]:
     """Return the terms that may be missing; `units`: of the coordinates.
 
     Damping of each spring and each mass, of all springs together, the same in the rotating frame,
     x/y asymmetry of each; and for each pair of coordinates stiffness and cross-coupling to ground,
     mass, gyroscopic moment, and a load that turns with the rotor. `still`: no rotor turns.
     """
-    found: list[Missing] = []
+    found: list[Unknown] = []
     springs, masses = structure.springs, structure.masses
     several = [(", ".join(n for n, _ in springs), _sum(springs))] if len(springs) > 1 else []
     for name, matrix in (*springs, *several):
@@ -75,7 +75,7 @@ def find_candidates(
     return [*found, *bending, *ground, *parts_between(structure, units)]
 
 
-def _bending(structure: Structure, units: Sequence[str]) -> Missing:
+def _bending(structure: Structure, units: Sequence[str]) -> Unknown:
     """Return what a shaft that bends adds to a rigid rotor, far below its first bending mode.
 
     With a compliance C between forces and readings, y = S q + C F, and F = B^-1 M q" of the rigid
@@ -105,7 +105,7 @@ def _sum(parts: Sequence[tuple[str, Floats]]) -> Floats:
     return np.asarray(np.sum([matrix for _, matrix in parts], axis=0))
 
 
-def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> list[Missing]:
+def _to_ground(structure: Structure, units: Sequence[str], still: bool) -> list[Unknown]:
     """Return what may act at one place: each pair of coordinates, or each that has no partner."""
     n = len(structure.coordinates)
     found = []
@@ -137,12 +137,12 @@ def _units_at(unit: str) -> tuple[str, str, str, str]:
     return "N/m", "kg", "N s/m", "kg m"
 
 
-def parts_between(structure: Structure, units: Sequence[str]) -> list[Missing]:
+def parts_between(structure: Structure, units: Sequence[str]) -> list[Unknown]:
     """Return a mass halfway between two places of the shaft, each pair of displacements.
 
     None of a drawing, in which the shaft between two places bends.
     """
-    n, found = len(structure.coordinates), list[Missing]()
+    n, found = len(structure.coordinates), list[Unknown]()
     if structure.slopes:
         return found
     unknown = structure.balance.faults.keys()
@@ -159,7 +159,7 @@ def parts_between(structure: Structure, units: Sequence[str]) -> list[Missing]:
     return found
 
 
-def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Missing:
+def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> Unknown:
     """Return a free load of the rotor's speed, two amplitudes on each coordinate."""
     squared = (symbol("Omega"), Fraction(2))
     turning = [(Expression(name, (symbol("phi"),)), Fraction(1)) for name in ("cos", "sin")]
@@ -175,7 +175,7 @@ def _load(structure: Structure, name: str, unit: str, group: Sequence[int]) -> M
 
 def _term(
     structure: Structure, name: str, unit: str, matrices: Mapping[tuple[int, int], Floats]
-) -> Missing:
+) -> Unknown:
     entries = []
     for (order, power), matrix in sorted(matrices.items()):
         rows = structure.in_rows(matrix)
@@ -186,15 +186,17 @@ def _term(
 
 def _missing(
     name: str, unit: str, entries: Sequence[Entry] = (), loads: Sequence[RowLoad] = ()
-) -> Missing:
+) -> Unknown:
     numbers = [entry.unknown for entry in entries] + [load.unknown for load in loads]
     count = 1 + max(numbers, default=0)
     names = [name] if count == 1 else [f"{name} ({i})" for i in range(count)]
     scalars = tuple(Scalar(each, unit, 0.0, additive=True) for each in names)
-    return Missing(scalars, frozenset(), name, tuple(entries), tuple(loads))
+    missing = Unknown(scalars, frozenset(), (*entries, *loads), name)
+    # Unknowns of entries have units of their own.
+    return replace(missing, size=lambda values: float(values[0])) if entries else missing
 
 
-def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) -> Iterator[Missing]:
+def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) -> Iterator[Unknown]:
     """Yield what may be otherwise than drawn of the shaft, as a share of what is drawn."""
     known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
@@ -219,7 +221,7 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
 
 def _elastic(
     structure: Structure, name: str, pieces: tuple[Piece, ...], known: dict[str, float]
-) -> Missing:
+) -> Unknown:
     """Return the stiffness of some elements, and their damping, as a term."""
     n = len(structure.coordinates)
     matrices = {at: np.zeros((n, n)) for at in (K, K_SPEED, D)}
@@ -232,7 +234,7 @@ def _elastic(
     return _term(structure, name, "1", matrices)
 
 
-def levers(structure: Structure, model: RotorModel) -> Iterator[Lever]:
+def levers(structure: Structure, model: RotorModel) -> Iterator[Unknown]:
     """Yield each actuator beside the place where it is drawn."""
     for number, (name, at) in enumerate(model.rotor.actuators.items()):
         first = PLANES * model.rotor.node(at)
@@ -247,7 +249,8 @@ def levers(structure: Structure, model: RotorModel) -> Iterator[Lever]:
         inputs = model.inputs[2 * number : 2 * number + 2]
         scalar = Scalar(f"plane[{', '.join(inputs)}]", "m", 0.0, additive=True)
         cure = f"give {name} in the rotor file the place (at) where it acts"
-        yield Lever((scalar,), frozenset(inputs), arms, cure=cure)
+        on = frozenset(inputs)
+        yield Unknown((scalar,), on, (Drives(on, "lever", arms),), cure=cure)
 
 
 @rivals("term")

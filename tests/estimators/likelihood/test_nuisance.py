@@ -7,10 +7,9 @@ import pytest
 
 import rotorid as rid
 from rotorid import Channel, Constraint, Drive, InputError, MaximumLikelihood, identify
-from rotorid.core.frozen import frozen
 from rotorid.likelihood import unknowns as nuisances
-from rotorid.likelihood.unknowns import Scalar
-from rotorid.likelihood.unknowns.channel_factors import Factor
+from rotorid.likelihood.effects import Scales
+from rotorid.likelihood.unknowns import Scalar, Unknown
 
 
 def assert_agrees(estimate, truth, sigmas=4.5):
@@ -309,29 +308,19 @@ def test_a_phase_that_its_prior_alone_determines_is_determined(demo, bearings):
     assert estimate.std("phase[0]") == pytest.approx(0.01, rel=1e-3)
 
 
-@frozen
-class Stretch(Factor):
+def stretches(records, wanted):
     """A kind that the package does not have: a gain that grows with the square of frequency."""
-
-    @classmethod
-    def asked(cls, records, wanted):
-        return cls.every(records)
-
-    @classmethod
-    def every(cls, records):
-        sensors = frozenset(s.channel.name for r in records for s in r.sensors)
-        unknown = Scalar("stretch[position]", "s^2", 0.0, nuisance=True, additive=True)
-        return [cls((unknown,), sensors)]
-
-    def factor(self, values, omega):
-        return 1 / (1 + values[0] * omega**2 + 0j)
-
-    def slopes(self, values, omega):
-        return (-(omega**2) / (1 + values[0] * omega**2) + 0j)[:, None]
+    sensors = frozenset(s.channel.name for r in records for s in r.sensors)
+    scales = Scales(
+        sensors,
+        lambda values, omega: 1 / (1 + values[0] * omega**2 + 0j),
+        lambda values, omega: (-(omega**2) / (1 + values[0] * omega**2) + 0j)[:, None],
+    )
+    return [Unknown((Scalar("stretch[position]", "s^2", 0.0, additive=True),), sensors, (scales,))]
 
 
 @pytest.mark.slow
-def test_a_further_kind_is_one_class(demo, bearings, monkeypatch):
+def test_a_further_kind_is_one_function(demo, bearings, monkeypatch):
     """Start, fit, deviation, report and the record's covariance: nothing else knows of it."""
     size = 2e-7
     record = demo.record(bearings)
@@ -340,7 +329,7 @@ def test_a_further_kind_is_one_class(demo, bearings, monkeypatch):
     noisy = demo.noisy(replace(record, spectra=spectra), np.random.default_rng(5))
     estimator = MaximumLikelihood(fixed={"L1": 0.3})
     assert identify(demo.model, noisy, estimator).status == "rejected"
-    monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, Stretch))
+    monkeypatch.setattr(nuisances, "KINDS", (*nuisances.KINDS, stretches))
     estimate = identify(demo.model, noisy, estimator)
     assert estimate.status == "ok"
     assert_agrees(estimate, {**demo.truth, "stretch[position]": size})

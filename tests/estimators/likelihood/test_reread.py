@@ -25,8 +25,14 @@ from rotorid.force.reading import ForceReading, ForceSource, forces
 from rotorid.likelihood.assembly import assemble
 from rotorid.likelihood.preparation import Knowledge, prepare
 from rotorid.likelihood.rivals_channels import multiplied
-from rotorid.likelihood.unknowns import Nuisances, Unknown, asked_unknowns, every_unknown
-from rotorid.likelihood.unknowns.channel_factors import Bend
+from rotorid.likelihood.unknowns import (
+    Nuisances,
+    Unknown,
+    asked_unknowns,
+    cubics,
+    every_unknown,
+    hystereses,
+)
 from rotorid.signals.spectrum import shifted, synthesize
 
 MODEL = load_model("jeffcott")
@@ -161,7 +167,7 @@ def test_derivatives_of_constants_against_differences() -> None:
 
 def test_derivatives_of_bends_against_differences() -> None:
     observation = bind(MODEL, periods(MAGNET))
-    bends = [n for n in every_unknown([observation]) if isinstance(n, Bend)]
+    bends = [*cubics([observation], None), *hystereses([observation], None)]
     assert {n.scalars[0].name for n in bends} == {
         "nonlinear x", "nonlinear y", "nonlinear x ... y",
         "hysteresis F_x", "hysteresis F_y", "hysteresis force",

@@ -13,8 +13,8 @@ import rotorid as rid
 from rotorid import load_model
 from rotorid.data.observation import bind
 from rotorid.likelihood import rivals
+from rotorid.likelihood import unknowns as channels
 from rotorid.likelihood.case import Case, Rival, Slopes, Small
-from rotorid.likelihood.unknowns import channel_factors as channels
 
 
 def rival(term: str, kind="term", *, on=(), screened=0.0, left=0.0, gone=None, **more) -> Rival:
@@ -230,9 +230,10 @@ def entered(stage: str, case: object) -> list[Rival]:
 def test_half_a_right_angle_leads_to_where_a_record_begins(monkeypatch) -> None:
     """From the angles that are tried, and from that of the mark itself."""
     later = [SimpleNamespace(lines=SimpleNamespace(clock=None))] * 2
-    phase = channel_angle = rivals.rivals_channels.Phase
     monkeypatch.setattr(
-        phase, "later", lambda records, starts: [channel_angle.of(1, start=s) for s in starts]
+        rivals.rivals_channels,
+        "later_phases",
+        lambda records, starts: [(1, channels.phase(1, start=s)) for s in starts],
     )
     prepared = SimpleNamespace(layout=SimpleNamespace(index={}))
     case = SimpleNamespace(records=later, prepared=prepared)

@@ -1,0 +1,781 @@
+"""Unknowns of the measurement: scalars with units, starts and priors, and what they do to records.
+
+A kind is one function that returns the unknowns of some records: those that the settings and the
+channels ask for, or, where nothing is said of what is wanted, all that there could be, without
+priors. `KINDS` is their order in results. What no setting asks for is freed where the data reject
+the model, to see what it explains. Names such as ``gain[x1]`` are for people; no code takes them
+apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import field, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from rotorid.core.errors import InputError, require_names
+from rotorid.core.frozen import frozen
+from rotorid.core.values import Complexes, Floats
+from rotorid.data.observation import Observation
+from rotorid.data.record import Channel, ForceLaw
+from rotorid.force.channel_dynamics import UNKNOWN, Constant, Dynamics, FirstOrder
+from rotorid.force.laws import KNEE
+from rotorid.force.reading import KNEE_CONSTANT
+from rotorid.likelihood.effects import Adds, Drives, Effect, Replaces, Rereads, Scales, Turns
+from rotorid.models import Parameter
+from rotorid.models.constraints import own_in_si
+from rotorid.models.expressions import symbol
+from rotorid.signals.spectrum import transfer_of_recording
+
+
+@frozen
+class Scalar:
+    """One scalar that the likelihood depends on."""
+
+    name: str
+    unit: str
+    start: float  # SI
+    # deviation with which `prior` is known beforehand; ``None``: not known; 0: fixed
+    std: float | None = None
+    prior: float = np.nan  # where nothing else is said, the start it was made with
+    nuisance: bool = True  # no parameter of the model
+    positive: bool = False
+    # it shifts what it acts on, so that no power of a common scale belongs to it
+    additive: bool = False
+    # it scales inputs or equations, and is held loosely while errors are granted to them
+    anchored: bool = False
+
+    def __post_init__(self) -> None:
+        if np.isnan(self.prior):
+            object.__setattr__(self, "prior", self.start)
+
+    @property
+    def fixed(self) -> bool:
+        return self.std == 0.0
+
+
+@frozen(kw_only=True)
+class Nuisances:
+    """Which constants of the measurement are unknown; `MaximumLikelihood` explains the fields."""
+
+    runout: bool = False
+    gains: tuple[str, ...] = ()
+    delays: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
+    force_scale_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("gains", "delays", "each"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for given, allowed, key in (
+            (self.gains, ("ki", "ks", "ks*"), "gains"),
+            (self.delays, ("force", "position"), "delays"),
+        ):
+            require_names(given, allowed, cure="name one of these, or leave it out", place=key)
+        if not 0 <= self.force_scale_std < 1:
+            raise InputError(
+                f"{self.force_scale_std}",
+                "a share of the forces: 0.01 where they are known to 1 %",
+                "give a share below 1, or leave it out",
+                place="force_scale_std",
+            )
+        if {"ks", "ks*"} <= set(self.gains):
+            raise InputError("both ks and ks*", "one of them", "drop one", place="gains")
+
+
+def _amplitude(values: Floats) -> float:
+    """Return the value of a scalar, or the amplitude of a vector."""
+    if len(values) == 1:
+        return float(values[0])
+    return float(np.linalg.norm(values) / np.sqrt(max(1.0, len(values) / 2)))
+
+
+@frozen
+class Unknown:
+    """Scalars of the measurement, and what they do to the records of one machine."""
+
+    scalars: tuple[Scalar, ...]
+    on: frozenset[str]  # names of the channels or parameters that it acts on
+    effects: tuple[Effect, ...]
+    name: str = ""  # that its scalars share, where they are several
+    record: int | None = field(default=None, kw_only=True)  # the only record that has it, if one
+    # as what it is set free by itself where the data reject the model, if at all
+    rival: Literal["", "term", "lag"] = field(default="", kw_only=True)
+    # the term that stands for the same: of the two the first in the layout acts
+    alternative_to: str = field(default="", kw_only=True)
+    # what it is said to be, without its name; what is said of its size besides; what to do about it
+    phrase: str = field(default="", kw_only=True)
+    remark: Callable[[float], str] = field(default=lambda size: "", kw_only=True)
+    cure: str = field(default="add the term to the model", kw_only=True)
+    # what a person is told of the values of its scalars
+    size: Callable[[Floats], float] = field(default=_amplitude, kw_only=True)
+    # of a size and the inputs: another unknown that at first looks like this one, if one does
+    instead: Callable[[float, Collection[str]], Unknown | None] = field(
+        default=lambda size, inputs: None, kw_only=True
+    )
+
+    @property
+    def term(self) -> str:
+        return self.name or self.scalars[0].name
+
+    @property
+    def unit(self) -> str:
+        return self.scalars[0].unit
+
+    def told(self, size: float | None) -> tuple[str, str]:
+        """Say what it would be at a size, and what to do about it."""
+        remark = "" if size is None else self.remark(size)
+        return f"{self.phrase or self.term}{amount(size, self.unit)}{remark}", self.cure
+
+
+def amount(value: float | None, unit: str) -> str:
+    """Return `` = value unit`` for people; nothing where no value is known."""
+    return "" if value is None else f" = {value:.4g}{'' if unit == '1' else f' {unit}'}"
+
+
+Records = Sequence[Observation]
+Kind = Callable[[Records, Nuisances | None], list[Unknown]]
+
+
+def _inputs(records: Records) -> dict[str, Channel]:
+    return {c.name: c for record in records for c in record.inputs}
+
+
+def _sensors(records: Records) -> dict[str, Channel]:
+    return {s.channel.name: s.channel for record in records for s in record.sensors}
+
+
+def _channels(records: Records) -> list[Channel]:
+    return list({**_inputs(records), **_sensors(records)}.values())
+
+
+def _with_samples(records: Records) -> list[Observation]:
+    return [record for record in records if record.lines.samples is not None]
+
+
+# Factors of channels.
+
+FACTORS = {
+    "mil instead of um, um instead of mil, or inches instead of mm": 25.4,
+    "mm instead of um, or mA instead of A": 1e3,
+    "m instead of um, or uA instead of A": 1e6,
+    "degrees instead of radians": 180 / np.pi,
+    "rms instead of amplitude": np.sqrt(2),
+    "peak to peak instead of amplitude": 2.0,
+    "inches instead of m": 1 / 0.0254,
+    "pounds-force instead of N": 1 / 4.4482216152605,
+    "kilograms-force instead of N": 1 / 9.80665,
+    "ten times": 10.0,
+}
+"""Factors by which a reading is off where a unit was mistaken; each may be its inverse."""
+SNAP = 0.03
+"""A free factor this close to that of a unit is taken for it: calibrations are off by less."""
+
+
+def factor_name(gain: float) -> str:
+    """Say which unit was mistaken where a gain is that of one, and whether it is upside down."""
+    name, _ = _nearest(abs(gain)) or ("", 1.0)
+    told = [name] if name else []
+    if gain < 0:
+        told.append("upside down")
+    return f" ({', '.join(told)})" if told else ""
+
+
+def snap(gain: float) -> float | None:
+    """Return the sign and unit factor that a gain is close to, or None."""
+    near = _nearest(abs(gain))
+    return None if near is None else float(np.copysign(near[1], gain))
+
+
+def _nearest(size: float) -> tuple[str, float] | None:
+    factors = [("", 1.0), *((n, way) for n, f in FACTORS.items() for way in (f, 1 / f))]
+    name, exact = min(factors, key=lambda known: abs(size / known[1] - 1))
+    return (name, exact) if abs(size / exact - 1) < SNAP else None
+
+
+def gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return gains: reading = gain * quantity."""
+    found = []
+    for channel in _channels(records):
+        if wanted is None or channel.gain_std > 0:
+            name, std = f"gain[{channel.name}]", None if wanted is None else channel.gain_std
+            scalar = Scalar(name, "1", 1.0, std, positive=True, anchored=True)
+            on = frozenset([channel.name])
+            scales = Scales(
+                on,
+                lambda values, omega: np.full(len(omega), 1 / values[0], dtype=np.complex128),
+                lambda values, omega: np.full((len(omega), 1), -1 / values[0], np.complex128),
+            )
+            cure = "check the channel, or declare it unknown"
+            found.append(Unknown((scalar,), on, (scales,), cure=cure))
+    return found
+
+
+def multiplier(name: str, channels: Iterable[str], start: float = 1.0) -> Unknown:
+    """Return quantity = s * reading: linear in s, so that a search may pass through zero."""
+    on = frozenset(channels)
+    scales = Scales(
+        on,
+        lambda values, omega: np.full(len(omega), values[0], dtype=np.complex128),
+        lambda values, omega: np.full((len(omega), 1), 1 / (values[0] or 1e-300), np.complex128),
+    )
+    return Unknown(
+        (Scalar(f"gain[{name}]", "1", start, additive=True),),
+        on,
+        (scales,),
+        remark=factor_name,
+        cure="check the unit, the sign and the calibration of the channel",
+        size=lambda values: float(1 / values[0]) if values[0] else np.nan,
+    )
+
+
+def delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return by what channels lag; the lines are corrected for the stated delay already."""
+    return [
+        _late(c.name, frozenset([c.name]), c.delay, None if wanted is None else c.delay_std)
+        for c in _channels(records)
+        if wanted is None or c.delay_std > 0
+    ]
+
+
+def common_delays(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return one delay of all inputs, ``delay[force]``, or of all sensors, ``delay[position]``."""
+    channels = {"force": _inputs(records), "position": _sensors(records)}
+    kinds = channels if wanted is None else wanted.delays
+    return [_late(kind, frozenset(channels[kind]), 0.0, None) for kind in kinds]
+
+
+def _late(label: str, on: frozenset[str], known: float, std: float | None) -> Unknown:
+    scales = Scales(
+        on,
+        lambda values, omega: np.asarray(np.exp(1j * omega * (values[0] - known))),
+        lambda values, omega: np.asarray(1j * omega[:, None]),
+    )
+
+    def instead(size: float, inputs: Collection[str]) -> Unknown | None:
+        """Return a bandwidth, where the channels lag and do not lead: at first they look alike."""
+        actuator, name = on <= {*inputs}, next(iter(on))
+        late = size < 0 if actuator else size > 0 and not on & {*inputs}
+        if len(on) > 1:
+            name = "force" if actuator else "position"
+        return _bandwidth(name, on, size, actuator=actuator) if late else None
+
+    return Unknown(
+        (Scalar(f"delay[{label}]", "s", known, std, additive=True),),
+        on,
+        (scales,),
+        rival="term",
+        cure=f'give delay or hold of the channels, or have it estimated: delays = ["{label}"]',
+        instead=instead,
+    )
+
+
+def dynamics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return constants of dynamics; lines are corrected with the given ones."""
+    groups: dict[str, tuple[Dynamics, list[str]]] = {}
+    for channel in _channels(records):
+        given = channel.dynamics
+        if given is not None and any(c.std for c in given.constants):
+            groups.setdefault(given.shared or channel.name, (given, []))[1].append(channel.name)
+    found = []
+    for label, (given, names) in groups.items():
+        scalars = tuple(
+            Scalar(
+                f"{constant.name}[{label}]",
+                constant.unit,
+                constant.value,
+                None if wanted is None or constant.std == UNKNOWN else constant.std,
+                positive=True,
+            )
+            for constant in given.constants
+        )
+        found.append(_response(scalars, frozenset(names), given))
+    return found
+
+
+FLAT = 1e15
+"""Bandwidth in Hz of what has none: of light."""
+
+
+def _bandwidth(label: str, on: frozenset[str], lag: float, *, actuator: bool) -> Unknown:
+    """Return the bandwidth of channels that are said to have none, from a delay alike in s."""
+    flat = FirstOrder(bandwidth=Constant("bandwidth", "Hz", FLAT), actuator=actuator)
+    start = 1 / (2 * np.pi * abs(lag))
+    scalar = Scalar(f"bandwidth[{label}]", "Hz", start, positive=True)
+    cure = "declare it: dynamics = { bandwidth = .. } of the channels"
+    return _response((scalar,), on, flat, cure)
+
+
+def _response(
+    scalars: tuple[Scalar, ...],
+    on: frozenset[str],
+    given: Dynamics,
+    cure: str = "check the channel, or declare it unknown",
+) -> Unknown:
+    def factor(values: Floats, omega: Floats) -> Complexes:
+        """H over the H that the lines are corrected for, or one over it for a sensor."""
+        ratio = given.response(omega, values) / given.response(omega, given.values)
+        return np.asarray(ratio if given.actuator else 1 / ratio)
+
+    def slopes(values: Floats, omega: Floats) -> Complexes:
+        found = given.slopes(omega, values)
+        return np.asarray(found if given.actuator else -found)
+
+    return Unknown(scalars, on, (Scales(on, factor, slopes),), rival="lag", cure=cure)
+
+
+# How channels bend: they read too much by ``unknown * shape(samples)``.
+
+
+def cubics(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return ``reading = quantity (1 + unknown * quantity^2)``, as of opposed sensors."""
+    if wanted is not None:
+        return []
+    there = {s.channel.name: s.channel for r in _with_samples(records) for s in r.direct}
+    units: dict[str, list[str]] = {}
+    for channel in there.values():
+        units.setdefault(channel.unit, []).append(channel.name)
+    found = []
+    for unit, names in units.items():
+        groups = {name: [name] for name in names}
+        groups |= {f"{names[0]} ... {names[-1]}": names} if len(names) > 1 else {}
+        square = f"1/{unit}^2" if unit else "1"
+        found += [_bend(f"nonlinear {g}", square, on, _cube) for g, on in groups.items()]
+    return found
+
+
+def hystereses(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return inputs that lag by half the width of a loop, whichever way they go."""
+    if wanted is not None:
+        return []
+    units = {name: c.unit for name, c in _inputs(_with_samples(records)).items()}
+    found = [_bend(f"hysteresis {name}", unit, [name], _loop) for name, unit in units.items()]
+    if len(units) > 1:
+        found.append(_bend("hysteresis force", next(iter(units.values())), list(units), _loop))
+    return found
+
+
+def _cube(samples: Floats) -> Floats:
+    return np.asarray(samples**3)
+
+
+def _loop(samples: Floats) -> Floats:
+    return np.asarray(np.sign(np.roll(samples, -1) - np.roll(samples, 1)))
+
+
+Shape = Callable[[Floats], Floats]
+"""What is added to a signal for an unknown of one."""
+
+
+def _bend(term: str, unit: str, names: Sequence[str], shape: Shape) -> Unknown:
+    return Unknown(
+        (Scalar(term, unit, 0.0, additive=True),),
+        frozenset(names),
+        tuple(Adds(name, lines=partial(_bent_lines, name, shape)) for name in names),
+        rival="term",
+        cure="calibrate what bends over its range, or excite less",
+    )
+
+
+def _bent_lines(name: str, shape: Shape, record: Observation) -> Complexes | None:
+    lines, samples = record.lines, record.lines.samples
+    if samples is None:
+        return None
+    column = lines.names.index(name)
+    bent = samples.lines(shape(samples.values[:, column])[:, None])
+    # Lines of samples become those of the quantity as the channel's own do.
+    channel = [lines.channels[column]]
+    corrected = transfer_of_recording(channel, lines.frequency, samples.sample_rate)
+    return np.asarray((bent * corrected)[:, 0])
+
+
+# Constants of forces. They are no factors of a line: the record's samples go through the law again.
+
+
+def force_scale(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return one factor of all forces, currents' and displacements' share alike."""
+    std = None if wanted is None else wanted.force_scale_std
+    scalar = Scalar("scale[force]", "1", 1.0, std, positive=True, anchored=True)
+    on = frozenset(_inputs(records))
+    return [] if std == 0 else [Unknown((scalar,), on, (Drives(on, "force"),))]
+
+
+def current_gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return ki: the force per current of an input, or per unit of its channel."""
+    if wanted is not None and "ki" not in wanted.gains:
+        return []
+    found = []
+    for name, channel in _inputs(records).items():
+        unit, ki = ("1", 1.0) if channel.drive is None else ("N/A", channel.drive.ki)
+        found.append(_driving("ki", f"ki[{name}]", unit, ki, [name]))
+    return found
+
+
+def displacement_gains(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return ks: the force per displacement, one for all inputs or one per input."""
+    asked = {"ks", "ks*"} if wanted is None else {"ks", "ks*"} & set(wanted.gains)
+    driven = {n: c.drive for n, c in _inputs(records).items() if c.drive is not None}
+    if asked and not driven and wanted is not None:
+        raise InputError(
+            "an unknown ks, but forces instead of currents",
+            "channels with a linear force law",
+            "give law, current, position and ki of each",
+            place="gains",
+        )
+    found = []
+    if "ks" in asked and driven:
+        mean = float(np.mean([drive.ks for drive in driven.values()]))
+        found.append(_driving("ks", "ks", "N/m", mean, driven))
+    if "ks*" in asked:
+        common = "ks" if len(driven) > 1 else ""
+        for name, drive in driven.items():
+            one = _driving("ks", f"ks[{name}]", "N/m", drive.ks, [name])
+            found.append(replace(one, alternative_to=common))
+    return [replace(unknown, rival="term") for unknown in found]
+
+
+def _driving(
+    part: Literal["ki", "ks"], name: str, unit: str, start: float, inputs: Iterable[str]
+) -> Unknown:
+    on = frozenset(inputs)
+    return Unknown((Scalar(name, unit, start, anchored=True),), on, (Drives(on, part),))
+
+
+def law_constants(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return constants of the force laws, each of one or more inputs, all changed by as much."""
+    bent = _bent(records)
+    groups: dict[tuple[str, str], list[Channel]] = {}
+    for channel in bent:
+        for name, constant in _law(channel).constants.items():
+            if constant.std:
+                groups.setdefault((name, constant.shared or channel.name), []).append(channel)
+    found = []
+    for (name, label), channels in groups.items():
+        _refuse_unlike(name, label, channels)
+        std = _law(channels[0]).constants[name].std
+        known = None if wanted is None or np.isinf(std) else std
+        found.append(_law_constant(name, label, channels, known))
+    if wanted is None:
+        for name in dict.fromkeys(name for c in bent for name in _law(c).constants):
+            channels = [c for c in bent if name in _law(c).constants]
+            if np.isfinite([_law(c).constants[name].value for c in channels]).all():
+                found.append(_law_constant(name, "", channels, None))
+    return found
+
+
+def _law_constant(
+    constant: str, label: str, channels: Sequence[Channel], std: float | None
+) -> Unknown:
+    stated = [_law(channel).constants[constant] for channel in channels]
+    mean = float(np.mean([found.value for found in stated]))
+    scalar = Scalar(
+        constant + (f"[{label}]" if label else ""),
+        stated[0].unit,
+        mean,
+        std,
+        positive=stated[0].positive,
+        additive=not stated[0].positive,
+        anchored=True,
+    )
+    return _reread(scalar, channels, constant)
+
+
+def _reread(scalar: Scalar, channels: Sequence[Channel], constant: str) -> Unknown:
+    """Return an unknown at whose start the forces are as they were read."""
+
+    def changes(value: complex) -> Mapping[str, complex]:
+        return {constant: value - scalar.start}
+
+    on = frozenset(c.name for c in channels)
+    return Unknown(
+        (scalar,),
+        on,
+        (Rereads(on, changes),),
+        rival="term",
+        phrase=f"{scalar.name} of the force laws",
+        cure=f"give its value, or have it estimated: {scalar.name} = {{ start = ... }}",
+    )
+
+
+def knees(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return how near the iron of all inputs is to its saturation, from not at all: (b_0 / b_s)^4.
+
+    Of the inputs whose law knows a bias, and no saturation; files say the saturation itself.
+    """
+    laws = [(channel, _law(channel).constants) for channel in _bent(records)]
+    biased = [
+        channel
+        for channel, known in laws
+        if "bias" in known and "saturation" in known and np.isinf(known["saturation"].value)
+    ]
+    if wanted is not None or not biased:
+        return []
+    unknown = _reread(Scalar("saturation", "1", 0.0, additive=True), biased, KNEE_CONSTANT)
+    return [replace(unknown, size=_saturation)]
+
+
+def _saturation(values: Floats) -> float:
+    """Return b_s / b_0, the flux of the iron's knee over that of the bias."""
+    knee = float(values[0])
+    return float(knee ** (-1 / KNEE)) if knee > 0 else np.inf
+
+
+def _law(channel: Channel) -> ForceLaw:
+    assert channel.law is not None
+    return channel.law
+
+
+def _bent(records: Records) -> list[Channel]:
+    """Return the inputs whose force was made by a law that bends, of records with samples."""
+    return [c for c in _inputs(_with_samples(records)).values() if c.law is not None]
+
+
+def _refuse_unlike(name: str, label: str, channels: Sequence[Channel]) -> None:
+    stated = {_law(channel).constants[name] for channel in channels}
+    if len(stated) > 1:
+        listed = ", ".join(f"{found.value:g} +- {found.std:g}" for found in sorted(stated))
+        raise InputError(
+            f"{name} of {label} as {listed}",
+            "one value and deviation of a constant that is shared",
+            "write the same in every channel, or drop shared",
+            place=f"channels.{channels[0].name}.{name}",
+        )
+
+
+# What turns with the rotor.
+
+NEAR = 0.02
+"""Share by which the speed of another record may differ that tells where a phase may start."""
+HELD = 0.1
+"""Share of the largest power of the rotation from which on a line holds it, and no excitation."""
+LEAKS = 0.1
+"""Amplitude that cos(n phi) leaves on the lines that are used, from which on these hold the n-th
+order: one half on a line of it, a third between two lines. What leaks elsewhere is 1e-3 at most,
+and a runout of metres would explain any misfit there."""
+
+
+def phase(number: int, std: float | None = None, start: float = 0.0) -> Unknown:
+    """Return that phi = recorded angle + phase, of one record."""
+    return Unknown(
+        (Scalar(f"phase[{number}]", "rad", start, std, additive=True),),
+        frozenset(),
+        (Turns(),),
+        record=number,
+        size=lambda values: float(np.angle(np.exp(1j * values[0]))),
+    )
+
+
+def phases(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return rotor angles that are known up to a constant only."""
+    if wanted is None:
+        return [phase(number) for number in range(len(records))]
+    found = []
+    for number, record in enumerate(records):
+        if not record.lines.phase_known:
+            found.append(phase(number, start=_phase_start(record, records)))
+        elif record.lines.phase_std > 0 and (wanted.runout or _turns(record)):
+            found.append(phase(number, record.lines.phase_std))
+    return found
+
+
+def later_phases(records: Records, starts: Sequence[float]) -> list[tuple[int, Unknown]]:
+    """Return that of each record that turns after the first one, at each of some starts.
+
+    The first counts the angle of the unbalance; another may have begun anywhere else.
+    """
+    turning = [k for k, r in enumerate(records) if _speed(r) != 0 and _turns(r)]
+    known = [k for k in turning[1:] if records[k].lines.phase_known]
+    return [(k, phase(k, start=start)) for k in known for start in starts]
+
+
+def _phase_start(record: Observation, records: Records) -> float:
+    """Return by what the rotation stands turned in a record, against one that knows its phase.
+
+    From the other side of the circle no minimum is found. At another speed the unbalance is
+    answered otherwise, and nothing is taken from it.
+    """
+    speed = _speed(record)
+    for other in records:
+        near = abs(_speed(other) - speed) <= NEAR * abs(speed)
+        names = [s.channel.name for s in record.sensors]
+        if other.lines.phase_known and near and [s.channel.name for s in other.sensors] == names:
+            here, there = _wave(record), _wave(other)
+            size = np.hypot(np.abs(here), np.abs(there))
+            return float(np.angle(np.vdot(there, here / np.where(size > 0, size, 1.0) ** 2)))
+    return 0.0
+
+
+def _speed(record: Observation) -> float:
+    return float(np.mean(record.lines.speed))
+
+
+def _wave(record: Observation) -> Complexes:
+    """Return the phasors of the rotation in the sensors, (sensor,); 0 where no line holds it."""
+    turn = record.lines.clock.lines(lambda t, phi, speed: np.cos(phi)[..., None])[:, 0]
+    power = np.abs(turn) ** 2
+    held = np.where(power > HELD * power.max(initial=0.0), turn, 0.0)
+    total = float((np.abs(held) ** 2).sum())
+    lines = record.lines.mean[:, [s.column for s in record.sensors]]
+    return np.asarray(held.conj() @ lines / total if total > 0 else np.zeros(lines.shape[1]) + 0j)
+
+
+def _turns(record: Observation) -> bool:
+    """Tell whether the loads of the model turn with the rotor."""
+    linear = record.model.require_linear()
+    return any(symbol("phi") in term.signal.free_symbols for term in linear.load_terms)
+
+
+def runouts(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return the runout of each position sensor, common to all records."""
+    return harmonic_runouts(records, [1]) if wanted is None or wanted.runout else []
+
+
+def harmonic_runouts(records: Records, orders: Sequence[int] = (2, 3)) -> list[Unknown]:
+    """Return ``cos * cos(n phi) + sin * sin(n phi)`` in each, of higher orders if lines hold it."""
+    there = [n for n in orders if n == 1 or any(_holds(record, n) for record in records)]
+    channels = {s.channel.name: s.channel for r in records for s in r.sensors if s.order == 0}
+    found = []
+    for name, channel in channels.items():
+        for order in there:
+            term = f"runout[{name}{'' if order == 1 else f', order {order}'}]"
+            parts = (f"{term}.{part}" for part in ("cos", "sin"))
+            scalars = tuple(Scalar(part, channel.unit, 0.0, additive=True) for part in parts)
+            adds = Adds(name, order)
+            found.append(Unknown(scalars, frozenset([name]), (adds,), term, rival="term"))
+    return found
+
+
+def _holds(record: Observation, order: int) -> bool:
+    """Tell whether a line of a record is a multiple of its rotation, and not what leaks there."""
+    wave = record.lines.clock.lines(lambda t, phi, speed: np.cos(order * phi)[..., None])
+    return bool(np.abs(wave).max(initial=0.0) > LEAKS)
+
+
+# Parameters that are not the same in all records: a trial mass, an unbalance that was changed.
+
+
+def own_values(
+    index: int, parameter: Parameter, told: Mapping[int, tuple[float, float | None]], records: int
+) -> list[Unknown]:
+    """Return a parameter of the model in the records, of so many, that say it themselves.
+
+    `told` are its values in them, with deviations, by their numbers.
+    """
+    name, replaces = parameter.name, Replaces(index, alone=len(told) == records)
+    found = []
+    for k, (value, std) in told.items():
+        one = Scalar(
+            f"{name}[{k}]",
+            parameter.unit,
+            value,
+            std,
+            nuisance=False,
+            positive=parameter.positive,
+        )
+        found.append(Unknown((one,), frozenset([name]), (replaces,), record=k))
+    return found
+
+
+def own_parameters(records: Records, wanted: Nuisances | None) -> list[Unknown]:
+    """Return values of parameters in one record, in place of what the others share."""
+    if wanted is None or not records:
+        return []
+    given = [own_in_si(record) for record in records]
+    found = []
+    for index, parameter in enumerate(records[0].model.parameters):
+        name = parameter.name
+        told: dict[int, tuple[float, float | None]] = {
+            k: own.get(name, (np.nan, None))
+            for k, own in enumerate(given)
+            if name in own or name in wanted.each
+        }
+        found += own_values(index, parameter, told, len(records))
+    return found
+
+
+KINDS: tuple[Kind, ...] = (
+    own_parameters,  # of the model: they stand before what is unknown of the measurement
+    current_gains,
+    displacement_gains,
+    force_scale,
+    law_constants,
+    knees,
+    cubics,
+    hystereses,
+    runouts,
+    gains,
+    common_delays,
+    delays,
+    dynamics,
+    phases,
+)
+
+
+def asked_unknowns(records: Records, wanted: Nuisances) -> tuple[Unknown, ...]:
+    """Return those that the settings and the channels of some records ask for."""
+    return tuple(unknown for kind in KINDS for unknown in kind(records, wanted))
+
+
+def every_unknown(records: Records) -> tuple[Unknown, ...]:
+    """Return all that some records could have, without priors."""
+    return tuple(unknown for kind in KINDS for unknown in kind(records, None))
+
+
+@frozen
+class Plausible:
+    """By how much something is wrong that is taken as exact, and what to say of it."""
+
+    about: str
+    unit: str  # of the scalars meant
+    size: float  # SI
+    # how it is taken, with the size as one would write it; what answers it
+    text: str
+    cure: str
+    in_scale: bool = False  # one of all forces, or of all sensors, is the scale, told by itself
+
+
+TAKEN_AS_EXACT: tuple[tuple[Kind, Plausible], ...] = (
+    # Runout of a ground journal; balancing standards allow the probes several times it.
+    (
+        runouts,
+        Plausible("runout", "m", 1e-6, "taken as 0: 1 um of it", "runout = true estimates it"),
+    ),
+    # A mark is glued on, and a filter of 9 kHz turns 9000 rpm by as much.
+    (
+        phases,
+        Plausible(
+            "rotor angle",
+            "rad",
+            np.pi / 180,
+            "taken as exact: 1 deg of it",
+            "directions count from the angle as given",
+        ),
+    ),
+    # What calibrating by hand reaches.
+    (
+        gains,
+        Plausible(
+            "gain",
+            "1",
+            0.01,
+            "taken as exact: 1 % of it",
+            "gain_std says how well it is known",
+            in_scale=True,
+        ),
+    ),
+    # A tenth of the sample time of many loggers, and the lag of a filter of 16 kHz.
+    (
+        delays,
+        Plausible(
+            "delay",
+            "s",
+            10e-6,
+            "taken as exact: 10 us of it",
+            'delay = { std = ".." } says how well it is known',
+        ),
+    ),
+)
+"""Kinds that are taken as exact where nobody asks for them, in the order in which they are told."""
