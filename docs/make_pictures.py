@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from rotorid import MaximumLikelihood, PeriodicRecord, Record, average, cli, identify, load_model
-from rotorid.commands.demo import NOISE
+from rotorid.commands.files import NOISE
 from rotorid.demo import run_demo
-from rotorid.demo.page import rms_panel
-from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, PERIODS, simulate_record
+from rotorid.demo.paper import FUNDAMENTAL, HARMONICS, PERIODS, rms_panel, simulate_record
 from rotorid.report.drawn import waves
 from rotorid.report.figure import figure_of
 from rotorid.report.panels import BLUE, GREY, Axis, Curve, Panel

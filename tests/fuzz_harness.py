@@ -37,8 +37,12 @@ LONGEST = 600  # characters of the one line of a refusal
 CODES = (0, 1, 2, 3)
 # What commands load when they are called: loaded once, before the children are made.
 LOADED = (
-    *(f"rotorid.commands.{name}" for name in ("identify", "inspect", "new", "models", "validate")),
-    *(f"rotorid.commands.{name}" for name in ("export", "report", "simulate", "modes", "balance")),
+    *(
+        f"rotorid.commands.{name}"
+        for name in ("identify", "inspect", "validate", "modes", "balance")
+    ),
+    *("rotorid.models", "rotorid.report.record_tables", "rotorid.experiment.draft"),
+    *("rotorid.rig.files", "rotorid.results.export", "rotorid.report.estimate_report"),
     *("rotorid.report.estimate_report", "rotorid.io.hdf5", "rotorid.io.mat", "sympy"),
     *("pyarrow.parquet", "nptdms", "pyuff", "asammdf", "matplotlib.pyplot", "scipy.io"),
 )

@@ -15,12 +15,10 @@ import pytest
 from working_folder import EXPERIMENT, write_record
 
 import rotorid as rid
-import rotorid.commands.demo
 import rotorid.commands.identify
 from rotorid import Value, cli, commands
 from rotorid.answer.contents import SourceFile
-from rotorid.commands.console import show
-from rotorid.commands.provenance import source_of
+from rotorid.commands.console import show, source_of
 from rotorid.core.tables import table
 
 
@@ -341,7 +339,7 @@ def test_an_interrupt_is_one_line_and_no_file(
     def interrupt(*_: object, **__: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(commands.demo, "run_machine", interrupt)
+    monkeypatch.setattr("rotorid.demo.levitated.run_machine", interrupt)
     # A shell starts what runs in the background with the signal ignored, these tests included.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -408,7 +406,7 @@ def test_files_of_holes_are_not_hashed(tmp_path: Path, monkeypatch: pytest.Monke
     assert time.process_time() - started < 1
     path.write_bytes(bytes(range(256)) * 100_000)
     assert source_of(path).sha256 != ""
-    monkeypatch.setattr("rotorid.commands.provenance.HASHED_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr("rotorid.commands.console.HASHED_BYTES", path.stat().st_size - 1)
     assert source_of(path).sha256 == ""
 
 

@@ -2,24 +2,22 @@
 
 import json
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
 
 from rotorid import InputError, average, identify, load_model
 from rotorid.core.watch import watched
-from rotorid.demo import DemoResult, findings, run_demo
-from rotorid.demo.findings import bias_share, ratio_of_errors
+from rotorid.demo import ESTIMATORS, DemoResult, findings, run_demo
 from rotorid.demo.paper import (
     COLUMNS,
-    ESTIMATORS,
     FUNDAMENTAL,
     HARMONICS,
     SPEED,
     TABLE,
+    bias_share,
     excitation,
-    printed_error,
+    ratio_of_errors,
     simulate_record,
 )
 
@@ -100,13 +98,10 @@ def test_500_runs() -> None:
     compared = {name: ESTIMATORS[name] for name in COLUMNS}
     result = run_demo(500, rng=np.random.default_rng(2024), estimators=compared)
     drawn = 0
-    for name in COLUMNS:
-        errors = np.abs(result.errors(name))
-        for row in TABLE:
-            low, high = np.percentile(errors[:, result.names.index(row.base)], (1, 99))
-            printed = printed_error(row, name)
-            assert printed is not None
-            assert low < printed < high, (name, row.base)
+    for column, name in enumerate(COLUMNS):
+        low, high = np.percentile(np.abs(result.errors(name)), (1, 99), axis=0)
+        for i, row in enumerate(TABLE):
+            assert low[i] < row.errors[column] < high[i], (name, row.base)
             drawn += 1
     assert drawn == 56
     for name in ("batch-100", "batch-10", "sequential"):
@@ -186,70 +181,44 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
     """A result with errors of a given bias and scatter in %, by estimator."""
     rng = np.random.default_rng(8)
     values, deviations = {}, {}
-    for name, (bias, scatter) in spread.items():
+    for name in demo.estimators:
+        bias, scatter = spread.get(name.replace("-", "_"), (0, 0.4))
         errors = bias + scatter * rng.standard_normal((runs, len(demo.truth)))
-        key = name.replace("_", "-")
-        values[key] = demo.truth * (1 + errors / 100)
-        deviations[key] = np.abs(demo.truth) * scatter / 100 * np.ones_like(errors)
+        values[name] = demo.truth * (1 + errors / 100)
+        deviations[name] = np.abs(demo.truth) * scatter / 100 * np.ones_like(errors)
     return replace(demo, values=values, deviations=deviations)
 
 
-def test_words_on_the_free_weight_follow_the_figures(demo: DemoResult) -> None:
-    better = imagined(demo, batch_100=(0, 0.2), batch_10=(0, 0.4))
-    assert "the ranking is reproduced" in " ".join(findings(better))
-    worse = imagined(demo, batch_100=(0, 0.4), batch_10=(0.2, 0.2))
-    assert "the ranking is reversed" in " ".join(findings(worse))
-    alike = imagined(demo, batch_100=(0, 0.3), batch_10=(0, 0.3))
-    assert "the ranking is not significant" in " ".join(findings(alike))
+@pytest.mark.parametrize(
+    ("spread", "said", "unsaid"),
+    [
+        ({"batch_100": (0, 0.2)}, "the ranking is reproduced", "reversed"),
+        ({"batch_10": (0.2, 0.2)}, "the ranking is reversed", "reproduced"),
+        ({}, "the ranking is not significant", "reproduced"),
+        (
+            {"ls": (-1.2, 0.4)},
+            "Bias is 90 % of the mean square error of ls, and 0 % of that of batch-100",
+            "no bias",
+        ),
+        ({"ls": (-1.2, 0.4)}, "14 of 14 parameters come out too small", "no bias"),
+        ({"ls": (0, 0.2)}, "Bias is 0 % of", "too small"),
+        ({"sequential": (0, 4)}, "rms errors is", "errors is 1.0"),
+        ({}, "times the standard deviation that each estimate states", "one record"),
+    ],
+)
+def test_words_follow_the_figures(demo: DemoResult, spread, said: str, unsaid: str) -> None:
+    sentences = findings(imagined(demo, **spread))
+    assert len(sentences) == 5
+    assert said in " ".join(sentences)
+    assert unsaid not in " ".join(sentences)
 
 
-def test_words_on_least_squares_follow_the_figures(demo: DemoResult) -> None:
-    biased = imagined(demo, batch_100=(0, 0.4), ls=(-1.2, 0.4))
-    text = " ".join(findings(biased))
-    assert "Bias is 90 % of the mean square error of ls, and 0 % of that of batch-100" in text
-    assert "14 of 14 parameters come out too small" in text
-    fair = imagined(demo, batch_100=(0, 0.4), ls=(0, 0.2))
-    assert "too small" not in " ".join(findings(fair))
-
-
-def test_words_on_the_sequential_estimator_follow_the_figures(demo: DemoResult) -> None:
-    other = findings(imagined(demo, batch_100=(0, 0.4), sequential=(0, 0.8)))
-    assert any("rms errors is 2.0" in one or "rms errors is 1.9" in one for one in other)
-
-
-def test_words_on_deviations_follow_the_figures(demo: DemoResult) -> None:
-    result = imagined(demo, batch_100=(0, 0.4))
-    assert "is 0.9" in findings(result)[-1]
-    assert "times the standard deviation that each estimate states" in findings(result)[-1]
-
-
-def test_few_runs_say_so(demo: DemoResult) -> None:
-    sentences = findings(imagined(demo, runs=3, batch_100=(0, 0.4), batch_10=(0, 0.4)))
-    assert len(sentences) == 2
-    assert "cannot tell bias from scatter" in sentences[-1]
-    alone = findings(imagined(demo, runs=1, batch_100=(0, 0.4)))
-    assert "over one record" in alone[0]
-
-
-def test_deviation_of_a_ratio_of_rms_errors(demo: DemoResult) -> None:
-    """log(rms) of n normal errors has variance 1 / (2 n); two of them, independent, 1 / n."""
-    result = imagined(demo, batch_100=(0, 0.4), batch_10=(0, 0.2))
-    mean, deviation = ratio_of_errors(result, "batch-100", "batch-10")
-    assert mean == pytest.approx(np.log(2), abs=4 / 20 / np.sqrt(14))
-    assert deviation == pytest.approx(1 / 20 / np.sqrt(14), rel=0.3)
-
-
-def test_share_of_bias(demo: DemoResult) -> None:
-    result = imagined(demo, runs=2000, batch_100=(0.3, 0.4), ls=(0, 0.4))
-    np.testing.assert_allclose(bias_share(result, "batch-100"), 0.09 / 0.25, atol=0.05)
-    np.testing.assert_allclose(bias_share(result, "ls"), 0, atol=0.01)
-
-
-def test_ten_records_tell_bias_from_scatter(demo: DemoResult) -> None:
-    few = findings(imagined(demo, runs=9, batch_100=(0, 0.4), batch_10=(0, 0.4)))
-    assert "cannot tell bias from scatter" in few[-1]
-    enough = findings(imagined(demo, runs=10, batch_100=(0, 0.4), batch_10=(0, 0.4)))
-    assert "cannot tell bias from scatter" not in " ".join(enough)
+@pytest.mark.parametrize(("runs", "enough"), [(1, False), (9, False), (10, True)])
+def test_ten_records_tell_bias_from_scatter(demo: DemoResult, runs: int, enough: bool) -> None:
+    sentences = findings(imagined(demo, runs=runs))
+    assert ("cannot tell bias from scatter" not in sentences[-1]) == enough
+    assert len(sentences) == (5 if enough else 2)
+    assert ("over one record" in sentences[0]) == (runs == 1)
 
 
 @pytest.mark.parametrize(
@@ -264,7 +233,18 @@ def test_ten_records_tell_bias_from_scatter(demo: DemoResult) -> None:
 def test_a_difference_counts_from_two_standard_errors(
     demo: DemoResult, monkeypatch: pytest.MonkeyPatch, mean: float, verdict: str
 ) -> None:
-    module = import_module("rotorid.demo.findings")
-    monkeypatch.setattr(module, "ratio_of_errors", lambda *_: (mean, 0.1))
-    result = imagined(demo, runs=20, batch_100=(0, 0.4), batch_10=(0, 0.4))
-    assert f"the ranking {verdict}" in " ".join(findings(result))
+    monkeypatch.setattr("rotorid.demo.paper.ratio_of_errors", lambda *_: (mean, 0.1))
+    assert f"the ranking {verdict}" in findings(imagined(demo, runs=20))[3]
+
+
+def test_deviation_of_a_ratio_of_rms_errors(demo: DemoResult) -> None:
+    """log(rms) of n normal errors has variance 1 / (2 n); two of them, independent, 1 / n."""
+    mean, deviation = ratio_of_errors(imagined(demo, batch_10=(0, 0.2)), "batch-100", "batch-10")
+    assert mean == pytest.approx(np.log(2), abs=4 / 20 / np.sqrt(14))
+    assert deviation == pytest.approx(1 / 20 / np.sqrt(14), rel=0.3)
+
+
+def test_share_of_bias(demo: DemoResult) -> None:
+    result = imagined(demo, runs=2000, batch_100=(0.3, 0.4))
+    np.testing.assert_allclose(bias_share(result, "batch-100"), 0.09 / 0.25, atol=0.05)
+    np.testing.assert_allclose(bias_share(result, "ls"), 0, atol=0.01)

@@ -3,6 +3,7 @@
 import builtins
 import struct
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +31,16 @@ COMMANDS = {
 }
 # What each command calls first, and what it calls for the most of its work.
 WORK = {
-    "identify": ("load_experiment", "identify"),
-    "inspect": ("inspect_experiment",),
-    "validate": ("load_estimate", "channel_errors"),
-    "report": ("load_estimate", "estimate_report"),
-    "export": ("load_estimate", "exported"),
-    "simulate": ("load_rig", "record_bytes", "experiment_text"),
-    "new": ("draft",),
-    "models": ("load_model",),
-    "schema": ("json_schema",),
-    "demo": ("run_demo",),
+    "identify": ("commands.identify.load_experiment", "commands.identify.identify"),
+    "inspect": ("commands.inspect.inspect_experiment",),
+    "validate": ("commands.validate.load_estimate", "commands.validate.channel_errors"),
+    "report": ("answer.result_file.load_estimate", "report.estimate_report.estimate_report"),
+    "export": ("answer.result_file.load_estimate", "results.export.exported"),
+    "simulate": ("rig.file.load_rig", "rig.files.record_bytes", "rig.files.experiment_text"),
+    "new": ("experiment.draft.draft",),
+    "models": ("models.load_model",),
+    "schema": ("core.toml.json_schema",),
+    "demo": ("demo.paper.run_demo",),
 }
 ERRORS = {
     WRONG_INPUT: [
@@ -130,10 +131,11 @@ def test_an_error_is_one_line(
     command: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = sorted(here.iterdir())
-    module = import_module(f"rotorid.commands.{command}")
+    own = find_spec(f"rotorid.commands.{command}")
+    module = import_module(f"rotorid.commands.{command}" if own else "rotorid.commands.files")
     for code, error in CASES:
         with monkeypatch.context() as patch:
-            patch.setattr(module, "run", raiser(error))
+            patch.setattr(module, "run" if own else command, raiser(error))
             assert cli.run([command, *COMMANDS[command]]) == code, error
         assert "--debug" in one_line(capsys) or code == WRONG_INPUT
     assert sorted(here.iterdir()) == before
@@ -152,7 +154,7 @@ def test_wherever_it_is_raised(
     before = sorted(here.iterdir())
     for name in WORK[command]:
         with monkeypatch.context() as patch:
-            patch.setattr(f"rotorid.commands.{command}.{name}", raiser(error))
+            patch.setattr(f"rotorid.{name}", raiser(error))
             assert cli.run([command, *COMMANDS[command]]) in (NO_ANSWER, WRONG_INPUT)
         one_line(capsys)
         assert sorted(here.iterdir()) == before

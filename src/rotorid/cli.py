@@ -1,7 +1,7 @@
 """The command line: what commands there are, their options, and what an error becomes.
 
 Nothing here does work or loads what works: each command is handed to the module of its name in
-`rotorid.commands`, which is imported then.
+`rotorid.commands`, or to the function of its name in `files` there, which is imported then.
 """
 
 from __future__ import annotations
@@ -34,15 +34,18 @@ _FILE = click.Path(path_type=Path)
 _HERE = Path(__file__).parent
 _METHOD = click.Choice(["ls", "batch", "sequential", "ml"])
 _PLANE = "A place, or the pair of coordinates or inputs of its force: x2,y2. Again for more."
+_OF_FILES = ("demo", "export", "models", "new", "report", "schema", "simulate")
+_Command = Callable[..., Any]
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
 def _work(command: str, *, quiet: bool = False, **options: Any) -> int:
-    """Load the module of a command and run it, without its tables where nobody reads them."""
+    """Load what does the work of a command and run it, without tables where nobody reads them."""
     targets = (*options.values(), *options.get("answer", ()))
     with progress(quiet), silence(quiet or STDOUT in targets):
         watch("loading")
-        work: Callable[..., int] = import_module(f"rotorid.commands.{command}").run
+        module, name = ("files", command) if command in _OF_FILES else (command, "run")
+        work: Callable[..., int] = getattr(import_module(f"rotorid.commands.{module}"), name)
         # What is beyond all bounds is told by the checks of an answer, not by numpy on stderr.
         with import_module("numpy").errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:
@@ -84,6 +87,7 @@ _json_option = click.option(
     help="Write the result (JSON); - writes it, and nothing else, to the standard output.",
 )
 _report_option = click.option("--report", type=_FILE, help="Write a report (HTML).")
+_experiment, _result = (click.argument(name, type=_FILE) for name in ("experiment", "result"))
 _record_option = click.option(
     "--record",
     type=click.IntRange(min=0),
@@ -92,18 +96,13 @@ _record_option = click.option(
 )
 
 
-def _output_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Give a command the options of where its answer goes; it takes them as one."""
-    kind = Kind(f"rotorid {command.__name__} --json")
+def _answers(command: _Command) -> _Command:
+    """Give a command the options of where its answer goes."""
+    return _report_option(_json_option(_writes(command)))
 
-    @click.pass_obj
-    @wraps(command)
-    def work(
-        given: str, /, json: Path | None, report: Path | None, force: bool, **options: Any
-    ) -> int:
-        return command(answer=Outputs(json, report, force, given, kind), **options)
 
-    return _report_option(_json_option(_force_option(_quiet_option(_debug_option(work)))))
+def _writes(command: _Command) -> _Command:
+    return _quiet_option(_force_option(_debug_option(command)))
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -128,9 +127,24 @@ def cli() -> None:
     """Physical parameters of magnetically levitated rotors, from measured forces and positions."""
 
 
-def _command(summary: str, example: str) -> Callable[..., click.Command]:
-    """Return what makes a command of a function: its line in the list, and its example."""
-    return cli.command(short_help=summary, epilog=f"\b\nExample:\n  {example}")
+def _command(summary: str, example: str) -> Callable[[Callable[[], None]], click.Command]:
+    """Make a command of a function: its name, its help, its line in the list, its example."""
+
+    def make(command: Callable[[], None]) -> click.Command:
+        name = command.__name__
+
+        @click.pass_obj
+        @wraps(command)
+        def work(given: str, /, **options: Any) -> int:
+            if "json" in options:
+                json, report, force = (options.pop(key) for key in ("json", "report", "force"))
+                kind = Kind(f"rotorid {name} --json")
+                options["answer"] = Outputs(json, report, force, given, kind)
+            return _work(name, **options)
+
+        return cli.command(short_help=summary, epilog=f"\b\nExample:\n  {example}")(work)
+
+    return make
 
 
 @_command(
@@ -145,31 +159,29 @@ def _command(summary: str, example: str) -> Callable[..., click.Command]:
     help="Records of the paper's example, each with its own noise.",
 )
 @click.option("--machine", type=_FILE, help="Write the report of the levitated machine (HTML).")
-@_output_options
-def demo(**options: Any) -> int:
+@_answers
+def demo() -> None:
     """Identify a levitated machine, its truth beside the answer; then the paper's example.
 
     The machine is known by the sensors and currents of its bearings alone. Of the paper's example
     the Table 1 is printed beside the paper's; --json and --report are of it.
     """
-    return _work("demo", **options)
 
 
 @_command(
     "What is in the records of an experiment.", "rotorid inspect run.toml --report inspect.html"
 )
-@click.argument("experiment", type=_FILE)
-@_output_options
-def inspect(**options: Any) -> int:
+@_experiment
+@_answers
+def inspect() -> None:
     """Say what is in the records of EXPERIMENT, a draft too, before identifying."""
-    return _work("inspect", **options)
 
 
 @_command(
     "Estimate the parameters of a machine from its records.",
     "rotorid identify run.toml --json run.json --report run.html",
 )
-@click.argument("experiment", type=_FILE)
+@_experiment
 @click.option("--method", type=_METHOD, help="In place of the file's.")
 @click.option(
     "--effort",
@@ -178,23 +190,21 @@ def inspect(**options: Any) -> int:
 )
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals in place of deviations.")
 @click.option("--strict", is_flag=True, help="Exit with 3 where the answer is doubtful, too.")
-@_output_options
-def identify(**options: Any) -> int:
+@_answers
+def identify() -> None:
     """Estimate the parameters of a machine from the records that EXPERIMENT names.
 
     Ctrl-C ends a search that takes long with the best answer so far. The exit code is 0 where the
     status is ok, 3 where it is rejected, and 1 where there is no answer.
     """
-    return _work("identify", **options)
 
 
 @_command("Predict other records with a result.", "rotorid validate run.json other-run.toml")
-@click.argument("result", type=_FILE)
-@click.argument("experiment", type=_FILE)
-@_output_options
-def validate(**options: Any) -> int:
+@_result
+@_experiment
+@_answers
+def validate() -> None:
     """Predict the records in EXPERIMENT with RESULT, a file of identify --json."""
-    return _work("validate", **options)
 
 
 @_command(
@@ -205,17 +215,16 @@ def validate(**options: Any) -> int:
 @click.option("--speed", default="0 rpm", show_default=True, help='Such as "8400 rpm".')
 @click.option("--to", help="A speed: Campbell diagram and critical speeds up to there.")
 @_record_option
-@_output_options
-def modes(**options: Any) -> int:
+@_answers
+def modes() -> None:
     """Natural frequencies, damping and whirl of a result, a model file or a shipped model."""
-    return _work("modes", **options)
 
 
 @_command(
     "Correction masses in some planes, and what they leave.",
     'rotorid balance run.json --plane x1,y1 --plane x3,y3 --radius "30 mm"',
 )
-@click.argument("result", type=_FILE)
+@_result
 @click.argument("more", nargs=-1, metavar="")
 @click.option("--plane", "planes", multiple=True, metavar="P", help=_PLANE)
 @click.option("--speed", multiple=True, help='Such as "8400 rpm"; else those of the records.')
@@ -224,48 +233,40 @@ def modes(**options: Any) -> int:
 @click.option("--masses", help='Those that there are, such as "0.5 g, 1 g, 2 g".')
 @click.option("--holes", type=int, help="Places for a mass in each plane, the first at 0 deg.")
 @_record_option
-@_output_options
-def balance(**options: Any) -> int:
+@_answers
+def balance() -> None:
     """Correction masses in some planes for RESULT, and the unbalance that is left."""
-    return _work("balance", **options)
 
 
 @_command(
     "Sensitivity of the loops after ISO 14839-3, and its zone.",
     "rotorid sensitivity sweep.toml --report sensitivity.html",
 )
-@click.argument("experiment", type=_FILE)
+@_experiment
 @click.option("--pair", multiple=True, metavar="E=R", help="An input, and its reference.")
-@_output_options
-def sensitivity(**options: Any) -> int:
+@_answers
+def sensitivity() -> None:
     """Sensitivity of the loops after ISO 14839-3, from EXPERIMENT with references."""
-    return _work("sensitivity", **options)
 
 
 @_command("Write the report of a result again (HTML).", "rotorid report run.json --out run.html")
-@click.argument("result", type=_FILE)
+@_result
 @click.option("--out", type=_FILE, help="The report (HTML); else RESULT with the ending .html.")
-@_quiet_option
-@_force_option
-@_debug_option
-def report(**options: Any) -> int:
+@_writes
+def report() -> None:
     """Write the report of RESULT again, a file of identify --json."""
-    return _work("report", **options)
 
 
 @_command(
     "Write a result for other programs: CSV, MATLAB, TeX, JSON.",
     "rotorid export run.json --to run.mat",
 )
-@click.argument("result", type=_FILE)
+@_result
 @click.option("--to", "target", required=True, type=_FILE, help="A file .csv, .mat, .tex, .json.")
 @click.option("--speed", default="0 rpm", show_default=True, help="Of the state space.")
-@_quiet_option
-@_force_option
-@_debug_option
-def export(**options: Any) -> int:
+@_writes
+def export() -> None:
     """Write the parameters of RESULT, and their covariance, for other programs."""
-    return _work("export", **options)
 
 
 @_command("Record a levitated rig as a logger does.", "rotorid simulate three-mass --out run.h5")
@@ -274,12 +275,9 @@ def export(**options: Any) -> int:
 @click.option("--seed", type=click.IntRange(min=0), help="Of the noise, in place of the file's.")
 @click.option("--fault", multiple=True, metavar="NAME[=SIZE]", help="What the rig has besides.")
 @click.option("--faults", is_flag=True, help="List the faults.")
-@_quiet_option
-@_force_option
-@_debug_option
-def simulate(**options: Any) -> int:
+@_writes
+def simulate() -> None:
     """Run the levitated RIG, a file or a shipped one, and record it as a logger does."""
-    return _work("simulate", **options)
 
 
 @_command(
@@ -294,17 +292,15 @@ def simulate(**options: Any) -> int:
 @click.option("--out", type=_FILE, help="The experiment file to write; else it is printed.")
 @_force_option
 @_debug_option
-def new(**options: Any) -> int:
+def new() -> None:
     """Write a draft experiment file for the records in FILE, with what is left to say."""
-    return _work("new", **options)
 
 
 @_command("List the shipped models, or show one.", "rotorid models three-mass")
 @click.argument("name", required=False, shell_complete=_names_in("models"))
 @_debug_option
-def models(**options: Any) -> int:
+def models() -> None:
     """List the shipped models; or show the equations and parameters of NAME, or of a file."""
-    return _work("models", **options)
 
 
 @_command(
@@ -315,9 +311,8 @@ def models(**options: Any) -> int:
 @click.option("--out", type=_FILE, help="The file to write (JSON); else it is printed.")
 @_force_option
 @_debug_option
-def schema(**options: Any) -> int:
+def schema() -> None:
     """Write the JSON Schema of a kind of FILE, with which an editor completes and underlines."""
-    return _work("schema", **options)
 
 
 def run(arguments: Sequence[str]) -> int:

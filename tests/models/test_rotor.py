@@ -11,7 +11,7 @@ from rotor_files import random_rotor, uniform
 
 import rotorid as rid
 import rotorid.models
-from rotorid.commands.models import run
+from rotorid.commands.files import models
 from rotorid.data.observation import bind_all
 from rotorid.force.channel_dynamics import UNKNOWN, Constant, FirstOrder
 from rotorid.likelihood import fit as fitting
@@ -402,7 +402,7 @@ def test_what_is_told_of_a_reduction_that_is_too_coarse_is_what_it_does(monkeypa
 
 
 def test_the_page_of_a_rotor_shows_its_drawing_and_its_mass(capsys):
-    run("flexible")
+    models("flexible")
     page = capsys.readouterr().out
     assert "D disc, A actuator, s sensor, u unbalance" in page
     assert "4.1668 kg" in page

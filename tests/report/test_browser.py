@@ -13,8 +13,7 @@ from browser import Browser, browser
 import rotorid as rid
 from rotorid import cli, with_evidence
 from rotorid.demo import run_demo
-from rotorid.demo.page import demo_report
-from rotorid.demo.paper import simulate_record
+from rotorid.demo.paper import demo_report, simulate_record
 from rotorid.report.estimate_report import estimate_report
 from rotorid.report.machines import sensitivity_report
 from rotorid.results.sensitivity import AxisSensitivity

@@ -32,8 +32,7 @@ from rotorid import (
 from rotorid.answer.contents import Evidence, Prior, SourceFile
 from rotorid.answer.validation import ChannelError
 from rotorid.demo import DemoResult, findings, run_demo
-from rotorid.demo.page import demo_report
-from rotorid.demo.paper import TABLE
+from rotorid.demo.paper import TABLE, demo_report
 from rotorid.report.estimate_report import estimate_report, figures, groups, relations
 from rotorid.report.records import validation_report
 from rotorid.results.evidence import record_evidence

@@ -9,8 +9,7 @@ from typing import Any
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import Outputs
-from rotorid.commands.provenance import done
+from rotorid.commands.console import Outputs, done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.toml import table_within

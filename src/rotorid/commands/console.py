@@ -9,10 +9,12 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from hashlib import file_digest
 from pathlib import Path
+from platform import python_version
 from threading import Timer
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
@@ -26,15 +28,20 @@ from rotorid.core.files import (
     Content,
     Kind,
     Seen,
+    check_regular,
     check_target,
+    is_hollow,
     seen,
     write_files,
 )
+from rotorid.core.limits import HASHED_BYTES
 from rotorid.core.tables import Page, page_text
 from rotorid.core.watch import Pace, watch, watched, words
 
 if TYPE_CHECKING:
     from rich.live import Live
+
+    from rotorid.answer.contents import SourceFile
 
 Output = tuple[Path | None, Content]
 _COLOURS = {
@@ -306,3 +313,33 @@ def _finite(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [_finite(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def done(given: str, files: Sequence[Path]) -> list[str]:
+    from rotorid import __version__  # its look-up takes its time
+
+    there = [path for path in dict.fromkeys(files) if path.is_file()]
+    sums = (source_of(path) for path in there)
+    return [
+        given,
+        f"rotorid {__version__}, {environment()}",
+        *(f"{s.file}: sha256 {s.sha256 or 'not taken'}" for s in sums),
+    ]
+
+
+def environment() -> str:
+    import numpy as np  # which --help does without
+    import scipy
+
+    return f"Python {python_version()}, numpy {np.__version__}, scipy {scipy.__version__}"
+
+
+def source_of(path: Path) -> SourceFile:
+    """Return a file with its sha256; without it, where it is beyond measure or made of holes."""
+    from rotorid.answer.contents import SourceFile
+
+    found = check_regular(path)
+    if is_hollow(found) or found.st_size > HASHED_BYTES:
+        return SourceFile(str(path), "")
+    with path.open("rb") as stream:
+        return SourceFile(str(path), file_digest(stream, "sha256").hexdigest())

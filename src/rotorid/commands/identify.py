@@ -10,8 +10,7 @@ from rotorid.answer.contents import Provenance
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import Estimator, identify
 from rotorid.commands import NO_ANSWER, OK, REJECTED
-from rotorid.commands.console import Outputs
-from rotorid.commands.provenance import environment, source_of
+from rotorid.commands.console import Outputs, environment, source_of
 from rotorid.core.errors import naming
 from rotorid.core.files import check_apart
 from rotorid.core.frozen import frozen

@@ -10,8 +10,7 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import Outputs
-from rotorid.commands.provenance import done
+from rotorid.commands.console import Outputs, done
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch
 from rotorid.models import Model, load_model

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rotorid.commands import OK
-from rotorid.commands.console import Outputs
-from rotorid.commands.provenance import done
+from rotorid.commands.console import Outputs, done
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.watch import watch

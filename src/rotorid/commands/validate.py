@@ -13,8 +13,7 @@ from rotorid.answer.estimate import Estimate
 from rotorid.answer.result_file import load_estimate
 from rotorid.answer.validation import ChannelError, at_best_phase, channel_errors, verdict_of
 from rotorid.commands import NO_ANSWER, OK
-from rotorid.commands.console import Outputs
-from rotorid.commands.provenance import done, source_of
+from rotorid.commands.console import Outputs, done, source_of
 from rotorid.core.errors import InputError, naming
 from rotorid.core.files import check_apart
 from rotorid.core.tables import Page

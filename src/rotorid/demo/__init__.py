@@ -1,6 +1,5 @@
-"""The paper's numerical example, run many times: every estimator against the truth."""
+"""A levitated machine beside its truth, and the paper's example by every estimator."""
 
-from rotorid.demo.findings import findings
-from rotorid.demo.paper import ESTIMATORS, DemoResult, run_demo
+from rotorid.demo.paper import ESTIMATORS, DemoResult, findings, run_demo
 
 __all__ = ["ESTIMATORS", "DemoResult", "findings", "run_demo"]

@@ -7,6 +7,7 @@ and start some per cent off.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -15,10 +16,13 @@ import numpy as np
 from rotorid.answer.estimate import Estimate
 from rotorid.answer.identify import identify
 from rotorid.core.frozen import frozen
-from rotorid.data.record import Drive, PeriodicRecord
+from rotorid.core.tables import Page, Table, table
+from rotorid.data.record import PeriodicRecord
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.models import Model
 from rotorid.models.constraints import Constraint
+from rotorid.report.estimate_report import estimate_report, verdict_of
+from rotorid.results.evidence import with_evidence
 from rotorid.rig.file import load_rig
 from rotorid.signals.average import average
 from rotorid.signals.inspection import Inspection, inspect_record
@@ -54,10 +58,12 @@ def run_machine(rng: np.random.Generator) -> MachineResult:
     laws = {name: part.law.linearize() for name, part in rig.actuators.items() if part.law}
     truth = {**rig.values, **{f"ki[{name}]": law.ki for name, law in laws.items()}}
     truth["ks"] = next(iter(laws.values())).ks
-    channels = tuple(
-        c if c.drive is None else replace(c, drive=_stated(c.drive)) for c in record.channels
-    )
-    record = replace(record, channels=channels)
+    stated = [
+        c.drive and replace(c.drive, ki=STATED * c.drive.ki, ks=STATED * c.drive.ks)
+        for c in record.channels
+    ]
+    channels = [replace(c, drive=d) for c, d in zip(record.channels, stated, strict=True)]
+    record = replace(record, channels=tuple(channels))
     periods = average(record, FUNDAMENTAL, harmonics=HARMONICS)
     total = sum(rig.values[name] for name in ("m1", "m2", "m3"))
     known = MaximumLikelihood(
@@ -72,6 +78,35 @@ def run_machine(rng: np.random.Generator) -> MachineResult:
     )
 
 
-def _stated(drive: Drive) -> Drive:
-    """Return the law of a bearing as a data sheet may have it."""
-    return replace(drive, ki=STATED * drive.ki, ks=STATED * drive.ks)
+def machine_page(result: MachineResult) -> Page:
+    """Return what was done, in sentences, and every quantity beside its truth."""
+    periods, seconds = result.periods, result.periods.periods / result.periods.fundamental
+    fixed = [f"{v.name} = {v.value:g} {v.unit}" for v in result.estimate.parameters if v.fixed]
+    return [
+        "A levitated rotor from its bearings: four position sensors, four coil currents",
+        f"simulated: {seconds:g} s at {periods.sample_rate:g} Hz, "
+        f"{periods.speed * 30 / math.pi:.0f} rpm, under a controller",
+        f"inspected: {result.inspection.verdict}. {result.inspection.sentence}",
+        f"known beforehand: {', '.join(fixed)}, {MASS} by a scale; the constants of the bearings "
+        f"were stated {100 * (1 - STATED):.0f} % too small, and are unknown",
+        f"identified: {verdict_of(result.estimate).sentence}",
+        beside_the_truth(result),
+    ]
+
+
+def beside_the_truth(result: MachineResult) -> Table:
+    rows = []
+    for value in result.estimate.free:
+        if value.name not in result.truth or not value.std:
+            continue
+        truth = result.truth[value.name]
+        off = (value.value - truth) / value.std
+        size = f"{100 * value.std / abs(truth):.2g}"
+        unit = "" if value.unit == "1" else value.unit
+        rows.append((value.name, f"{truth:.6g}", f"{value.value:.6g}", size, f"{off:+.1f}", unit))
+    return table(("parameter", "true", "found", "std %", "off by std", "unit"), rows)
+
+
+def machine_report(result: MachineResult) -> str:
+    found = with_evidence(result.estimate, result.model, result.periods, result.estimator)
+    return estimate_report(found)

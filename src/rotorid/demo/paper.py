@@ -13,14 +13,16 @@ N m^2 and N m^3).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 from threadpoolctl import threadpool_limits
 
 from rotorid.answer.identify import Estimator, identify
 from rotorid.core.errors import InputError
 from rotorid.core.frozen import frozen
+from rotorid.core.tables import Page, Table, table
 from rotorid.core.values import Floats
 from rotorid.core.watch import counting, silent, watched
 from rotorid.data.record import Record
@@ -28,6 +30,8 @@ from rotorid.likelihood.bound import Plan, predict_accuracy
 from rotorid.likelihood.estimator import MaximumLikelihood
 from rotorid.linear.estimators import Batch, LeastSquares, Sequential
 from rotorid.models import Model, load_model
+from rotorid.report.html import Passage, answer
+from rotorid.report.panels import BLUE, GREEN, GREY, PINK, RED, SKY, Axis, Curve, Panel
 from rotorid.rig.steady_state import simulate
 from rotorid.signals.average import average
 
@@ -58,57 +62,30 @@ COLUMNS = {
 }
 
 
-@frozen
-class PaperRow:
+class PaperRow(NamedTuple):
     base: str  # name of the base parameter of the model `three-mass`
-    quantity: str  # what the paper lists
-    unit: str  # of the paper's quantity
+    unit: str  # of what the paper lists
     true: float  # as printed
-    errors: tuple[float, float, float, float]  # |error| in % of one run, in the order of `COLUMNS`
-    speed_power: int = 0  # the paper's quantity is the base parameter times Omega to this power
+    errors: tuple[float, ...]  # |error| in % of one run, in the order of `COLUMNS`
+    speed_power: int = 0  # the paper lists the base parameter times Omega to this power
 
 
 TABLE = (
-    PaperRow("m1", "m1", "kg", 8.3339e-01, (0.120, 0.177, 0.150, 0.963)),
-    PaperRow("m2", "m2", "kg", 1.1322e01, (0.219, 0.298, 0.223, 1.245)),
-    PaperRow("m3", "m3", "kg", 8.3339e-01, (0.268, 0.350, 0.287, 1.266)),
-    PaperRow("I_t", "I_t", "kg m^2", 2.5425e-02, (0.182, 0.222, 0.157, 0.986)),
-    PaperRow("k1", "k1", "N/m", 8.8357e05, (0.119, 0.178, 0.139, 0.996)),
-    PaperRow("k2", "k2", "N/m", 8.8357e05, (0.305, 0.403, 0.311, 1.466)),
-    PaperRow("k1*L1", "k1 L1", "N", 2.6507e05, (0.194, 0.243, 0.214, 1.014)),
-    PaperRow("k2*L2", "k2 L2", "N", 2.6507e05, (0.259, 0.362, 0.259, 1.430)),
-    PaperRow(
-        "k1*L1^2 + k2*L2^2",
-        "k1 L1^2 + k2 L2^2",
-        "N m",
-        1.5904e05,
-        (0.229, 0.306, 0.220, 1.225),
-    ),
-    PaperRow("I_p", "I_p", "kg m^2", 4.8275e-02, (0.308, 0.344, 0.357, 1.042)),
-    PaperRow("m2*xi", "xi m2 Omega^2", "N", 7.7112e01, (0.031, 0.045, 0.048, 0.956), 2),
-    PaperRow("m2*zeta", "zeta m2 Omega^2", "N", 1.3356e02, (0.352, 0.430, 0.346, 1.372), 2),
-    PaperRow(
-        "I_t*mu - I_p*mu",
-        "mu (I_t - I_p) Omega^2",
-        "N m",
-        -1.3145e00,
-        (1.389, 1.692, 1.340, 3.868),
-        2,
-    ),
-    PaperRow(
-        "I_t*eta - I_p*eta",
-        "eta (I_t - I_p) Omega^2",
-        "N m",
-        -2.2767e00,
-        (0.984, 0.943, 0.910, 1.202),
-        2,
-    ),
+    PaperRow("m1", "kg", 0.83339, (0.120, 0.177, 0.150, 0.963)),
+    PaperRow("m2", "kg", 11.322, (0.219, 0.298, 0.223, 1.245)),
+    PaperRow("m3", "kg", 0.83339, (0.268, 0.350, 0.287, 1.266)),
+    PaperRow("I_t", "kg m^2", 0.025425, (0.182, 0.222, 0.157, 0.986)),
+    PaperRow("k1", "N/m", 8.8357e05, (0.119, 0.178, 0.139, 0.996)),
+    PaperRow("k2", "N/m", 8.8357e05, (0.305, 0.403, 0.311, 1.466)),
+    PaperRow("k1*L1", "N", 2.6507e05, (0.194, 0.243, 0.214, 1.014)),
+    PaperRow("k2*L2", "N", 2.6507e05, (0.259, 0.362, 0.259, 1.430)),
+    PaperRow("k1*L1^2 + k2*L2^2", "N m", 1.5904e05, (0.229, 0.306, 0.220, 1.225)),
+    PaperRow("I_p", "kg m^2", 0.048275, (0.308, 0.344, 0.357, 1.042)),
+    PaperRow("m2*xi", "N", 77.112, (0.031, 0.045, 0.048, 0.956), 2),
+    PaperRow("m2*zeta", "N", 133.56, (0.352, 0.430, 0.346, 1.372), 2),
+    PaperRow("I_t*mu - I_p*mu", "N m", -1.3145, (1.389, 1.692, 1.340, 3.868), 2),
+    PaperRow("I_t*eta - I_p*eta", "N m", -2.2767, (0.984, 0.943, 0.910, 1.202), 2),
 )
-
-
-def printed_error(row: PaperRow, estimator: str) -> float | None:
-    """Return the error in % that the paper prints for an estimator; None where it has none."""
-    return dict(zip(COLUMNS, row.errors, strict=True)).get(estimator)
 
 
 @frozen
@@ -117,8 +94,7 @@ class DemoResult:
 
     units: tuple[str, ...]
     truth: Floats  # (base,)
-    # mapping of estimator name to array, shape (run, base): estimates and the standard deviations
-    # that they state
+    # by the name of an estimator, shape (run, base): estimates, and the deviations they state
     values: Mapping[str, Floats]
     deviations: Mapping[str, Floats]
     # (base,): the least standard deviation that an unbiased estimate can have (Cramer and Rao)
@@ -135,6 +111,10 @@ class DemoResult:
     @property
     def runs(self) -> int:
         return min(len(values) for values in self.values.values())
+
+    @property
+    def records(self) -> str:
+        return f"{self.runs} records" if self.runs > 1 else "one record"
 
     def errors(self, estimator: str) -> Floats:
         return 100 * (self.values[estimator] / self.truth - 1)
@@ -191,9 +171,8 @@ def excitation(model: Model) -> Floats:
 
 def demo_plan(model: Model) -> Plan:
     line = AMPLITUDE * (1 - 1j) / 2  # of a sine and a cosine
-    shares = [SHARES[name] for name in model.inputs]
     return Plan(
-        forces=np.outer(np.full(len(HARMONICS), line), shares),
+        forces=np.full((len(HARMONICS), 1), line) * [SHARES[name] for name in model.inputs],
         harmonics=HARMONICS,
         fundamental=FUNDAMENTAL,
         sample_rate=SAMPLE_RATE,
@@ -250,3 +229,178 @@ def run_demo(
     least = predict_accuracy(model, demo_plan(model), MaximumLikelihood(base=True))
     bound = np.array([least.std(name) for name in names], dtype=float)
     return DemoResult(tuple(model.base.units[i] for i in order), truth, values, deviations, bound)
+
+
+ENOUGH = 10  # records, below which bias cannot be told from scatter
+FIRM = 2.0  # standard errors from which on a difference counts
+
+
+def findings(result: DemoResult) -> list[str]:
+    """Return what the figures show, in five sentences that follow from them."""
+    ratios = ((name, result.rms(name) / result.bound_percent) for name in by_merit(result))
+    told = ", ".join(f"{name} {over.min():.2f} to {over.max():.2f}" for name, over in ratios)
+    bound = (
+        f"The rms errors of the {len(result.names)} base parameters over {result.records}, as "
+        f"multiples of the Cramer-Rao bound: {told}."
+    )
+    if result.runs < ENOUGH:
+        return [bound, f"Fewer than {ENOUGH} records cannot tell bias from scatter."]
+    share, other = (100 * np.median(bias_share(result, name)) for name in ("ls", "batch-100"))
+    bias = (
+        f"Bias is {share:.0f} % of the mean square error of ls, and {other:.0f} % of that of "
+        "batch-100 (median over the parameters)"
+    )
+    if share >= 50:
+        small = int((result.bias("ls") < 0).sum())
+        bias += (
+            f": ls treats the noisy positions as exact, so that {small} of {len(result.names)} "
+            "parameters come out too small, and its deviations do not cover the bias"
+        )
+    honest = [name for name in result.estimators if name != "ls"]  # bias is in no deviation
+    over = np.concatenate([result.scatter_over_stated(name) for name in honest])
+    return [
+        bound,
+        f"{bias}.",
+        "The paper finds the sequential estimator and weight 100 alike; here the ratio of their "
+        f"rms errors is {_times(*ratio_of_errors(result, 'sequential', 'batch-100'))} (geometric "
+        "mean over the parameters).",
+        _ranking(*ratio_of_errors(result, "batch-100", "batch-10")),
+        f"The scatter of {', '.join(honest)} is {over.min():.2f} to {over.max():.2f} times the "
+        "standard deviation that each estimate states.",
+    ]
+
+
+def by_merit(result: DemoResult) -> list[str]:
+    """Return the estimators, first the one that stands beside the bound."""
+    return sorted(result.estimators, key=lambda name: name != "ml")
+
+
+def bias_share(result: DemoResult, estimator: str) -> Floats:
+    """Return the share of bias in the mean square error, shape (base,).
+
+    The square of the mean error is freed of the part that scatter over few records gives it.
+    """
+    errors = result.errors(estimator)
+    chance = errors.var(axis=0, ddof=1) / len(errors)
+    square = (errors**2).mean(axis=0)
+    return np.asarray(((errors.mean(axis=0) ** 2 - chance) / square).clip(0, 1))
+
+
+def ratio_of_errors(result: DemoResult, first: str, second: str) -> tuple[float, float]:
+    """Return log of the ratio of rms errors, mean over the parameters, and its deviation.
+
+    Both estimators saw the same noise: the deviation leaves out one record after the other.
+    """
+    squares = [result.errors(name) ** 2 for name in (first, second)]
+    sums = [square.sum(axis=0) for square in squares]
+    left_out = 0.5 * np.log((sums[0] - squares[0]) / (sums[1] - squares[1])).mean(axis=1)
+    mean = 0.5 * np.log(sums[0] / sums[1]).mean()
+    return float(mean), float(np.sqrt(len(left_out) - 1) * left_out.std())
+
+
+def _times(mean: float, deviation: float) -> str:
+    return f"{np.exp(mean):.3f} +- {np.exp(mean) * deviation:.3f}"
+
+
+def _ranking(mean: float, deviation: float) -> str:
+    verdict = "is reproduced" if mean < 0 else "is reversed"
+    if abs(mean) <= FIRM * deviation:
+        verdict = "is not significant"
+    return (
+        "The paper, from one run, ranks weight 100 before weight 10; here the ratio of their rms "
+        f"errors is {_times(mean, deviation)}, so the ranking {verdict}."
+    )
+
+
+def demo_page(result: DemoResult) -> Page:
+    printed = [
+        f"({row.base}) Omega^2 = {row.true:.5g} {row.unit}" for row in TABLE if row.speed_power
+    ]
+    return [
+        f"Error in %, root mean square of {result.records}; first the least that the data allow,",
+        "the Cramer-Rao bound",
+        sizes(result),
+        "Table 1, |error| in %: of one run, as the paper prints it;",
+        f"and beside it the median of {result.records} here",
+        beside_the_paper(result),
+        f"The paper lists the unbalance times Omega^2: {', '.join(printed)}",
+        "",
+        *findings(result),
+    ]
+
+
+def sizes(result: DemoResult) -> Table:
+    columns = {"bound": result.bound_percent}
+    columns |= {name: result.rms(name) for name in by_merit(result)}
+    rows = np.column_stack(list(columns.values()))
+    told = ([f"{value:.3f}" for value in row] for row in rows)
+    named = zip(result.names, told, strict=True)
+    return table(("parameter", *columns), [(name, *row) for name, row in named])
+
+
+def beside_the_paper(result: DemoResult) -> Table:
+    """Return the errors that the paper prints, each with the median here; and the truth."""
+    medians = [result.median(name) for name in COLUMNS]
+    rows = []
+    for i, row in enumerate(TABLE):
+        pairs = zip(row.errors, (median[i] for median in medians), strict=True)
+        errors = (f"{error:.3f}" for pair in pairs for error in pair)
+        rows.append((row.base, f"{result.truth[i]:.5g}", result.units[i], *errors))
+    headings = [text for name in COLUMNS for text in (name, "here")]
+    return table(("parameter", "true", "unit", *headings), rows)
+
+
+COLOURS = {"batch-100": BLUE, "batch-10": SKY, "sequential": GREEN, "ls": RED}
+
+
+def rms_panel(result: DemoResult) -> Panel:
+    place = np.arange(len(result.names), dtype=float)
+    curves = [
+        Curve(result.rms(name), place, name, COLOURS.get(name, PINK), "dots")
+        for name in result.estimators
+    ]
+    bound = Curve(result.bound_percent, place, "the least possible", GREY, "diamonds")
+    axis = Axis(f"rms error in %, {result.records}", log=True)
+    return Panel("", axis, Axis(names=result.names), (*curves, bound), height=4)
+
+
+CONDITIONS = Markup(
+    "The paper lists the unbalance terms times Omega²; errors in % are the same. Model "
+    "<code>three-mass</code>, the paper's equations (7), turning at 140 rev/s; forces on the "
+    f"bearings at 20, 60, 100, 140, 180 and 220 Hz; {PERIODS} periods of 20 Hz. The paper states "
+    f"neither sample rate nor noise; here they are {SAMPLE_RATE:g} Hz, and white noise of "
+    f"{FORCE_NOISE:g} N on every sample of a force and of {1e6 * POSITION_NOISE:g} µm or µrad on "
+    "every sample of a position, at which its errors come out at their own size. Units of the "
+    "paper's stiffnesses are corrected."
+)
+PRINTED = Markup("; ").join(Markup("<code>{}</code>: {}").format(*each) for each in COLUMNS.items())
+
+
+def demo_report(result: DemoResult) -> str:
+    first, *others = findings(result)
+    sections = [
+        Passage("What the figures show", items=tuple(others)),
+        Passage(
+            "Errors of every estimator",
+            f"Root mean square in %, over {result.records}. The bound is the least that an "
+            "unbiased estimate can have (Cramer and Rao).",
+            sizes(result),
+            panels=(rms_panel(result),),
+        ),
+        Passage(
+            "Table 1 of the paper",
+            "Size of the error of the one run that the paper prints, in %, and beside it the "
+            f"median here of {result.records}. " + PRINTED + ".",
+            beside_the_paper(result),
+            after=CONDITIONS,
+        ),
+    ]
+    return answer(
+        "rotorid demo",
+        first,
+        "ok",
+        sections,
+        heading="Identification of a flexible rotor on magnetic bearings",
+        lead=f"The numerical example of Levy and Arogeti, section 3, simulated {result.runs} times "
+        "with fresh noise and identified by each of their estimators and by maximum likelihood.",
+    )
