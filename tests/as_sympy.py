@@ -2,7 +2,9 @@
 
 import sympy as sp
 
-from rotorid.models.symbolic import symbol
+
+def symbol(name):
+    return sp.Symbol(name, real=True)
 
 
 def to_sympy(value):

@@ -31,9 +31,7 @@ with atheris.instrument_imports(include=["rotorid"]):
     import rotorid.io.mat
     import rotorid.io.text
     import rotorid.models.expressions
-    import rotorid.models.polynomials
-    import rotorid.models.symbolic
-    import rotorid.models.syntax
+    import rotorid.models.text
     import rotorid.rig.file
     import rotorid.rig.file_schema
 from corpus import CASES

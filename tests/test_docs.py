@@ -12,9 +12,7 @@ import pytest
 
 import rotorid as rid
 from rotorid.core.units import quantity, si_factor
-from rotorid.models.expressions import MAX_TERMS
-from rotorid.models.symbolic import MAX_DEGREE
-from rotorid.models.syntax import MAX_NESTING
+from rotorid.models.text import MAX_DEGREE, MAX_NESTING, MAX_TERMS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

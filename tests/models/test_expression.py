@@ -7,30 +7,27 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-import sympy as sp
-from as_sympy import to_sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rotorid import InputError, ModelError, load_model
+from rotorid.models.equations import polynomial
 from rotorid.models.expressions import FUNCTIONS, Expression, evaluate, product
-from rotorid.models.symbolic import from_sympy, symbol, vanishes
-from rotorid.models.symbolic import parse as parse_tree
-from rotorid.models.syntax import read
+from rotorid.models.text import expression, read
 
 NAMES = frozenset({"x", "x'", "x''", "y", "a", "b", "F", "t", "Omega", "phi"})
 LINEAR = frozenset({"a", "b", "F"})
 POINT = {"x": 2.0, "x'": 3.0, "x''": 5.0, "y": 7.0, "a": 11.0, "b": 13.0, "F": 17.0}
 
 
-def parse(text, *, names, linear=frozenset(), start="sum"):
-    return parse_tree(read(text, start), names, linear)
+def parse(text, names=NAMES, linear=frozenset(), *, equation=False):
+    return expression(read(text, names, linear, equation=equation))
 
 
-def refusal(text, start="sum"):
+def refusal(text, *, equation=False):
     """Return the message with which a text is refused, checked for its form; "" where it is not."""
     try:
-        found = parse(text, names=NAMES, linear=LINEAR, start=start)
+        found = parse(text, linear=LINEAR, equation=equation)
     except InputError as error:
         message = str(error)
     else:
@@ -42,7 +39,7 @@ def refusal(text, start="sum"):
 
 
 def value(text):
-    return float(evaluate(from_sympy(parse(text, names=NAMES)), POINT))
+    return float(evaluate(parse(text), POINT))
 
 
 @pytest.mark.parametrize(
@@ -94,9 +91,9 @@ def test_value_of_a_text(text, expected):
 
 
 def test_both_signs_of_a_power_are_one_operator():
-    assert parse("x**2", names=NAMES) == parse("x^2", names=NAMES)
+    assert parse("x**2") == parse("x^2")
     with pytest.raises(ModelError, match=r"column 4: found '\*'"):
-        parse("x* *2", names=NAMES)
+        parse("x* *2")
 
 
 def test_functions_agree_with_numpy():
@@ -105,15 +102,14 @@ def test_functions_agree_with_numpy():
     for name in FUNCTIONS:
         text = "sqrt(x^2)" if name == "sqrt" else f"{name}(x)"
         expected = ours.get(name, getattr(np, name, None))(x)
-        found = evaluate(from_sympy(parse(text, names=NAMES)), {"x": x})
+        found = evaluate(parse(text), {"x": x})
         np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["S", "E", "I", "N", "Q", "O", "beta", "gamma", "lambda", "zeta"])
 @pytest.mark.parametrize("other", ["C", "re", "class", "None", "True", "μ", "m²", "k_1", "x1"])
 def test_names_that_mean_something_elsewhere_are_just_names(name, other):
-    found = from_sympy(parse(f"{name}*{other}^2", names=frozenset({name, other})))
-    assert to_sympy(found) == symbol(name) * symbol(other) ** 2
+    found = parse(f"{name}*{other}^2", frozenset({name, other}))
     assert float(evaluate(found, {name: 2.0, other: 3.0})) == 18
 
 
@@ -125,7 +121,7 @@ def test_names_that_mean_something_elsewhere_are_just_names(name, other):
         ("(x)(y)", "column 4: found '('.*write an operator before it"),
         ("(x + 1)a", "column 8: found 'a'.*write an operator before it"),
         ("a(x + 1)", "found 'a' before a parenthesis; .*; write a\\*(...) for a product"),
-        ("sin x", "column 5: found 'x'"),
+        ("sin x", "found the unknown name 'sin'; .*; write sin(...)"),
         ("sine(x)", "found the unknown name 'sine'; .*; did you mean sin?"),
         ("sin", "found the unknown name 'sin'"),
         ("x'''", 'column 4: found "\'"'),
@@ -149,15 +145,14 @@ def test_names_that_mean_something_elsewhere_are_just_names(name, other):
         ("(a + b + x + y)^1000", "found the power 1000"),
         ("x^33", "found the power 33; expected a degree of at most 32"),
         ("x^20*x^20", "found degree 40"),
-        ("exp(exp(exp(100)))", "found exp(exp(100)); expected a finite number"),
+        ("exp(exp(exp(100)))", "found exp(exp(100)): no finite real number"),
         ("1e999*x", "found the number 1e999"),
         ("1e-999*x", "found the number 1e-999"),
         ("1e-999999999*x", "found the number 1e-999999999"),
         ("x/0e999999999", "found a division by zero"),
         ("1" * 100, "found the number 1111"),
         ("1e150^2*x", "too large or too small a number"),
-        ("*".join(["(x + y)"] * 13), "found too many terms when expanded"),
-        ("+".join(["x"] * 20_000), "found too many terms when expanded"),
+        ("*".join(["(x + y + a + t + phi)"] * 13), "found too many terms when expanded"),
         ("+".join(["x"] * 100_000), "found 199999 characters"),
         ("z" * 10**6, "found 1000000 characters"),
         ("z" * 50_000, "found the unknown name 'zzzz"),
@@ -167,7 +162,7 @@ def test_names_that_mean_something_elsewhere_are_just_names(name, other):
         ("1/(x - x)", "found a division by zero"),
         ("y/(x*(x + 1) - x^2 - x)", "found a division by zero"),
         ("y/(sin(x)^2 + cos(x)^2 - 1)", "found a division by zero"),
-        ("y/(sin(1)^2 + cos(1)^2 - 1)", "which is zero"),
+        ("y/(sin(1)^2 + cos(1)^2 - 1)", "found a division by zero"),
         ("y/(abs(x)*sign(x) - x)", "found a division by zero"),
         ("(x*(x + 1) - x^2 - x)^-2", "found the power -2 of zero"),
         ("(x - x)^0.5", "found the power 1/2 of zero"),
@@ -194,7 +189,7 @@ def test_names_that_mean_something_elsewhere_are_just_names(name, other):
 )
 def test_refusals(text, message):
     with pytest.raises(ModelError, match=message.replace("(", r"\(").replace(")", r"\)")) as caught:
-        parse(text, names=NAMES, linear=LINEAR)
+        parse(text, linear=LINEAR)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
 
@@ -240,9 +235,9 @@ WELL_FORMED = st.recursive(
 
 
 @settings(max_examples=400, deadline=None)
-@given(TEXTS | WELL_FORMED, st.sampled_from(["sum", "equation"]))
-def test_any_text_is_read_or_refused(text, start):
-    refusal(text, start)
+@given(TEXTS | WELL_FORMED, st.booleans())
+def test_any_text_is_read_or_refused(text, equation):
+    refusal(text, equation=equation)
 
 
 OPERATIONS = {" + ": np.add, " - ": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
@@ -274,25 +269,63 @@ def test_values_agree_with_numpy(data):
     with np.errstate(all="ignore"):
         text, expected = data.draw(VALUED)
     try:
-        found = parse(text, names=NAMES)
+        found = parse(text)
     except ModelError:
         return
     if np.isfinite(expected) and 1e-9 < abs(expected) < 1e9:
-        np.testing.assert_allclose(evaluate(from_sympy(found), POINT), expected, rtol=1e-6)
+        np.testing.assert_allclose(evaluate(found, POINT), expected, rtol=1e-6)
 
 
-def test_vanishing_is_told_from_small():
-    x, y = symbol("x"), symbol("y")
-    assert vanishes(sp.Integer(0))
-    assert vanishes(sp.sin(x) ** 2 + sp.cos(x) ** 2 - 1)
-    assert vanishes(sp.sqrt(x**2 * y**2) - sp.Abs(x) * sp.Abs(y))
-    assert not vanishes(x)
-    assert not vanishes(sp.Rational(1, 10**200))
-    assert not vanishes(sp.sin(x) - x)
-    assert not vanishes(sp.exp(-100 * x**2))
-    assert not vanishes(sp.sign(x) - 1)
-    assert not vanishes(sp.tanh(1000 * x) - 1)
-    assert not vanishes((y + 2) ** sp.Rational(1, 3) - y)
+@pytest.mark.parametrize(
+    ("divisor", "zero"),
+    [
+        ("sin(x)^2 + cos(x)^2 - 1", True),
+        ("sqrt(x^2*y^2) - abs(x)*abs(y)", True),
+        ("x", False),
+        ("1e-190", False),
+        ("sin(x) - x", False),
+        ("exp(-100*x^2)", False),
+        ("sign(x) - 1", False),
+        ("tanh(1000*x) - 1", False),
+        ("(y + 2)^(1/3) - y", False),
+    ],
+)
+def test_a_divisor_that_vanishes_is_told_from_a_small_one(divisor, zero):
+    assert ("a division by zero" in refusal(f"t/({divisor})")) == zero
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sqrt(x)*sqrt(x)", "x"),
+        ("sqrt(x^2)", "abs(x)"),
+        ("sqrt(x^2 + 1)^2", "1 + x*x"),
+        ("1/(1/(1 + x))", "x + 1"),
+        ("x^2/x", "x"),
+        ("sin(-x)", "-sin(x)"),
+        ("cos(y - x)", "cos(x - y)"),
+        ("sqrt(12)*x/sqrt(3)", "2*x"),
+        ("cos(pi/3)*x", "x/2"),
+        ("sin(pi/4)*x", "x/sqrt(2)"),
+        ("tan(pi/3)*x", "sqrt(3)*x"),
+        ("exp(0)*x + sin(pi) - abs(-1/3)", "x - 1/3"),
+        ("(8*x)^(1/3)", "2*x^(1/3)"),
+    ],
+)
+def test_texts_that_mean_the_same_are_the_same(text, expected):
+    assert parse(text) == parse(expected)
+
+
+def test_coefficients_are_exact():
+    assert polynomial("0.1*3*a - 0.3*a + b/3", ["a", "b"]) == {(0, 1): Fraction(1, 3)}
+    assert polynomial("2^3^4*a", ["a"]) == {(1,): 2**81}
+    assert polynomial("(a + b)^3/2", ["a", "b"]) == {
+        (3, 0): Fraction(1, 2),
+        (2, 1): Fraction(3, 2),
+        (1, 2): Fraction(3, 2),
+        (0, 3): Fraction(1, 2),
+    }
+    assert polynomial("a - a", ["a"]) == {(0,): 0}
 
 
 def test_copies_are_equal_though_a_name_is_its_own_free_symbol():

@@ -15,90 +15,24 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from mpmath.ctx_mp import MPContext
-from mpmath.libmp import to_rational
 
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
 from rotorid.core.values import Floats, Integers
-from rotorid.models import text_cost
 from rotorid.models.equations import Product
-from rotorid.models.expressions import MAX_VALUE, Expression, Factor, Monomial, evaluate, product
-
-Real = Any  # a number of a hundred digits; mpmath carries no types
-_EXACT = MPContext()
-_EXACT.dps = 100
-TOLERANCE = _EXACT.mpf("1e-40")  # what is left of a dependent column
-_LARGE = _EXACT.mpf("1e30")  # argument of a function, beyond which it takes as many more digits
-_MAGNITUDE = 10_000  # binary exponent of a value that is computed with
-
-
-def values_at(point: Mapping[str, Fraction], signals: Sequence[Expression]) -> list[Real] | None:
-    """Return the values of signals; nothing at a pole, and where one is not real or too large."""
-    values = _Point(point)
-    try:
-        return [values.of(signal) for signal in signals]
-    except (ArithmeticError, ValueError):
-        return None
-
-
-class _Point:
-    """The values of expressions at a point; what they share is found once."""
-
-    def __init__(self, point: Mapping[str, Fraction]) -> None:
-        self.point = {name: _real(value) for name, value in point.items()}
-        self.known: dict[int, Real] = {}
-
-    def of(self, value: Expression) -> Real:
-        """Return the value; an error where it is no real number of a size to compute with."""
-        if id(value) not in self.known:
-            found = self._of(value)
-            if not isinstance(found, _EXACT.mpf) or not _is_moderate(found):
-                raise ValueError("no real number")
-            self.known[id(value)] = found
-        return self.known[id(value)]
-
-    def _of(self, value: Expression) -> Real:
-        if value.kind == "name":
-            return self.point[value.parts[0]]
-        if value.kind == "number":
-            return _real(value.parts[0])
-        if value.kind == "pi":
-            return +_EXACT.pi
-        if value.kind == "power":
-            base, exponent = value.parts
-            whole = exponent.denominator == 1
-            return self.of(base) ** (int(exponent) if whole else _real(exponent))
-        inner = [self.of(part) for part in value.parts]
-        if value.kind == "sum":
-            return _EXACT.fsum(inner)
-        if value.kind == "product":
-            return _EXACT.fprod(inner)
-        if value.kind in ("abs", "sign"):
-            return abs(inner[0]) if value.kind == "abs" else _EXACT.sign(inner[0])
-        if abs(inner[0]) > _LARGE:
-            raise ValueError("too large an argument")
-        return getattr(_EXACT, value.kind)(inner[0])
-
-
-def _is_moderate(found: Real) -> bool:
-    if found == 0:
-        return True
-    return bool(_EXACT.isfinite(found) and abs(_EXACT.mag(found)) < _MAGNITUDE)
-
-
-def _real(value: Fraction) -> Real:
-    return _EXACT.mpf(value.numerator) / value.denominator
-
-
-def near(value: Real) -> Fraction:
-    """Return the simple fraction that a number is, else the number in double precision."""
-    exact = Fraction(*map(int, to_rational(value._mpf_)))
-    simple = exact.limit_denominator(10**6)
-    if abs(exact - simple) < Fraction(1, 10**30):
-        return simple
-    return Fraction(repr(float(value)))
-
+from rotorid.models.expressions import (
+    MAX_VALUE,
+    TOLERANCE,
+    Expression,
+    Factor,
+    Monomial,
+    Real,
+    evaluate,
+    product,
+    simple_fraction,
+    values_at,
+)
+from rotorid.models.text import Work
 
 _MAX_GROUP = 80  # signals; larger groups count as independent
 # Nodes of signals to evaluate to a hundred digits, in all: a second and a half. What is beyond
@@ -226,13 +160,19 @@ def _eliminated(
         if best is None:
             break  # too few points: the rest counts as independent
         if abs(rows[best][j]) <= TOLERANCE * size[j]:
-            ratios = [near(row[j]) for row in rows[: len(pivots)]]
+            ratios = [_near(row[j]) for row in rows[: len(pivots)]]
             relations[signal] = {signals[p]: c for p, c in zip(pivots, ratios, strict=True) if c}
             continue
         rows[left[0]], rows[best] = rows[best], rows[left[0]]
         _eliminate(rows, left[0], j)
         pivots.append(j)
     return relations
+
+
+def _near(value: Real) -> Fraction:
+    """Return the simple fraction that a number is, else the number in double precision."""
+    simple = simple_fraction(value)
+    return Fraction(repr(float(value))) if simple is None else simple
 
 
 def _eliminate(rows: list[list[Real]], pivot: int, column: int) -> None:
@@ -328,32 +268,32 @@ def base_names(
 def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fraction]]:
     """Return the reduced row echelon form of sparse rows, by the column of each pivot."""
     reduced: dict[int, dict[int, Fraction]] = {}
-    with text_cost.bounded():
-        for row in rows:
-            _reduce(row, reduced)
+    work = Work()
+    for row in rows:
+        _reduce(row, reduced, work)
     return dict(sorted(reduced.items()))
 
 
-def _reduce(row: dict[int, Fraction], reduced: dict[int, dict[int, Fraction]]) -> None:
+def _reduce(row: dict[int, Fraction], reduced: dict[int, dict[int, Fraction]], work: Work) -> None:
     """Add a row to those that are reduced; nothing where it follows from them."""
     for pivot in sorted(reduced.keys() & row.keys()):
-        row = _without(row, pivot, reduced[pivot])
+        row = _without(row, pivot, reduced[pivot], work)
     if row:
         first = min(row)
         row = {column: value / row[first] for column, value in row.items()}
         for pivot, above in reduced.items():
-            reduced[pivot] = _without(above, first, row)
+            reduced[pivot] = _without(above, first, row, work)
         reduced[first] = row
 
 
 def _without(
-    row: dict[int, Fraction], column: int, pivot: dict[int, Fraction]
+    row: dict[int, Fraction], column: int, pivot: dict[int, Fraction], work: Work
 ) -> dict[int, Fraction]:
     """Take from a row what makes one of its columns zero."""
     factor = row.get(column, Fraction(0))
     if not factor:
         return row
-    text_cost.spend_exact(pivot.values(), factor)
+    work.spend_exact(pivot.values(), factor)
     left = {k: row.get(k, Fraction(0)) - factor * pivot.get(k, Fraction(0)) for k in row | pivot}
     return {k: value for k, value in left.items() if value}
 

@@ -9,20 +9,15 @@ from fractions import Fraction
 from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
 from rotorid.core.units import Dimension, dimension_of
-from rotorid.models import text_cost
 from rotorid.models.expressions import (
     FUNCTIONS,
-    MAX_EXPONENT,
-    MAX_TERMS,
     RESERVED,
     Expression,
     Monomial,
-    Terms,
     product,
     symbol,
 )
-from rotorid.models.polynomials import Polynomial, expanded
-from rotorid.models.syntax import read
+from rotorid.models.text import COMBINATION, MAX_TERMS, Work, read, shown
 
 DERIVATIVES = ("", "'", "''")
 MAX_NAMES = 500
@@ -88,14 +83,14 @@ class SplitEquations:
     right: tuple[Product, ...]
 
 
-@text_cost.bounded()
 def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
     """Expand equations into products."""
     left: list[Product] = []
     right: list[Product] = []
+    work = Work()
     for row, text in enumerate(texts):
         try:
-            products = _products(row, text, names)
+            products = _products(row, text, names, work)
         except ModelError as error:
             raise error.at(place=f"equation {row + 1}") from None
         if len(left) + len(right) + len(products) > MAX_TERMS:
@@ -114,16 +109,24 @@ def split_equations(texts: Sequence[str], names: Names) -> SplitEquations:
     return SplitEquations(tuple(left), tuple(right))
 
 
-def _products(row: int, text: str, names: Names) -> list[Product]:
+def _products(row: int, text: str, names: Names, work: Work) -> list[Product]:
+    index = {symbol(name): i for i, name in enumerate(names.parameters)}
+    inputs = frozenset(symbol(name) for name in names.inputs)
     linear = frozenset([*names.parameters, *names.inputs])
-    tree = read(text, "equation")
-    value = expanded(tree, names.all, linear)
-    gathered = None if value is None else _plain_terms(value, names)
-    if gathered is None:
-        from rotorid.models.symbolic import equation_terms  # sympy: where polynomials do not do
-
-        gathered = equation_terms(tree, names.all, names.parameters, names.inputs)
-    products = [Product(row, m, c, s) for (m, s), c in gathered.items() if c != 0]
+    products = []
+    for powers, coefficient in read(text, names.all, linear, equation=True, work=work).items():
+        exponents = [0] * len(index)
+        for base, power in powers:
+            if base in index:
+                exponents[index[base]] = int(power)
+        signal = product((base, Fraction(n)) for base, n in powers if base not in index)
+        if (held := signal.free_symbols & inputs) and signal not in inputs:
+            raise ModelError(
+                f"the term {shown(signal)} with the input {min(map(str, held))}",
+                "inputs that stand alone, times numbers and parameters",
+                "give the product an input of its own",
+            )
+        products.append(Product(row, tuple(exponents), coefficient, signal))
     motion = frozenset(symbol(q + dots) for q in names.coordinates for dots in DERIVATIVES)
     if not any(any(p.monomial) or p.signal.free_symbols & motion for p in products):
         raise ModelError(
@@ -131,35 +134,7 @@ def _products(row: int, text: str, names: Names) -> list[Product]:
             "an equation of motion",
             "leave it out, or write the term that moves",
         )
-    if any(out_of_range(p.coefficient) for p in products):
-        raise ModelError(
-            "a coefficient too large or too small", f"1e+-{MAX_EXPONENT}", "scale the equation"
-        )
     return sorted(products, key=lambda p: (_declaration(p.monomial), str(p.signal)))
-
-
-def out_of_range(coefficient: Fraction) -> bool:
-    """Tell a coefficient that is too large or too small to compute with."""
-    return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
-
-
-def _plain_terms(value: Polynomial, names: Names) -> Terms | None:
-    """Split plain terms into monomials and signals; ``None`` where an input has company."""
-    index = {symbol(name): i for i, name in enumerate(names.parameters)}
-    inputs = frozenset(symbol(name) for name in names.inputs)
-    gathered: Terms = {}
-    for powers, coefficient in value.items():
-        exponents, signal = [0] * len(index), []
-        for base, power in powers:
-            if base in index:
-                exponents[index[base]] = power
-            else:
-                signal.append((base, Fraction(power)))
-        term = product(signal)
-        if term.free_symbols & inputs and term not in inputs:
-            return None
-        gathered[tuple(exponents), term] = coefficient
-    return gathered
 
 
 def _declaration(monomial: Monomial) -> tuple[int, ...]:
@@ -183,19 +158,12 @@ def _scaled(product: Product, sign: int) -> Product:
     return Product(product.row, product.monomial, sign * product.coefficient, product.signal)
 
 
-@text_cost.bounded(text_cost.COMBINATION)
 def polynomial(text: str, names: Sequence[str]) -> dict[Monomial, Fraction]:
     """Return the coefficients of a polynomial by the powers of its names."""
     known = frozenset(names)
-    tree = read(text)
-    value = expanded(tree, known, known)
-    if value is None:
-        from rotorid.models.symbolic import polynomial_terms  # sympy: as in `_products`
-
-        return polynomial_terms(tree, names)
     found = {}
-    for powers, coefficient in value.items():
-        by_name = {str(base): power for base, power in powers}
+    for powers, coefficient in read(text, known, known, work=Work(COMBINATION)).items():
+        by_name = {str(base): int(power) for base, power in powers}
         found[tuple(by_name.get(name, 0) for name in names)] = coefficient
     return dict(sorted(found.items(), reverse=True)) or {(0,) * len(names): Fraction(0)}
 

@@ -1,18 +1,19 @@
 """Expressions: signals as products, sums, powers and functions, and their values.
 
-A value to compare, to show and to evaluate. Its algebra is done before: by `polynomials`
-where these do, else by sympy in `symbolic`, which takes longer to load than most records take to
-identify.
+A value to compare, to show and to evaluate, in double precision or to a hundred digits. Its algebra
+is done before, by `text`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from mpmath.ctx_mp import MPContext
+from mpmath.libmp import to_rational
 from numpy.typing import ArrayLike, NDArray
 
 from rotorid.core.frozen import frozen
@@ -20,11 +21,8 @@ from rotorid.core.frozen import frozen
 RESERVED = ("t", "Omega", "phi")
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt", "abs", "sign", "tanh")
 _RANK = {"number": 0, "name": 1}  # in a product
-MAX_TERMS = 5_000
-MAX_EXPONENT = 280  # decimal exponent of a number
 Factor = tuple["Expression", Fraction]
 Monomial = tuple[int, ...]  # exponent of each parameter
-Terms = dict[tuple[Monomial, "Expression"], Fraction]
 
 
 @frozen
@@ -129,20 +127,14 @@ def _power_text(base: Expression, exponent: Fraction) -> str:
     return f"{text}**{exponent}" if exponent.denominator == 1 else f"{text}**({exponent})"
 
 
+Real = Any  # a number of a hundred digits; mpmath carries no types
+_EXACT = MPContext()
+_EXACT.dps = 100
+TOLERANCE = _EXACT.mpf("1e-40")
+"""What is left of a sum that is zero, and of a column that depends on others."""
+_LARGE = _EXACT.mpf("1e30")  # argument of a function, beyond which it takes as many more digits
+_MAGNITUDE = 10_000  # binary exponent of a value that is computed with
 MAX_VALUE = 1e100
-_NUMERIC: dict[str, Callable[..., Any]] = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "cot": lambda x: 1 / np.tan(x),
-    "sec": lambda x: 1 / np.cos(x),
-    "csc": lambda x: 1 / np.sin(x),
-    "exp": np.exp,
-    "abs": np.abs,
-    "sign": np.sign,
-    "tanh": np.tanh,
-    "coth": lambda x: 1 / np.tanh(x),
-}
 
 
 def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
@@ -150,28 +142,80 @@ def evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.f
 
     It is infinite or NaN, without a warning, where the expression has no finite value.
     """
+
+    def of(value: Expression) -> NDArray[np.float64]:
+        if value.kind == "name":
+            return np.asarray(arrays[value.parts[0]], dtype=float)
+        if value.kind in ("number", "pi"):
+            return np.asarray(float(value.parts[0]) if value.parts else np.pi)
+        if value.kind == "power":
+            base, exponent = value.parts
+            whole = exponent.denominator == 1
+            return np.asarray(of(base) ** (int(exponent) if whole else float(exponent)))
+        inner = [of(part) for part in value.parts]
+        if value.kind == "sum":
+            return np.asarray(sum(inner[1:], start=inner[0]))
+        if value.kind == "product":
+            return np.asarray(np.prod(np.broadcast_arrays(*inner), axis=0))
+        function: Callable[..., Any] = getattr(np, value.kind)
+        return np.asarray(function(inner[0]))
+
     with np.errstate(all="ignore"):
-        return _evaluate(value, arrays)
-
-
-def _evaluate(value: Expression, arrays: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-    if value.kind == "name":
-        return np.asarray(arrays[value.parts[0]], dtype=float)
-    if value.kind == "number":
-        return np.asarray(float(value.parts[0]))
-    if value.kind == "pi":
-        return np.asarray(np.pi)
-    if value.kind == "power":
-        base, exponent = value.parts
-        whole = exponent.denominator == 1
-        return np.asarray(_evaluate(base, arrays) ** (int(exponent) if whole else float(exponent)))
-    inner = [_evaluate(part, arrays) for part in value.parts]
-    if value.kind == "sum":
-        return np.asarray(sum(inner[1:], start=inner[0]))
-    if value.kind == "product":
-        return np.asarray(np.prod(np.broadcast_arrays(*inner), axis=0))
-    return np.asarray(_NUMERIC[value.kind](inner[0]))
+        return of(value)
 
 
 def is_usable(value: ArrayLike) -> bool:
     return bool((np.abs(value) < MAX_VALUE).all())
+
+
+def values_at(point: Mapping[str, Fraction], signals: Sequence[Expression]) -> list[Real] | None:
+    """Return the values of signals to a hundred digits.
+
+    Nothing at a pole, and where one is not real or too large. What signals share is found once.
+    """
+    known: dict[int, Real] = {}
+
+    def of(value: Expression) -> Real:
+        if id(value) not in known:
+            found = known[id(value)] = _exactly(value, point, of)
+            if not isinstance(found, _EXACT.mpf) or not (
+                found == 0 or (_EXACT.isfinite(found) and abs(_EXACT.mag(found)) < _MAGNITUDE)
+            ):
+                raise ValueError("no real number of a size to compute with")
+        return known[id(value)]
+
+    try:
+        return [of(signal) for signal in signals]
+    except (ArithmeticError, ValueError):
+        return None
+
+
+def _exactly(
+    value: Expression, point: Mapping[str, Fraction], of: Callable[[Expression], Real]
+) -> Real:
+    if value.kind == "name":
+        return _real(point[value.parts[0]])
+    if value.kind in ("number", "pi"):
+        return _real(value.parts[0]) if value.parts else +_EXACT.pi
+    if value.kind == "power":
+        base, exponent = value.parts
+        return of(base) ** (int(exponent) if exponent.denominator == 1 else _real(exponent))
+    inner = [of(part) for part in value.parts]
+    if value.kind in ("sum", "product"):
+        return _EXACT.fsum(inner) if value.kind == "sum" else _EXACT.fprod(inner)
+    if value.kind in ("abs", "sign"):
+        return abs(inner[0]) if value.kind == "abs" else _EXACT.sign(inner[0])
+    if abs(inner[0]) > _LARGE:
+        raise ValueError("too large an argument")
+    return getattr(_EXACT, value.kind)(inner[0])
+
+
+def _real(value: Fraction) -> Real:
+    return _EXACT.mpf(value.numerator) / value.denominator
+
+
+def simple_fraction(value: Real) -> Fraction | None:
+    """Return the simple fraction that a number is, if it is one."""
+    exact = Fraction(*map(int, to_rational(value._mpf_)))
+    simple = exact.limit_denominator(10**6)
+    return simple if abs(exact - simple) < Fraction(1, 10**30) else None

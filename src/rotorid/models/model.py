@@ -25,7 +25,6 @@ from rotorid.models.equations import (
     Names,
     Product,
     SplitEquations,
-    out_of_range,
     product_dimensions,
     sort_monomials,
     unit_faults,
@@ -39,6 +38,7 @@ from rotorid.models.linear_form import (
     classify,
     motion_factor,
 )
+from rotorid.models.text import out_of_range
 
 Arguments = ParamSpec("Arguments")
 Found = TypeVar("Found")

@@ -1,0 +1,586 @@
+"""Texts of equations and expressions, read to polynomials over atoms by recursive descent.
+
+Nothing is ever evaluated as code. An atom is a name, or a root, a divisor or a function of a
+polynomial; `pi`, roots of numbers and functions of numbers are atoms too. Signals that are the same
+for other reasons (``sin^2 + cos^2 = 1``) are for `base` to find, by their values.
+
+    equation = sum "=" sum
+    sum      = product (("+" | "-") product)*
+    product  = unary (("*" | "/") unary)*
+    unary    = ("+" | "-")* power
+    power    = atom (("^" | "**") unary)?
+    atom     = number | name | function "(" sum ")" | "(" sum ")"
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import NamedTuple
+
+from rotorid.core.errors import ModelError, nearest
+from rotorid.models.expressions import (
+    FUNCTIONS,
+    TOLERANCE,
+    Expression,
+    Real,
+    number,
+    product,
+    simple_fraction,
+    symbol,
+    values_at,
+)
+
+MAX_LENGTH = 100_000
+MAX_NESTING = 64
+MAX_DEGREE = 32
+MAX_TERMS = 5_000
+MAX_EXPONENT = 280  # decimal exponent of a number
+WORK = 500_000
+"""Units of up to 4 us that all texts of a model may cost together: two seconds. A model of a
+hundred coordinates and 1,200 terms costs 15,000; the shipped ones cost below 2,000."""
+COMBINATION = 20_000
+"""Units for what a sensor reads, or a constraint: 0.1 s, since an experiment may hold hundreds."""
+PRODUCT = 2
+"""Units for two terms that are multiplied."""
+EVALUATED = 20
+"""Units for a node of what is evaluated to a hundred digits, at each of several points."""
+DIGITS = 1_000
+"""Of a numerator or denominator: more than any product of measured numbers needs, far below
+where arithmetic with them takes time."""
+EXACT_BITS = 400
+"""Of a fraction, from which exact elimination takes more than a unit for each entry."""
+_BITS = DIGITS * 10 // 3
+_POINTS = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1000, 1), (-1000, -1))
+"""Scale and sign of the points at which a divisor is held against zero."""
+_PRIMES = 1_000  # numbers below are taken out of a root
+_TOKEN = re.compile(
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[^\W\d]\w*'{0,2})|(?P<sign>\*\*|[-+*/^()=])"
+)
+_SPACE = re.compile(r"[ \t\f\r\n]*")
+
+Powers = frozenset[tuple[Expression, int | Fraction]]
+Polynomial = dict[Powers, Fraction]
+NUMBER: Powers = frozenset()
+
+
+class Work:
+    """What texts may cost together, counted before it is spent, and by no clock."""
+
+    def __init__(self, units: int | None = None) -> None:
+        self.units = self.left = WORK if units is None else units
+
+    def spend(self, units: int) -> None:
+        """Count what is to be done next; refuse what is too much."""
+        self.left -= units
+        if self.left < 0:
+            raise ModelError(
+                f"equations that take more than {self.units:,} steps to expand",
+                "sums and products of a few thousand terms in all",
+                "simplify them, or give a large part of them a name and a parameter of its own",
+            )
+
+    def spend_exact(self, row: Iterable[Fraction], factor: Fraction) -> None:
+        """Count what it takes to multiply a row of fractions exactly, and take it from another."""
+        bits = factor.numerator.bit_length() + factor.denominator.bit_length()
+        for value in row:
+            size = bits + value.numerator.bit_length() + value.denominator.bit_length()
+            self.spend(1 + (size // EXACT_BITS) ** 2)
+
+
+def read(
+    text: str,
+    names: frozenset[str],
+    linear: frozenset[str] = frozenset(),
+    *,
+    equation: bool = False,
+    work: Work | None = None,
+) -> Polynomial:
+    """Return the terms of an expression, or of an equation as left minus right side.
+
+    `linear` are the names that stand in no function, root or divisor. Atoms that are numbers have
+    become part of the coefficients.
+    """
+    if len(text) > MAX_LENGTH:
+        raise ModelError(
+            f"{len(text)} characters", f"{MAX_LENGTH} at most", "split it into several equations"
+        )
+    reader = _Reader(text, names, linear, Work() if work is None else work)
+    return reader.with_numbers(reader.whole(equation))
+
+
+def out_of_range(coefficient: Fraction) -> bool:
+    """Tell a coefficient that is too large or too small to compute with."""
+    return not 10**-MAX_EXPONENT < abs(coefficient) < 10**MAX_EXPONENT
+
+
+def expression(polynomial: Polynomial) -> Expression:
+    """Return a polynomial as an expression: the same one whatever the order of its terms."""
+    parts = []
+    for monomial, coefficient in _sorted(polynomial):
+        own = [] if coefficient == 1 else [(number(coefficient), Fraction(1))]
+        parts.append(product([*own, *monomial.factors]))
+    if len(parts) < 2:
+        return parts[0] if parts else number(0)
+    return Expression("sum", tuple(parts))
+
+
+def _sorted(polynomial: Polynomial) -> list[tuple[Expression, Fraction]]:
+    """Return monomials and coefficients by their text, the number last."""
+    found = [(_product(powers), c) for powers, c in polynomial.items()]
+    return sorted(found, key=lambda term: (not term[0].factors, str(term[0])))
+
+
+def _product(powers: Iterable[tuple[Expression, int | Fraction]]) -> Expression:
+    return product((base, Fraction(n)) for base, n in powers)
+
+
+def _alone(base: Expression, exponent: int | Fraction = 1) -> Polynomial:
+    return {frozenset([(base, exponent)]): Fraction(1)}
+
+
+def shown(value: Expression) -> str:
+    """Return an expression as a message shows it."""
+    text = str(value).replace("**", "^")
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _shown(polynomial: Polynomial) -> str:
+    return shown(expression(polynomial))
+
+
+class _Algebra:
+    """Sums, products, powers and functions of polynomials, refused where too large or undefined."""
+
+    def __init__(self, linear: frozenset[str], work: Work) -> None:
+        self.linear, self.work = linear, work
+        self.within: dict[Expression, Polynomial] = {}  # what sums stand for, by their atoms
+        self.sizes: dict[Expression, int] = {}  # nodes of atoms
+
+    def add(self, total: Polynomial, other: Polynomial, sign: int = 1) -> None:
+        """Add a polynomial to a total that no one else holds."""
+        self.work.spend(len(other))
+        for powers, coefficient in other.items():
+            found = total.get(powers, Fraction(0)) + sign * coefficient
+            _check_digits(found)
+            if found:
+                total[powers] = found
+            else:
+                del total[powers]
+        if len(total) > MAX_TERMS:
+            raise _too_many()
+
+    def times(self, one: Polynomial, other: Polynomial) -> Polynomial:
+        pairs = len(one) * len(other)
+        if pairs > MAX_TERMS:
+            raise _too_many()
+        self.work.spend(PRODUCT * pairs)
+        total: Polynomial = {}
+        for first, c in one.items():
+            for second, d in other.items():
+                powers = dict(first)
+                for base, n in second:
+                    powers[base] = powers.get(base, 0) + n
+                for key, value in self._term(powers, c * d).items():
+                    total[key] = total.get(key, Fraction(0)) + value
+        for key, value in total.items():
+            _check_digits(value)
+            degree: int | Fraction = sum(max(n, -n) for base, n in key if base.free_symbols)
+            if degree > MAX_DEGREE:
+                raise ModelError(f"degree {degree}", f"{MAX_DEGREE} at most", "write it smaller")
+        return {key: value for key, value in total.items() if value}
+
+    def _term(self, powers: Mapping[Expression, int | Fraction], c: Fraction) -> Polynomial:
+        """Return a product of powers: whole powers of numbers and of sums are multiplied out."""
+        left, sums = [], []
+        for base, n in powers.items():
+            if base.kind == "number":
+                whole = n // 1
+                c, n = c * base.parts[0] ** whole, n - whole
+            if base in self.within and n > 0 and n == n // 1:
+                sums.append(self.power(self.within[base], Fraction(n)))
+            elif n:
+                left.append((base, n))
+        found = {frozenset(left): c}
+        for each in sums:
+            found = self.times(found, each)
+        return found
+
+    def power(self, base: Polynomial, exponent: Fraction, what: str = "") -> Polynomial:
+        """Return a power of a polynomial; `what` is what a message calls it."""
+        size, moving = max(1, abs(int(exponent))), any(self._names(base))
+        limit = MAX_DEGREE if moving else 300
+        if size > limit:
+            raise ModelError(
+                f"the power {exponent}", f"a degree of at most {limit}", "write it smaller"
+            )
+        if exponent.denominator == 1 and exponent >= 0:
+            found: Polynomial = {NUMBER: Fraction(1)}
+            if base.keys() == {NUMBER}:
+                _check_power(base[NUMBER], size)
+            for _ in range(int(exponent)):
+                found = self.times(found, base)
+            return found
+        what = what or f"the power {exponent} of"
+        self._refuse_linear(base, what)
+        if self._vanishes(base):
+            raise ModelError(
+                f"{what} zero ({_shown(base)})", "a base or divisor other than zero", "remove it"
+            )
+        if len(base) > 1:
+            return self._atom(expression(base), base, exponent)
+        ((powers, c),) = base.items()
+        return self._root(dict(powers), c, exponent)
+
+    def _root(
+        self, powers: dict[Expression, int | Fraction], c: Fraction, exponent: Fraction
+    ) -> Polynomial:
+        """Return a power, negative or no whole one, of a single term."""
+        whole = exponent.denominator == 1
+        found = _power_of_number(c if whole else abs(c), exponent)
+        inside: Polynomial = {NUMBER: Fraction(1)}
+        for base, n in powers.items():
+            if not whole and n % 2 == 0 and base.kind != "abs":
+                inner, base = _alone(base), Expression("abs", (base,))
+                self._atom(base, inner)
+            elif not whole and n == n // 1 and base.kind not in ("abs", "exp"):
+                inside = self.times(inside, _alone(base, n))
+                continue
+            found = self.times(found, self._term({base: n * exponent}, Fraction(1)))
+        if c < 0 and not whole:
+            inside = {key: -value for key, value in inside.items()}
+        if inside.get(NUMBER) == 1:
+            return found
+        ((held, sign),) = inside.items()
+        if sign == 1 and len(held) == 1 and (only := next(iter(held)))[1] == 1:
+            return self.times(found, _alone(only[0], exponent))
+        return self.times(found, self._atom(expression(inside), inside, exponent))
+
+    def call(self, function: str, argument: Polynomial) -> Polynomial:
+        self._refuse_linear(argument, f"{function} of")
+        if function == "sqrt":
+            return self.power(argument, Fraction(1, 2)) if argument else {}
+        rest = {key: c for key, c in argument.items() if self._names({key: c})}
+        if function == "exp" and rest and len(rest) < len(argument):  # exp(x + 1000)
+            size = {key: c for key, c in argument.items() if key not in rest}
+            return self.times(self.call(function, size), self.call(function, rest))
+        sign = 1
+        if argument and _sorted(argument)[0][1] < 0 and function != "exp":  # sin(-x) = -sin(x)
+            argument = {key: -c for key, c in argument.items()}
+            sign = 1 if function in ("cos", "abs") else -1
+        value = Expression(function, (expression(argument),))
+        found = self._atom(value, argument)
+        if not value.free_symbols:
+            known = self._known(value)
+            found = found if known is None else known
+        return {key: sign * c for key, c in found.items() if c}
+
+    def _atom(
+        self, value: Expression, inside: Polynomial, exponent: Fraction | None = None
+    ) -> Polynomial:
+        """Return a function, or a power of a sum, counted by what evaluating it takes."""
+        if value not in self.sizes:
+            factors = [base for powers in inside for base, _ in powers]
+            self.sizes[value] = 1 + sum(1 + self.sizes.get(base, 1) for base in factors)
+            self.work.spend(EVALUATED + self.sizes[value])
+        if exponent is not None:
+            self.within[value] = inside
+        found = _alone(value, 1 if exponent is None else exponent)
+        if not value.free_symbols:
+            _value_of(expression(found))
+        return found
+
+    def _known(self, value: Expression) -> Polynomial | None:
+        """Return a function of a number where it is a fraction, or the root of one: cos(pi/4)."""
+        size = _value_of(value)
+        zero = abs(size) < 1e-90 and value.kind != "exp"  # sin(pi) is 1e-101
+        for exponent in (1, 2):
+            if (zero or 1e-20 < abs(size) < 1e20) and (
+                simple := simple_fraction(size**exponent)
+            ) is not None:
+                found = _power_of_number(simple, Fraction(1, exponent)) if simple else {}
+                return {key: -c if size < 0 and exponent == 2 else c for key, c in found.items()}
+        return None
+
+    def _vanishes(self, value: Polynomial) -> bool:
+        """Tell whether a polynomial is zero whatever its symbols are."""
+        if len(value) < 2 or all(bool(b.kind == "name") for powers in value for b, _ in powers):
+            return not value
+        terms = [expression({powers: c}) for powers, c in value.items()]
+        names = sorted(self._names(value))
+        size = sum(self.sizes.get(base, 1) for powers in value for base, _ in powers)
+        self.work.spend(EVALUATED * size)
+        for scale, sign in _POINTS:
+            point = {
+                name: Fraction((2 * i + 3) * (sign if i % 2 else 1), (7 * i + 11) * scale)
+                for i, name in enumerate(names)
+            }
+            found = values_at(point, terms)
+            if found is not None and abs(sum(found)) > TOLERANCE * max(map(abs, found)):
+                return False
+        return True
+
+    def _names(self, value: Polynomial) -> set[str]:
+        return {str(s) for powers in value for base, _ in powers for s in base.free_symbols}
+
+    def _refuse_linear(self, value: Polynomial, what: str) -> None:
+        held = sorted(self._names(value) & self.linear)
+        if held:
+            raise ModelError(
+                f"{what} {_shown(value)}, which holds {', '.join(held)}",
+                "a polynomial in the parameters, inputs to the first power only",
+                "name the whole expression as a parameter of its own",
+            )
+
+    def with_numbers(self, value: Polynomial) -> Polynomial:
+        """Make atoms that are numbers part of the coefficients, as double precision has them."""
+        groups: dict[Powers, Polynomial] = {}
+        for powers, c in value.items():
+            own = frozenset(factor for factor in powers if not factor[0].free_symbols)
+            groups.setdefault(powers - own, {})[own] = c
+        found: Polynomial = {}
+        for powers, numbers in groups.items():
+            if self._vanishes(numbers):
+                continue
+            total = Fraction(0)
+            for own, c in numbers.items():
+                for factor in own:
+                    c *= Fraction(repr(float(_value_of(_product([factor])))))
+                total += c
+            if out_of_range(total):
+                raise ModelError(
+                    f"{_shown(numbers)}, too large or too small a number",
+                    f"1e+-{MAX_EXPONENT}",
+                    "scale it",
+                )
+            found[powers] = total
+        return found
+
+
+class _Token(NamedTuple):
+    kind: str
+    text: str
+    place: int
+
+
+class _Reader(_Algebra):
+    """One text, token by token."""
+
+    def __init__(
+        self, text: str, names: frozenset[str], linear: frozenset[str], work: Work
+    ) -> None:
+        super().__init__(linear, work)
+        self.text, self.names, self.nesting, self.equation = text, names, 0, False
+        self.last = _Token("end", "", 0)
+        self.next = self._token(0)
+
+    def whole(self, equation: bool) -> Polynomial:
+        self.equation = equation
+        found = self.sum()
+        if equation:
+            self.needs("=")
+            self.add(found, self.sum(), -1)
+        if self.next.kind != "end":
+            raise self.unexpected(self.next)
+        return found
+
+    def _token(self, place: int) -> _Token:
+        space = _SPACE.match(self.text, place)
+        place = space.end() if space else place
+        if place == len(self.text):
+            return _Token("end", "", self.last.place)
+        match = _TOKEN.match(self.text, place)
+        if match is None:
+            return _Token("none", self.text[place], place)
+        return _Token(str(match.lastgroup), match.group(), place)
+
+    def taken(self) -> str:
+        self.work.spend(1)
+        self.last = self.next
+        self.next = self._token(self.last.place + len(self.last.text))
+        return self.last.text
+
+    def accepts(self, *signs: str) -> str:
+        """Take the next token where it is one of these signs."""
+        return self.taken() if self.next.text in signs else ""
+
+    def needs(self, sign: str) -> None:
+        if not self.accepts(sign):
+            raise self.unexpected(self.next)
+
+    def sum(self) -> Polynomial:
+        total = dict(self.product())
+        while sign := self.accepts("+", "-"):
+            self.add(total, self.product(), 1 if sign == "+" else -1)
+        return total
+
+    def product(self) -> Polynomial:
+        total = self.unary()
+        while sign := self.accepts("*", "/"):
+            factor = self.unary()
+            if sign == "/":
+                factor = self.power(factor, Fraction(-1), "a division by")
+            total = self.times(total, factor)
+        return total
+
+    def unary(self) -> Polynomial:
+        minuses = 0
+        while sign := self.accepts("+", "-"):
+            minuses += sign == "-"
+        if minuses > MAX_NESTING:
+            raise _too_deep()
+        found = self.raised()
+        return {key: -c for key, c in found.items()} if minuses % 2 else found
+
+    def raised(self) -> Polynomial:
+        base = self.atom()
+        if not self.accepts("^", "**"):
+            return base
+        exponent = self.inner(self.unary)
+        if exponent.keys() - {NUMBER}:
+            raise ModelError(
+                f"the exponent {_shown(exponent)}", "a rational number", "write a number there"
+            )
+        return self.power(base, exponent.get(NUMBER, Fraction(0)))
+
+    def atom(self) -> Polynomial:
+        if self.next.kind == "number":
+            return _number(self.taken())
+        if self.next.kind == "name":
+            name = self.taken()
+            if not name.endswith("'") and self.next.text == "(":
+                return self.function(name)
+            if name != "pi" and name not in self.names:
+                cure = "declare it in the model file, or write the name that is"
+                cure = f"write {name}(...)" if name in FUNCTIONS else cure
+                raise _unknown(name, self.names, "a declared name: one of", cure)
+            base = Expression("pi") if name == "pi" else symbol(name)
+            return _alone(base)
+        self.needs("(")
+        found = self.inner(self.sum)
+        self.needs(")")
+        return found
+
+    def function(self, name: str) -> Polynomial:
+        if name in self.names:
+            raise ModelError(
+                f"{name[:60]!r} before a parenthesis",
+                "a function or an operator there",
+                f"write {name[:60]}*(...) for a product",
+            )
+        if name not in FUNCTIONS:
+            cure = "write a product with *"
+            raise _unknown(name, frozenset(FUNCTIONS), "a function: one of", cure)
+        self.needs("(")
+        argument = self.inner(self.sum)
+        self.needs(")")
+        return self.call(name, argument)
+
+    def inner(self, part: Callable[[], Polynomial]) -> Polynomial:
+        """Read what stands in parentheses, or above a power."""
+        self.nesting += 1
+        if self.nesting > MAX_NESTING:
+            raise _too_deep()
+        found = part()
+        self.nesting -= 1
+        return found
+
+    def unexpected(self, token: _Token) -> ModelError:
+        cure = "write a name or a number there, or take out what does not belong"
+        if token.kind in ("name", "number") or token.text == "(":
+            cure = "write an operator before it: * for a product"
+        expected = "an equation: expression = expression" if self.equation else "an expression"
+        return ModelError(
+            f"{repr(token.text[:40]) if token.text else 'the end of the text'} "
+            f"in {self.text[:60]!r}",
+            f"{expected} of names, numbers, + - * / ^ and ( )",
+            cure,
+            place=f"column {token.place - self.text.rfind(chr(10), 0, token.place)}",
+        )
+
+
+def _number(text: str) -> Polynomial:
+    if not re.search("[1-9]", re.split("[eE]", text)[0]):
+        return {}  # 0e999999999 is not to be computed
+    if len(text) > 60 or not 1e-200 < float(text) < 1e200:
+        raise ModelError(f"the number {text[:40]}", "1e-200 to 1e200", "scale the equation")
+    return {NUMBER: Fraction(text)}
+
+
+def _power_of_number(value: Fraction, exponent: Fraction) -> Polynomial:
+    """Return a power of a number other than zero: a fraction times roots of primes."""
+    if exponent.denominator == 1:
+        _check_power(value, int(exponent))
+        return {NUMBER: value ** int(exponent)}
+    total, roots = Fraction(1), {}
+    for part, sign in ((value.numerator, 1), (value.denominator, -1)):
+        for prime, count in _factors(part):
+            power = sign * count * exponent
+            _check_power(Fraction(prime), int(power // 1))
+            total *= Fraction(prime) ** int(power // 1)
+            if power % 1:
+                roots[number(prime)] = power % 1
+    return {frozenset(roots.items()): total}
+
+
+def _factors(value: int) -> list[tuple[int, int]]:
+    """Return small factors and how often they are there; what is left counts as a prime."""
+    found, factor = [], 2
+    while value > 1:
+        count = 0
+        while value % factor == 0:
+            value, count = value // factor, count + 1
+        if count:
+            found.append((factor, count))
+        factor = factor + 1 if factor < _PRIMES and factor**2 <= value else value
+    return found
+
+
+def _value_of(value: Expression) -> Real:
+    """Return the value of an expression that holds no name, to a hundred digits."""
+    found = values_at({}, [value])
+    largest = 10 ** (50 if value.kind == "tan" else MAX_EXPONENT)  # tan(pi/2) is 1e100
+    if found is None or abs(found[0]) > largest:
+        raise ModelError(
+            f"{shown(value)}: no finite real number",
+            f"real numbers, to 1e{MAX_EXPONENT}",
+            "check divisors and roots",
+        )
+    return found[0]
+
+
+def _check_digits(value: Fraction) -> None:
+    """Refuse a number of more digits than `DIGITS`."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > _BITS:
+        raise ModelError(
+            f"a number of more than {DIGITS} digits",
+            "numbers as they are measured",
+            "write it as a decimal of a dozen digits",
+        )
+
+
+def _check_power(base: Fraction, exponent: int) -> None:
+    """Refuse a power of a number that would have too many digits, before it is computed."""
+    for part in (abs(base.numerator), base.denominator):
+        if part > 1 and part.bit_length() * abs(exponent) > _BITS:
+            _check_digits(Fraction(1 << _BITS))
+
+
+def _too_many() -> ModelError:
+    return ModelError("too many terms when expanded", f"{MAX_TERMS} at most", "split it")
+
+
+def _too_deep() -> ModelError:
+    return ModelError(
+        f"nesting deeper than {MAX_NESTING}", f"{MAX_NESTING} levels at most", "flatten it"
+    )
+
+
+def _unknown(name: str, names: frozenset[str], expected: str, cure: str) -> ModelError:
+    listed = sorted(names)
+    shown = ", ".join(listed[:30]) + (", ..." if len(listed) > 30 else "")
+    return ModelError(
+        f"the unknown name {name[:60]!r}", f"{expected} {shown}", nearest(name, listed, cure)
+    )
