@@ -103,7 +103,7 @@ def test_identify_loads_what_a_batch_of_a_shipped_model_needs(tmp_path: Path) ->
     parts = ("linalg", "sparse", "special", "stats", "signal", "optimize", "interpolate", "ndimage")
     slow = {"numpy.ma", *(f"scipy.{part}" for part in parts)}
     slow -= modules("import numpy")[0]  # numpy 1 loads its masked arrays by itself
-    ours = {"likelihood.estimator", "models.symbolic", "models.rotor", "rig"}
+    ours = {"likelihood.estimator", "models.rotor", "rig"}
     tables = {"experiment.table_records"}
     assert names & {*slow, *(f"rotorid.{name}" for name in ours | tables)} == set()
 

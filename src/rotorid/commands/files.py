@@ -18,7 +18,7 @@ SCHEMA = Kind("rotorid schema")
 FILES = {
     "experiment": ("rotorid.experiment.schema", "ExperimentFile"),
     "model": ("rotorid.models.loader", "ModelFile"),
-    "rotor": ("rotorid.models.rotor.rotor_file", "RotorFile"),
+    "rotor": ("rotorid.models.rotor.drawing", "Rotor"),
     "rig": ("rotorid.rig.file_schema", "RigFile"),
 }
 """The files that people write, and the class that says what may stand in each."""

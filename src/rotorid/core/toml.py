@@ -74,10 +74,12 @@ def read_bytes(path: str | Path) -> bytes:
     return read_regular(path, TOML_BYTES, "a TOML file written by hand", cure)
 
 
-def parse_toml(data: bytes, schema: type[S], *, file: str = "") -> S:
+def parse_toml(
+    data: bytes, schema: type[S], *, file: str = "", context: dict[str, Any] | None = None
+) -> S:
     table = parse_table(data, file=file)
     try:
-        return schema.model_validate(table)
+        return schema.model_validate(table, context=context)
     except ValidationError as error:
         raise _first_fault(error, schema, file) from None
     except RecursionError:

@@ -46,7 +46,7 @@ from rotorid.likelihood.starts import FEW, PLAIN_LINES, explained, searched
 from rotorid.likelihood.symmetric_answers import CLOSE
 from rotorid.models import Model
 from rotorid.models.rotor import RotorModel
-from rotorid.models.rotor.elements import PLANES
+from rotorid.models.rotor.drawing import PLANES
 
 ENTRIES = (rivals_channels, rivals_stated, rivals_tables, rivals_terms)
 """The modules that fill the catalogue."""

@@ -21,8 +21,8 @@ from rotorid.likelihood.effects import Drives, Entry, RowLoad
 from rotorid.likelihood.unknowns import Scalar, Unknown
 from rotorid.models.expressions import Expression, product, symbol
 from rotorid.models.rotor import RotorModel
-from rotorid.models.rotor.elements import PLANES
-from rotorid.models.rotor.fem import Piece, elastic_pieces
+from rotorid.models.rotor.drawing import PLANES
+from rotorid.models.rotor.fem import Piece, elastic_pieces, spans
 from rotorid.models.structure import Structure
 
 BENDS = "bending of the shaft"
@@ -200,7 +200,7 @@ def drawn_candidates(structure: Structure, model: RotorModel, values: Floats) ->
     """Yield what may be otherwise than drawn of the shaft, as a share of what is drawn."""
     known = dict(zip(model.parameter_names, values.tolist(), strict=True)) | dict(model.held)
     rotor = model.rotor
-    sections = [section for _, section, _ in rotor.spans()]
+    sections = [section for _, section, _ in spans(rotor)]
     every = range(len(sections))
     groups: list[tuple[str, str, Collection[int]]] = [
         ("stiffness shaft", "correct E of the material, or give it a parameter", every)
@@ -236,8 +236,8 @@ def _elastic(
 
 def levers(structure: Structure, model: RotorModel) -> Iterator[Unknown]:
     """Yield each actuator beside the place where it is drawn."""
-    for number, (name, at) in enumerate(model.rotor.actuators.items()):
-        first = PLANES * model.rotor.node(at)
+    for number, (name, actuator) in enumerate(model.rotor.actuators.items()):
+        first = PLANES * model.rotor.node(actuator.at)
         pushed = {first: 1.0, first + 1: -1.0}  # theta_y is the slope of x, theta_x that of -y
         arms = {
             int(structure.balance.rows[row]): (

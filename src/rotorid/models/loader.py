@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from rotorid.core.errors import ModelError, ReadError, naming
 from rotorid.core.toml import Schema, parse_toml, read_bytes, table_within
@@ -132,21 +132,30 @@ def parse_model(data: bytes | str, *, name: str = "model", file: str = "") -> Mo
     return _build(raw, name, file)
 
 
+class _Declared(Schema):
+    """The parameters of a rotor file, which its quantities hold."""
+
+    model_config = ConfigDict(extra="ignore")
+    parameters: dict[str, DeclaredParameter] = Field(default_factory=dict)
+
+
 def _build_rotor(data: bytes, name: str, file: str) -> Model:
-    from rotorid.models.rotor.rotor_file import (  # scipy: where a rotor is drawn
-        RotorFile,
-        read_rotor,
-    )
+    from rotorid.models.rotor.drawing import Rotor  # scipy: where a rotor is drawn
+    from rotorid.models.rotor.fem import divided
     from rotorid.models.rotor.rotor_model import rotor_model
 
-    entry = parse_toml(data, RotorFile, file=file)
+    declared = parse_toml(data, _Declared, file=file).parameters
     with naming(file):
-        parameters = tuple(row.parameter(key) for key, row in entry.parameters.items())
-        check_names({"parameters": entry.parameters})
-        units = {p.name: p.unit for p in parameters}
-        nominal = {p.name: p.nominal for p in parameters if p.nominal is not None}
-        rotor = read_rotor(entry, units, nominal)
-        model = rotor_model(rotor, parameters, name=name, title=entry.title, source=entry.source)
+        check_names({"parameters": declared})
+        parameters = tuple(row.parameter(key) for key, row in declared.items())
+    units = {p.name: p.unit for p in parameters}
+    nominal = {p.name: p.nominal for p in parameters if p.nominal is not None}
+    context = {"units": units, "nominal": nominal}
+    rotor = parse_toml(data, Rotor, file=file, context=context)
+    with naming(file):
+        model = rotor_model(
+            divided(rotor), parameters, name=name, title=rotor.title, source=rotor.source
+        )
         check_names(
             {
                 "places": model.coordinates,
@@ -155,7 +164,7 @@ def _build_rotor(data: bytes, name: str, file: str) -> Model:
             }
         )
         for key in (name for name in model.parameter_names if name not in model.used):
-            of_g = any(key in str(material.G) for material in entry.materials.values())
+            of_g = any(key in material.G.names for material in rotor.materials.values())
             raise ModelError(
                 f"{key!r} in no quantity",
                 "every declared parameter in a quantity of the rotor",

@@ -610,7 +610,7 @@ def drawing(rotor: Rotor) -> Panel:
     for key, word, colour, height in MARKS:
         table = getattr(rotor, key)
         if table:
-            at = [getattr(member, "at", member) for member in table.values()]
+            at = [member.at for member in table.values()]
             place = 1e3 * np.asarray(at, dtype=float)
             level = np.full(len(place), height * widest)
             curves.append(Curve(place, level, word, colour, "named", told=tuple(table)))

@@ -135,7 +135,7 @@ def drawing(rotor: Rotor) -> list[str]:
     marks = np.full((2, WIDTH), " ")
     for key, _, mark in KINDS:
         for member in getattr(rotor, key).values():
-            column = _column(rotor, getattr(member, "at", member))
+            column = _column(rotor, member.at)
             marks[0 if marks[0, column] == " " else 1, column] = mark
     legend = ", ".join(f"{mark} {word}" for key, word, mark in KINDS if getattr(rotor, key))
     below = ["".join(row).rstrip() for row in marks if (row != " ").any()]

@@ -1,21 +1,35 @@
-"""The drawing of a rotor: sections, discs, supports, places, and their quantities."""
+"""The drawing of a rotor as a rotor file gives it: sections, discs, supports, places.
+
+Its classes are the tables of the file. Where they are read from one, the context of the validation
+holds the units and nominal values of the parameters; without it, numbers are in SI.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import pairwise
 from math import ceil, prod
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    InstanceOf,
+    PrivateAttr,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from rotorid.core.errors import InputError, ModelError, naming
 from rotorid.core.frozen import frozen
+from rotorid.core.toml import Schema
 from rotorid.core.units import dimension_of, multiply_units, to_si
 from rotorid.core.values import Floats
-from rotorid.models.equations import polynomial
-from rotorid.models.rotor.elements import Beam
+from rotorid.models.equations import check_names, polynomial
+from rotorid.models.model import DeclaredParameter
 
 SPEED = "Omega"
 Factors = tuple[tuple[str, int], ...]
@@ -127,63 +141,238 @@ def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -
     return Quantity(tuple(terms))
 
 
+MAX_SECTIONS = 500
+MAX_ELEMENTS = 500
+SMALLEST, LARGEST = 1e-6, 1e3
+"""Lengths and diameters of sections in m: a wire of a micrometre, a shaft of a kilometre."""
 SAME = 1e-9
 """Share of the length within which two places are one: less than any drawing states, and a beam
 as short as that would have no stiffness that double precision holds."""
-
 AXES = ("x", "y", "theta_x", "theta_y")
 """Coordinates of a place, before its name."""
+PLANES = len(AXES)
 ENDS = ("left_end", "right_end")
 """Names of the shaft's ends where no place with a name stands there."""
+CROSSED = ("xx", "xy", "yx", "yy")
 
 
-@frozen
-class Section:
-    """A cylinder of one material; lengths in m."""
-
-    length: float
-    outer: float
-    inner: float
-    # Pa, kg/m^3
-    E: Quantity
-    density: Quantity
-    ratio: float  # E / G
-    # nominal E in Pa and density in kg/m^3
-    modulus: float
-    heaviness: float
-    stiffness: Quantity = ONE  # factor on E of this section: a shrink fit
-    elements: int = 1
-
-    def beam(self, length: float) -> Beam:
-        return Beam(length, self.outer, self.inner, self.modulus, self.modulus / self.ratio, 1.0)
+def _metres(value: Any, info: ValidationInfo) -> Any:
+    return value if info.context is None else to_si(value, "m")
 
 
-@frozen
-class Disc:
-    """A rigid disc: kg, kg m^2."""
+def _of(unit: str, *, signed: bool = True, above: bool = False, speed: bool = False) -> Any:
+    """Return what makes a quantity of a text: any, 0 or more, or above 0; maybe of the speed."""
 
-    at: float
-    mass: Quantity
-    I_t: Quantity
-    I_p: Quantity
+    def read(value: Any, info: ValidationInfo) -> Any:
+        if info.context is None or isinstance(value, Quantity):
+            return value
+        found = read_quantity(value, unit, info.context["units"])
+        if not speed and any(name == SPEED for factors, _ in found.terms for name, _ in factors):
+            raise ModelError(
+                f"{value!r}, which depends on the speed",
+                "a quantity of the rotor itself",
+                "let the speed stand in [supports] only",
+            )
+        if above:
+            _check_nominal(found, info.context["nominal"])
+        if not signed and found.number is not None and found.number < 0:
+            raise ModelError(f"{found.number:g}", "0 or more", "drop the sign")
+        return found
+
+    return BeforeValidator(read)
 
 
-@frozen
-class Support:
-    """Stiffness and damping to ground: xx, xy, yx, yy, in N/m and N s/m."""
+def _check_nominal(quantity: Quantity, nominal: Mapping[str, float]) -> None:
+    """Refuse a quantity that has no value above 0 at the nominal values."""
+    missing = [name for name in quantity.names if name not in nominal]
+    if missing:
+        raise ModelError(
+            f"{missing[0]} without nominal",
+            "a nominal value, for which the shaft is divided into elements",
+            "give nominal, about right",
+            place=f"parameters.{missing[0]}",
+        )
+    value = quantity.value(nominal)
+    if not 0 < value < float("inf"):
+        raise ModelError(
+            f"{value:g} at the nominal values",
+            "a quantity above 0",
+            "look at its unit and its sign, and at nominal of what it holds",
+        )
 
-    at: float
-    stiffness: tuple[Quantity, Quantity, Quantity, Quantity]
-    damping: tuple[Quantity, Quantity, Quantity, Quantity]
+
+Metres = Annotated[float, BeforeValidator(_metres)]
+_Text = Annotated[
+    InstanceOf[Quantity],
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "number"}, {"type": "integer"}]}),
+]
 
 
-@frozen
-class DrawnUnbalance:
-    """Unbalance in the rotor's frame, in kg m."""
+def _default(quantity: Quantity) -> Any:
+    return Field(default_factory=lambda: quantity)
 
-    at: float
-    x: Quantity
-    y: Quantity
+
+class Material(Schema):
+    """A material; G is the same share of E whatever E is."""
+
+    E: Annotated[_Text, _of("Pa", above=True)]
+    G: Annotated[_Text, _of("Pa", above=True)]
+    density: Annotated[_Text, _of("kg/m^3", above=True)]
+    _nominal: Mapping[str, float] = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _at_nominal(self, info: ValidationInfo) -> Self:
+        self._nominal = {} if info.context is None else info.context["nominal"]
+        shear = self.modulus / self.ratio
+        if info.context is not None and not 2.0 <= self.ratio <= 3.0:
+            raise ModelError(
+                f"E = {self.modulus:.4g} Pa with G = {shear:.4g} Pa, Poisson's ratio "
+                f"{self.ratio / 2 - 1:.3g}",
+                "a ratio from 0 to 0.5, E from 2 to 3 times G",
+                "look at the units of E and G",
+            )
+        return self
+
+    @property
+    def modulus(self) -> float:
+        """Nominal E in Pa."""
+        return self.E.value(self._nominal)
+
+    @property
+    def heaviness(self) -> float:
+        """Nominal density in kg/m^3."""
+        return self.density.value(self._nominal)
+
+    @property
+    def ratio(self) -> float:
+        """E / G."""
+        return self.modulus / self.G.value(self._nominal)
+
+
+def _material(value: Any, info: ValidationInfo) -> Any:
+    known = (info.context or {}).get("materials")
+    if known is None:
+        return value
+    if value not in known:
+        raise ModelError(
+            f"the material {str(value)[:60]!r}",
+            f"one of [materials]: {', '.join(known)}",
+            "take a name from there, or add it",
+        )
+    return known[value]
+
+
+class Section(Schema):
+    """A cylinder of the shaft."""
+
+    length: Metres
+    outer: Metres
+    inner: Metres = 0.0
+    material: Annotated[
+        InstanceOf[Material], BeforeValidator(_material), WithJsonSchema({"type": "string"})
+    ]
+    stiffness: Annotated[_Text, _of("1", above=True)] = _default(ONE)  # factor on E: a shrink fit
+    elements: Annotated[int, Field(ge=1, le=MAX_ELEMENTS, strict=True)] | None = None
+
+    @field_validator("length", "outer")
+    @classmethod
+    def _of_a_shaft(cls, value: float) -> float:
+        if not SMALLEST < value < LARGEST:
+            raise ModelError(
+                f"{value:g} m",
+                f"a length above 0, from {SMALLEST:g} to {LARGEST:g} m",
+                "take it from the drawing again, with its unit",
+            )
+        return value
+
+    @field_validator("inner")
+    @classmethod
+    def _within(cls, inner: float, info: ValidationInfo) -> float:
+        outer = info.data.get("outer", np.inf)
+        if not 0 <= inner < outer:
+            raise ModelError(
+                f"inner {inner:g} m in outer {outer:g} m",
+                "an inner diameter from 0 to less than the outer one",
+                "give diameters, not radii; leave inner out where the section is solid",
+            )
+        return inner
+
+
+class Disc(Schema):
+    """A rigid disc."""
+
+    at: Metres
+    mass: Annotated[_Text, _of("kg", signed=False)]
+    I_t: Annotated[_Text, _of("kg m^2", signed=False)] = _default(NONE)
+    I_p: Annotated[_Text, _of("kg m^2", signed=False)] = _default(NONE)
+
+
+class ChannelPlace(Schema):
+    """An actuator or a sensor."""
+
+    at: Metres
+
+
+_Stiffness = Annotated[_Text, _of("N/m", speed=True)] | None
+_Damping = Annotated[_Text, _of("N s/m", speed=True)] | None
+
+
+class Support(Schema):
+    """A spring and a damper to ground."""
+
+    at: Metres
+    k: _Stiffness = None
+    c: _Damping = None
+    kxx: _Stiffness = None
+    kxy: _Stiffness = None
+    kyx: _Stiffness = None
+    kyy: _Stiffness = None
+    cxx: _Damping = None
+    cxy: _Damping = None
+    cyx: _Damping = None
+    cyy: _Damping = None
+
+    @model_validator(mode="after")
+    def _told_once(self) -> Self:
+        for kind in "kc":
+            given = [kind + axes for axes in CROSSED if getattr(self, kind + axes) is not None]
+            if getattr(self, kind) is not None and given:
+                raise ModelError(
+                    f"{kind} beside {given[0]}",
+                    f"{kind}, the same in x and y, or the four of {kind}xx to {kind}yy",
+                    "leave one out",
+                )
+        if not any(quantity.terms for kind in "kc" for quantity in self.table(kind)):
+            raise ModelError(
+                "neither stiffness nor damping",
+                "k, c, or kxx to cyy",
+                "give one of them, or leave the support out",
+            )
+        return self
+
+    def table(self, kind: str) -> tuple[Quantity, ...]:
+        """Return stiffness (k) or damping (c): xx, xy, yx, yy, in N/m or N s/m."""
+        both = getattr(self, kind) or NONE
+        return tuple(
+            getattr(self, kind + axes) or (both if axes in ("xx", "yy") else NONE)
+            for axes in CROSSED
+        )
+
+
+class DrawnUnbalance(Schema):
+    """Unbalance in the rotor's frame."""
+
+    at: Metres
+    x: Annotated[_Text, _of("kg m")] = _default(NONE)
+    y: Annotated[_Text, _of("kg m")] = _default(NONE)
+
+
+class ShaftDamping(Schema):
+    """Damping of the shaft: that turns with it, times its K; of the air, times its M; loss."""
+
+    internal: Annotated[_Text, _of("s", signed=False)] = _default(NONE)
+    external: Annotated[_Text, _of("1/s", signed=False)] = _default(NONE)
+    structural: Annotated[_Text, _of("1", signed=False)] = _default(NONE)
 
 
 @frozen
@@ -200,35 +389,97 @@ class Place:
         return tuple(f"{axis}_{self.names[0]}" for axis in AXES)
 
 
-@frozen
-class Rotor:
+def _table(**more: Any) -> Any:
+    return Field(default_factory=dict, max_length=MAX_SECTIONS, **more)
+
+
+class Rotor(Schema):
     """A rotor from its drawing; positions in m from the left end."""
 
-    sections: tuple[Section, ...]
-    # by the name of the place; the last two are positions
-    discs: Mapping[str, Disc] = field(default_factory=dict)
-    supports: Mapping[str, Support] = field(default_factory=dict)
-    unbalance: Mapping[str, DrawnUnbalance] = field(default_factory=dict)
-    actuators: Mapping[str, float] = field(default_factory=dict)
-    sensors: Mapping[str, float] = field(default_factory=dict)
-    # damping of the shaft: that turns with it, in s, times its K; of the air, in 1/s, times its M;
-    # and the loss factor
-    internal: Quantity = NONE
-    external: Quantity = NONE
-    structural: Quantity = NONE
+    title: str = ""
+    source: str = ""
+    materials: dict[str, Material] = Field(min_length=1, max_length=MAX_SECTIONS)
+    sections: tuple[Section, ...] = Field(min_length=1, max_length=MAX_SECTIONS)
+    discs: dict[str, Disc] = _table()
+    actuators: dict[str, ChannelPlace] = _table()
+    sensors: dict[str, ChannelPlace] = _table()
+    supports: dict[str, Support] = _table()
+    unbalance: dict[str, DrawnUnbalance] = _table()
+    damping: ShaftDamping = Field(default_factory=ShaftDamping)
+    parameters: dict[str, DeclaredParameter] = _table()
+
+    @field_validator("materials")
+    @classmethod
+    def _named(cls, materials: dict[str, Material], info: ValidationInfo) -> dict[str, Material]:
+        if info.context is not None:
+            info.context["materials"] = materials
+        return materials
+
+    @model_validator(mode="after")
+    def _placed(self) -> Self:
+        self._check_places()
+        self._check_channels()
+        return self
 
     @property
     def length(self) -> float:
         return sum(section.length for section in self.sections)
 
+    def _check_places(self) -> None:
+        """Refuse places off the shaft, and names that stand for two."""
+        first: dict[str, tuple[str, float]] = {}
+        for table in ("sensors", "actuators", "discs", "supports", "unbalance"):
+            check_names({table: getattr(self, table)})
+            for name, member in getattr(self, table).items():
+                place = f"{table}.{name}"
+                if name.startswith("node") or name in ENDS:
+                    raise ModelError(
+                        f"the place {name!r}",
+                        "a name that no node has: node1, node2 are those without a name, left_end "
+                        "and right_end the ends",
+                        "rename it",
+                        place=place,
+                    )
+                if not -self._near <= member.at <= self.length + self._near:
+                    raise ModelError(
+                        f"a place at {member.at:g} m",
+                        f"one on the shaft, which is {self.length:g} m long",
+                        "measure from the left end",
+                        place=f"{place}.at",
+                    )
+                known, at = first.setdefault(name, (table, member.at))
+                if abs(at - member.at) > self._near:
+                    raise ModelError(
+                        f"{name!r} at {member.at:g} m and, in [{known}], at {at:g} m",
+                        "one place of that name",
+                        "give the other another name",
+                        place=f"{place}.at",
+                    )
+
+    def _check_channels(self) -> None:
+        """Refuse two names of one place where channels would have to know which of them it has."""
+        shown = [(n, c.at) for table in (self.sensors, self.actuators) for n, c in table.items()]
+        for k, (name, at) in enumerate(shown):
+            for other, there in shown[:k]:
+                if name != other and abs(at - there) <= self._near:
+                    raise ModelError(
+                        f"{other!r} and {name!r} at {at:g} m",
+                        "one name of one place, after which its coordinates are called",
+                        f"call both {name}: the actuator then has F_x{name}, the sensor x_{name}",
+                        place=f"sensors.{other}",
+                    )
+
+    def with_elements(self, counts: Sequence[int]) -> Rotor:
+        """Return the same rotor, its sections divided into so many elements."""
+        pairs = zip(self.sections, counts, strict=True)
+        sections = tuple(s.model_copy(update={"elements": count}) for s, count in pairs)
+        return Rotor.model_construct(**{**dict(self), "sections": sections})
+
     @cached_property
     def places(self) -> Mapping[str, float]:
         """Position of each named place; what names channels comes first."""
-        found = {**self.sensors, **{n: at for n, at in self.actuators.items()}}
-        for table in (self.discs, self.supports, self.unbalance):
-            for name, member in table.items():
-                found.setdefault(name, member.at)
-        return found
+        tables = (self.sensors, self.actuators, self.discs, self.supports, self.unbalance)
+        return {name: member.at for table in tables for name, member in table.items()}
 
     @cached_property
     def nodes(self) -> tuple[Place, ...]:
@@ -239,7 +490,7 @@ class Rotor:
         for section, left, right in zip(self.sections, borders[:-1], borders[1:], strict=True):
             inside = [z for z in held if left + self._near < z < right - self._near]
             for one, other in zip([left, *inside], [*inside, right], strict=True):
-                share = section.elements * (other - one) / section.length
+                share = (section.elements or 1) * (other - one) / section.length
                 count = max(1, ceil(share - SAME))
                 cuts += list(np.linspace(one, other, count + 1)[1:])
         return tuple(self._place(k, z) for k, z in enumerate(self._merged(cuts)))
@@ -269,11 +520,3 @@ class Rotor:
 
     def node(self, at: float) -> int:
         return int(np.abs(self.positions - at).argmin())
-
-    def spans(self) -> Iterator[tuple[int, Section, Beam]]:
-        """Yield every element: its left node, its section, and its beam."""
-        borders, place = np.cumsum([s.length for s in self.sections]), self.positions
-        for k, (left, right) in enumerate(pairwise(place)):
-            number = int(np.searchsorted(borders, (left + right) / 2))
-            section = self.sections[number]
-            yield k, section, section.beam(float(right - left))

@@ -1,18 +1,153 @@
-"""Matrices of a drawing, and how many elements are enough."""
+"""Matrices of a drawing: lateral Timoshenko beam elements, and how many of them are enough.
+
+Notation (Friswell, Penny, Garvey, Lees 2010, section 5.4; Nelson 1980): an element of length L,
+area A, second moment I, shear coefficient kappa has ``Phi = 12 E I / (kappa G A L^2)``. In one
+plane its coordinates are displacement and slope at its left and right node; the slope is theta_y
+in the plane of x and -theta_x in that of y.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
 
 from rotorid.core.errors import ModelError
+from rotorid.core.frozen import frozen
 from rotorid.core.values import Floats
-from rotorid.models.rotor.drawing import SAME, SPEED, Factors, Quantity, Rotor, Section
-from rotorid.models.rotor.elements import PLANES, Beam, both_planes, turned
+from rotorid.models.rotor.drawing import (
+    MAX_ELEMENTS,
+    PLANES,
+    SAME,
+    SPEED,
+    Factors,
+    Quantity,
+    Rotor,
+    Section,
+)
+
+
+@frozen
+class Beam:
+    """A round element of one material; lengths in m, E and G in Pa, density in kg/m^3."""
+
+    length: float
+    outer: float
+    inner: float
+    E: float
+    G: float
+    density: float
+
+    @property
+    def area(self) -> float:
+        return float(np.pi / 4 * (self.outer**2 - self.inner**2))
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of the cross section about a diameter, in m^4."""
+        return float(np.pi / 64 * (self.outer**4 - self.inner**4))
+
+    @property
+    def shear_coefficient(self) -> float:
+        """Kappa of a round section after Cowper (1966), solid or hollow."""
+        poisson = self.E / (2 * self.G) - 1
+        square = (self.inner / self.outer) ** 2
+        thick = (1 + square) ** 2
+        below = thick * (7 + 6 * poisson) + square * (20 + 12 * poisson)
+        return float(6 * thick * (1 + poisson) / below)
+
+    @property
+    def phi(self) -> float:
+        """The share of shear in what an element gives way."""
+        shear = self.shear_coefficient * self.G * self.area * self.length**2
+        return 12 * self.E * self.second_moment / shear
+
+    def stiffness(self) -> Floats:
+        """Return K of one plane, shape (4, 4)."""
+        length, phi = self.length, self.phi
+        factor = self.E * self.second_moment / ((1 + phi) * length**3)
+        a, b = (4 + phi) * length**2, (2 - phi) * length**2
+        return factor * _in_plane(12.0, 6 * length, -12.0, 6 * length, a, b)
+
+    def translation(self) -> Floats:
+        """Return what the mass of the element adds to M of one plane, shape (4, 4)."""
+        length, phi = self.length, self.phi
+        factor = self.density * self.area * length / (840 * (1 + phi) ** 2)
+        return factor * _in_plane(
+            312 + 588 * phi + 280 * phi**2,
+            (44 + 77 * phi + 35 * phi**2) * length,
+            108 + 252 * phi + 140 * phi**2,
+            -(26 + 63 * phi + 35 * phi**2) * length,
+            (8 + 14 * phi + 7 * phi**2) * length**2,
+            -(6 + 14 * phi + 7 * phi**2) * length**2,
+        )
+
+    def rotation(self) -> Floats:
+        """Return what its rotary inertia adds; the polar inertia, of G, is twice that."""
+        length, phi = self.length, self.phi
+        factor = self.density * self.second_moment / (30 * (1 + phi) ** 2 * length)
+        b = (3 - 15 * phi) * length
+        c = (4 + 5 * phi + 10 * phi**2) * length**2
+        d = (-1 - 5 * phi + 5 * phi**2) * length**2
+        return factor * _in_plane(36.0, b, -36.0, b, c, d)
+
+
+def _in_plane(a: float, b: float, c: float, d: float, e: float, f: float) -> Floats:
+    """Return the symmetric pattern that all matrices of an element have."""
+    return np.array([[a, b, c, d], [b, e, -d, f], [c, -d, a, -b], [d, f, -b, e]])
+
+
+def both_planes(plane: Floats) -> Floats:
+    """Return a matrix of displacements and slopes in both planes, (4 node, 4 node)."""
+    nodes = len(plane) // 2
+    out = np.zeros((PLANES * nodes, PLANES * nodes))
+    along, across = slots(nodes)
+    sign = signs(nodes)
+    out[np.ix_(along, along)] = plane
+    out[np.ix_(across, across)] = plane * np.outer(sign, sign)
+    return out
+
+
+def turned(nodes: int) -> Floats:
+    """Return S, which takes x to y and y to -x, the slopes alike: minus a quarter turn."""
+    turn = np.zeros((PLANES * nodes, PLANES * nodes))
+    for node in range(nodes):
+        x, y, theta_x, theta_y = range(PLANES * node, PLANES * node + PLANES)
+        turn[x, y], turn[y, x] = 1.0, -1.0
+        turn[theta_x, theta_y], turn[theta_y, theta_x] = 1.0, -1.0
+    return turn
+
+
+def slots(nodes: int) -> tuple[list[int], list[int]]:
+    """Return where displacements and slopes stand in the plane of x, and in that of y."""
+    starts = [PLANES * node for node in range(nodes)]
+    along = [start + k for start in starts for k in (0, 3)]
+    across = [start + k for start in starts for k in (1, 2)]
+    return along, across
+
+
+def signs(nodes: int) -> Floats:
+    """Return by what displacements and slopes in the plane of y are multiplied to be like x's."""
+    return np.tile([1.0, -1.0], nodes)
+
+
+def spans(rotor: Rotor) -> Iterator[tuple[int, Section, Beam]]:
+    """Yield every element: its left node, its section, and its beam of density 1."""
+    borders, place = np.cumsum([s.length for s in rotor.sections]), rotor.positions
+    for k, (left, right) in enumerate(pairwise(place)):
+        section = rotor.sections[int(np.searchsorted(borders, (left + right) / 2))]
+        yield k, section, _beam(section, float(right - left))
+
+
+def _beam(section: Section, length: float) -> Beam:
+    modulus = section.material.modulus
+    shear = modulus / section.material.ratio
+    return Beam(length, section.outer, section.inner, modulus, shear, 1.0)
+
 
 Key = tuple[Factors, int, int, bool]
 
@@ -72,7 +207,7 @@ class _Gatherer:
 def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
     """Return the matrices of a rotor, in the coordinates of its nodes."""
     gathered = _Gatherer(PLANES * len(rotor.nodes))
-    for span in rotor.spans():
+    for span in spans(rotor):
         _add_element(gathered, rotor, *span)
     for disc in rotor.discs.values():
         first = PLANES * rotor.node(disc.at)
@@ -83,8 +218,8 @@ def pieces_of(rotor: Rotor) -> tuple[Piece, ...]:
         gathered.add(disc.I_p.times(_SPEED), 1, first, spin)
     for support in rotor.supports.values():
         first = PLANES * rotor.node(support.at)
-        for order, table in ((0, support.stiffness), (1, support.damping)):
-            for (row, column), quantity in zip(np.ndindex(2, 2), table, strict=True):
+        for order, kind in enumerate("kc"):
+            for (row, column), quantity in zip(np.ndindex(2, 2), support.table(kind), strict=True):
                 block = np.zeros((2, 2))
                 block[row, column] = 1.0
                 gathered.add(quantity, order, first, block)
@@ -100,29 +235,29 @@ def _add_element(
     first = PLANES * node
     _add_elastic(gathered, rotor, first, section, beam)
     mass = both_planes(beam.translation() + beam.rotation())
-    gathered.add(section.density, 2, first, mass)
-    gathered.add(section.density.times(rotor.external), 1, first, mass)
+    gathered.add(section.material.density, 2, first, mass)
+    gathered.add(section.material.density.times(rotor.damping.external), 1, first, mass)
     polar = both_planes(2 * beam.rotation()) @ turned(2)
-    gathered.add(section.density.times(_SPEED), 1, first, polar)
+    gathered.add(section.material.density.times(_SPEED), 1, first, polar)
 
 
 def _add_elastic(
     gathered: _Gatherer, rotor: Rotor, first: int, section: Section, beam: Beam
 ) -> None:
     """Add the stiffness of an element, with the damping that goes with it."""
-    stiffness = both_planes(beam.stiffness()) / section.modulus
-    elastic = section.E.times(section.stiffness)
+    stiffness = both_planes(beam.stiffness()) / section.material.modulus
+    elastic = section.material.E.times(section.stiffness)
     gathered.add(elastic, 0, first, stiffness)
-    spun = elastic.times(rotor.internal)
+    spun = elastic.times(rotor.damping.internal)
     gathered.add(spun, 1, first, stiffness)
     gathered.add(spun.times(_SPEED), 0, first, stiffness @ turned(2))
-    gathered.add(elastic.times(rotor.structural), 0, first, stiffness, structural=True)
+    gathered.add(elastic.times(rotor.damping.structural), 0, first, stiffness, structural=True)
 
 
 def elastic_pieces(rotor: Rotor, elements: Collection[int]) -> tuple[Piece, ...]:
     """Return what some elements of the shaft, by their left nodes, add by their stiffness."""
     gathered = _Gatherer(PLANES * len(rotor.nodes))
-    for node, section, beam in rotor.spans():
+    for node, section, beam in spans(rotor):
         if node in elements:
             _add_elastic(gathered, rotor, PLANES * node, section, beam)
     return gathered.pieces()
@@ -143,8 +278,8 @@ def loads_of(rotor: Rotor) -> tuple[UnbalanceLoad, ...]:
 
 def inputs_of(rotor: Rotor) -> Floats:
     matrix = np.zeros((PLANES * len(rotor.nodes), 2 * len(rotor.actuators)))
-    for k, at in enumerate(rotor.actuators.values()):
-        first = PLANES * rotor.node(at)
+    for k, actuator in enumerate(rotor.actuators.values()):
+        first = PLANES * rotor.node(actuator.at)
         matrix[first, 2 * k] = matrix[first + 1, 2 * k + 1] = 1.0
     return matrix
 
@@ -160,39 +295,34 @@ FINER = 1.25
 """How much shorter the elements are that are tried next."""
 
 
-def divided(rotor: Rotor, elements: Sequence[int | None], limit: int) -> Rotor:
+def divided(rotor: Rotor) -> Rotor:
     """Return a rotor whose sections have the elements asked for, the others as many as needed.
 
     As many as make the first three bending frequencies of the free shaft, without what stands on
-    it, converge: elements of about one length, shortened until
-    twice as many change the frequencies by no more than `CONVERGED`.
+    it, converge: elements of about one length, shortened until twice as many change the frequencies
+    by no more than `CONVERGED`.
     """
     size = max(section.length for section in rotor.sections)
     while True:
         counts = [
-            given or max(1, int(np.ceil(section.length / size - SAME)))
-            for section, given in zip(rotor.sections, elements, strict=True)
+            section.elements or max(1, int(np.ceil(section.length / size - SAME)))
+            for section in rotor.sections
         ]
-        if sum(counts) + len(rotor.places) > limit:
+        if sum(counts) + len(rotor.places) > MAX_ELEMENTS:
             raise ModelError(
-                f"more than {limit} elements",
+                f"more than {MAX_ELEMENTS} elements",
                 "as many as the bending modes in the band of the records need",
                 "leave elements out, or draw fewer sections",
                 place="sections",
             )
-        found = _meshed(rotor, counts)
-        if None not in elements:
+        found = rotor.with_elements(counts)
+        if all(section.elements for section in rotor.sections):
             return found
         # Twice as many of a section need not be: a place in its middle divides it already.
         mine, theirs = bending(found), bending(found, parts=2)
         if len(mine) == BENDING and (np.abs(mine - theirs) <= CONVERGED * theirs).all():
             return found
         size /= FINER
-
-
-def _meshed(rotor: Rotor, elements: Sequence[int]) -> Rotor:
-    sections = zip(rotor.sections, elements, strict=True)
-    return replace(rotor, sections=tuple(replace(s, elements=count) for s, count in sections))
 
 
 def bending(rotor: Rotor, parts: int = 1) -> Floats:
@@ -202,12 +332,14 @@ def bending(rotor: Rotor, parts: int = 1) -> Floats:
     """
     nodes = parts * (len(rotor.nodes) - 1) + 1
     mass, stiffness = np.zeros((2 * nodes, 2 * nodes)), np.zeros((2 * nodes, 2 * nodes))
-    for number, section, whole in rotor.spans():
-        beam = section.beam(whole.length / parts)
+    for number, section, whole in spans(rotor):
+        beam = _beam(section, whole.length / parts)
         for node in range(parts * number, parts * (number + 1)):
             where = slice(2 * node, 2 * node + 4)
             stiffness[where, where] += beam.stiffness()
-            mass[where, where] += section.heaviness * (beam.translation() + beam.rotation())
+            mass[where, where] += section.material.heaviness * (
+                beam.translation() + beam.rotation()
+            )
     scale = 1 / np.sqrt(np.diag(mass))
     scaled = [scale[:, None] * matrix * scale for matrix in (stiffness, mass)]
     squares = scipy.linalg.eigh(*scaled, eigvals_only=True)

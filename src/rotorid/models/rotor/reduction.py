@@ -18,9 +18,8 @@ import numpy as np
 import scipy
 
 from rotorid.core.values import Complexes, Floats, Integers
-from rotorid.models.rotor.drawing import Factors
-from rotorid.models.rotor.elements import PLANES, signs, slots
-from rotorid.models.rotor.fem import Piece, UnbalanceLoad
+from rotorid.models.rotor.drawing import PLANES, Factors
+from rotorid.models.rotor.fem import Piece, UnbalanceLoad, signs, slots
 
 WORTH = 4e7
 """Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""

@@ -13,7 +13,17 @@ import numpy as np
 
 from rotorid.core.errors import InputError, ModelError, require_names
 from rotorid.models.model import Parameter
-from rotorid.models.rotor.drawing import Disc, Quantity, Rotor, Section, Support
+from rotorid.models.rotor.drawing import (
+    CROSSED,
+    ChannelPlace,
+    Disc,
+    Material,
+    Quantity,
+    Rotor,
+    Section,
+    Support,
+)
+from rotorid.models.rotor.fem import spans
 from rotorid.models.rotor.rotor_model import RotorModel, rotor_model
 
 
@@ -25,18 +35,20 @@ def to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
         raise ModelError(
             "no package ross", "ROSS 2.3 or later", "pip install rotorid[ross]"
         ) from None
-    for name in ("internal", "external", "structural"):
-        if getattr(rotor, name).value(known):
+    for name, damping in rotor.damping:
+        if damping.value(known):
             raise ModelError(
-                f"{name} damping of {getattr(rotor, name).value(known):g}",
+                f"{name} damping of {damping.value(known):g}",
                 "none, which ROSS does not have",
                 "put its parameter to 0",
             )
     shaft = []
-    for node, section, beam in rotor.spans():
-        modulus = section.E.times(section.stiffness).value(known)
-        density = section.density.value(known)
-        material = ross.Material(f"m{node}", rho=density, E=modulus, G_s=modulus / section.ratio)
+    for node, section, beam in spans(rotor):
+        modulus = section.material.E.times(section.stiffness).value(known)
+        density = section.material.density.value(known)
+        material = ross.Material(
+            f"m{node}", rho=density, E=modulus, G_s=modulus / section.material.ratio
+        )
         shaft.append(
             ross.ShaftElement(
                 beam.length, idl=beam.inner, odl=beam.outer, material=material, n=node
@@ -53,11 +65,10 @@ def to_ross(rotor: Rotor, known: Mapping[str, float]) -> Any:
 
 
 def _bearing(ross: Any, rotor: Rotor, support: Support, known: Mapping[str, float]) -> Any:
-    axes = ("xx", "xy", "yx", "yy")
     constants = {
-        kind + axis: quantity.value(known)
-        for kind, table in (("k", support.stiffness), ("c", support.damping))
-        for axis, quantity in zip(axes, table, strict=True)
+        kind + axes: quantity.value(known)
+        for kind in "kc"
+        for axes, quantity in zip(CROSSED, support.table(kind), strict=True)
     }
     return ross.BearingElement(rotor.node(support.at), **constants)
 
@@ -114,10 +125,10 @@ def from_ross(
     )
     discs = {
         f"disc{k}": Disc(
-            float(at[disk.n]),
-            named(f"m_{k}", "kg", disk.m),
-            named(f"I_t_{k}", "kg m^2", disk.Id),
-            named(f"I_p_{k}", "kg m^2", disk.Ip),
+            at=float(at[disk.n]),
+            mass=named(f"m_{k}", "kg", disk.m),
+            I_t=named(f"I_t_{k}", "kg m^2", disk.Id),
+            I_p=named(f"I_p_{k}", "kg m^2", disk.Ip),
         )
         for k, disk in enumerate(rotor.disk_elements)
     }
@@ -127,10 +138,12 @@ def from_ross(
         for k, bearing in enumerate(rotor.bearing_elements)
     }
     pushed, read = (
-        {name: float(at[node]) for name, node in (table or {}).items()}
+        {name: ChannelPlace(at=float(at[node])) for name, node in (table or {}).items()}
         for table in (actuators, sensors)
     )
-    drawn = Rotor(sections, discs, supports, {}, pushed, read)
+    drawn = Rotor.model_construct(
+        sections=sections, discs=discs, supports=supports, actuators=pushed, sensors=read
+    )
     model = rotor_model(drawn, parameters, name="ross", title=str(getattr(rotor, "tag", "")))
     return model if unknown is None else _only(model, tuple(unknown))
 
@@ -139,14 +152,12 @@ def _support(
     at: float, number: int, bearing: Any, named: Callable[[str, str, float], Quantity]
 ) -> Support:
     """Return a bearing, its constants as parameters."""
-    tables = [
-        [
-            named(f"{kind}{axes}_{number}", unit, _constant(bearing, kind + axes))
-            for axes in ("xx", "xy", "yx", "yy")
-        ]
+    quantities = {
+        kind + axes: named(f"{kind}{axes}_{number}", unit, _constant(bearing, kind + axes))
         for kind, unit in (("k", "N/m"), ("c", "N s/m"))
-    ]
-    return Support(at, *map(tuple, tables))  # type: ignore[arg-type]
+        for axes in CROSSED
+    }
+    return Support(at=at, **quantities)
 
 
 def _only(model: RotorModel, unknown: Sequence[str]) -> RotorModel:
@@ -175,15 +186,16 @@ def _section(element: Any, stiffness: Quantity) -> Section:
         )
     material = element.material
     return Section(
-        float(element.L),
-        float(element.odl),
-        float(element.idl),
-        Quantity.of(material.E),
-        Quantity.of(material.rho),
-        float(material.E / material.G_s),
-        float(material.E),
-        float(material.rho),
-        stiffness,
+        length=float(element.L),
+        outer=float(element.odl),
+        inner=float(element.idl),
+        material=Material(
+            E=Quantity.of(material.E),
+            G=Quantity.of(material.G_s),
+            density=Quantity.of(material.rho),
+        ),
+        stiffness=stiffness,
+        elements=1,
     )
 
 

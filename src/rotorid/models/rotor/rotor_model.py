@@ -18,8 +18,7 @@ from rotorid.models.equations import DERIVATIVES, Names, SplitEquations, sort_mo
 from rotorid.models.expressions import Expression, Monomial, product, symbol
 from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm, Term, TermKind
 from rotorid.models.model import Model, Motion, Parameter
-from rotorid.models.rotor.drawing import AXES, Factors, Rotor
-from rotorid.models.rotor.elements import PLANES
+from rotorid.models.rotor.drawing import AXES, PLANES, Factors, Rotor
 from rotorid.models.rotor.fem import (
     Piece,
     UnbalanceLoad,
