@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, StrictInt
 from rotorid.core.errors import InputError
 from rotorid.core.toml import Schema
 from rotorid.core.units import to_si
-from rotorid.force.laws import MU0, Differential, Flux, Linear
+from rotorid.force.laws import MU0, Differential, Flux, Law, Linear
 
 LawName = Literal["linear", "differential", "flux"]
 
@@ -43,14 +43,11 @@ def _constant(unit: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-_KEYS: Mapping[LawName, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    # law: keys that it needs, keys that it may have
-    "linear": (("ki",), ("ks",)),
-    "differential": (
-        ("bias", "gap"),
-        ("K", "area", "turns", "angle", "bias_difference", "iron", "saturation"),
-    ),
-    "flux": (("area",), ("poles", "angle")),
+_LAWS: Mapping[LawName, tuple[type[Law], tuple[str, ...], tuple[str, ...]]] = {
+    # keys that a law needs; keys that are no constants of it
+    "linear": (Linear, ("ki",), ()),
+    "differential": (Differential, ("bias", "gap"), ("area", "turns")),
+    "flux": (Flux, ("area",), ("poles",)),
 }
 
 
@@ -91,42 +88,38 @@ class LawEntry(Schema):
     def shared(self) -> dict[str, str]:
         """Names under which constants of the law are shared, by its fields."""
         fields = {"K": "constant", "area": "area" if self.law == "flux" else "constant"}
-        return {
-            fields.get(key, key): constant.shared
-            for key, constant in self._constants.items()
-            if constant.shared
-        }
+        constants = self._constants.items()
+        return {fields.get(key, key): each.shared for key, each in constants if each.shared}
 
-    def _refuse_unknown(self) -> None:
-        """Refuse unknown constants of the linear law, which stand elsewhere."""
+    def build(self) -> Linear | Differential | Flux:
+        law, needed, more = _LAWS[self.law]
+        allowed = (*needed, *(of.key or field for field, of in law.stated.items()), *more)
         for key, constant in self._constants.items():
-            if key not in ("ki", "ks") or self.law != "linear":
-                continue
-            if constant.std == np.inf or constant.shared:
+            if (
+                self.law == "linear"
+                and key in allowed
+                and (constant.std == np.inf or constant.shared)
+            ):
                 raise InputError(
                     f"an unknown or shared {key}",
                     "a quantity, or value and std",
                     f'write gains = ["{key}"] under [estimator] to estimate it',
                     place=key,
                 )
-
-    def build(self) -> Linear | Differential | Flux:
-        self._refuse_unknown()
-        needed, more = _KEYS[self.law]
         for key in needed:
             if getattr(self, key) is None:
                 raise InputError(
                     f"no {key}", f"{', '.join(needed)} for the {self.law} law", f"add {key}"
                 )
-        for key in sorted({key for pair in _KEYS.values() for keys in pair for key in keys}):
-            if key not in needed + more and getattr(self, key) is not None:
+        for key in sorted(set(law_keys()) - {"law", *allowed}):
+            if getattr(self, key) is not None:
                 raise InputError(
                     f"{key} with the {self.law} law",
-                    f"one of {', '.join(needed + more)}",
+                    f"one of {', '.join(dict.fromkeys(allowed))}",
                     "remove it",
                     place=key,
                 )
-        given = {key: c for key, c in self._constants.items() if key in needed + more}
+        given = self._constants
         if self.law == "linear":
             return Linear(**_with_deviations(given))
         if self.law == "flux":

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,31 +60,23 @@ def require(found: object, ok: bool, name: str, expected: str, cure: str) -> Non
         raise InputError(f"{name} = {found}", expected, cure, place=name)
 
 
-def require_constants(law: Any, positive: dict[str, str], free: tuple[str, ...] = ()) -> None:
+def require_constants(law: Law, positive: tuple[str, ...], free: tuple[str, ...] = ()) -> None:
     """Refuse constants that are not finite, or not positive where they must be."""
-    for name, unit in positive.items():
-        value = getattr(law, name)
-        require(
-            value,
-            bool(np.isfinite(value) and value > 0),
-            name,
-            f"more than 0 {unit}",
-            f"give {name} of the force law in {unit}, as the data sheet has it",
-        )
-    for name in free:
-        value = getattr(law, name)
-        require(
-            value,
-            bool(np.isfinite(value)),
-            name,
-            "a finite number",
-            f"give a number for {name}, or leave it out",
-        )
     for name in (*positive, *free):
-        value = getattr(law, f"{name}_std")
+        value, std, unit = getattr(law, name), getattr(law, f"{name}_std"), law.stated[name].unit
+        above = name in positive
         require(
             value,
-            bool(value >= 0),
+            bool(np.isfinite(value) and (value > 0 or not above)),
+            name,
+            f"more than 0 {unit}" if above else "a finite number",
+            f"give {name} of the force law in {unit}, as the data sheet has it"
+            if above
+            else f"give a number for {name}, or leave it out",
+        )
+        require(
+            std,
+            bool(std >= 0),
             f"{name}_std",
             "a standard deviation of 0 or more, infinite where the constant is unknown",
             f"give {name}_std as one standard deviation, or leave it out",
@@ -102,8 +94,18 @@ def require_angle(angle: float) -> None:
     )
 
 
+class Stated(NamedTuple):
+    """A constant of a law: its unit, its key in files if not the field's, whether it is above 0."""
+
+    unit: str
+    key: str = ""
+    positive: bool = False
+
+
 class Law(ABC):
     """A force law of two signals: current and displacement, or two flux densities."""
+
+    stated: ClassVar[Mapping[str, Stated]]  # the constants by their fields
 
     @abstractmethod
     def _force(self, *signals: Any) -> Any:
@@ -134,6 +136,7 @@ class Linear(Law):
     (80.0, 0.6)
     """
 
+    stated: ClassVar[Mapping[str, Stated]] = {"ki": Stated("N/A"), "ks": Stated("N/m")}
     ki: float  # force per current in N/A, not zero
     ks: float = 0.0  # force per displacement in N/m; positive destabilizes
     # standard deviations of the constants
@@ -141,7 +144,7 @@ class Linear(Law):
     ks_std: float = 0.0
 
     def __post_init__(self) -> None:
-        require_constants(self, {}, ("ki", "ks"))
+        require_constants(self, (), ("ki", "ks"))
         require(self.ki, self.ki != 0, "ki", "not zero", "give the force per current in N/A")
 
     def _force(self, current: Any, position: Any) -> Any:
@@ -203,6 +206,15 @@ class Differential(Law):
     array([-40.,  40.])
     """
 
+    stated: ClassVar[Mapping[str, Stated]] = {
+        "constant": Stated("N m^2/A^2", "K", positive=True),
+        "bias": Stated("A", positive=True),
+        "gap": Stated("m", positive=True),
+        "angle": Stated("rad"),
+        "bias_difference": Stated("A"),
+        "iron": Stated("m"),
+        "saturation": Stated("A/m", positive=True),
+    }
     constant: float  # K in N m^2/A^2, of one magnet: mu0 turns^2 area / 4 of a horseshoe
     bias: float  # i0 in A; 0 where one magnet works at a time
     gap: float  # s0 in m
@@ -224,8 +236,8 @@ class Differential(Law):
     saturation_std: float = 0.0
 
     def __post_init__(self) -> None:
-        positive = {"constant": "N m^2/A^2", "gap": "m"}
-        require_constants(self, positive, free=("bias", "angle", "bias_difference", "iron"))
+        free = ("bias", "angle", "bias_difference", "iron")
+        require_constants(self, ("constant", "gap"), free)
         require_angle(self.angle)
         apart = abs(self.bias_difference)
         for name, value, ok in (
@@ -346,6 +358,10 @@ class Flux(Law):
     17.507
     """
 
+    stated: ClassVar[Mapping[str, Stated]] = {
+        "area": Stated("m^2", positive=True),
+        "angle": Stated("rad"),
+    }
     area: float  # face of one pole in m^2
     poles: int = 2  # poles of each magnet that carry this flux; a horseshoe has two
     angle: float = 0.0  # alpha in rad
@@ -354,7 +370,7 @@ class Flux(Law):
     angle_std: float = 0.0
 
     def __post_init__(self) -> None:
-        require_constants(self, {"area": "m^2"}, free=("angle",))
+        require_constants(self, ("area",), free=("angle",))
         require_angle(self.angle)
         require(
             self.poles,

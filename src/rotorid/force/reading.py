@@ -45,18 +45,7 @@ KNEE_CONSTANT = "knee"
 """How much of a knee the iron has, (b_0 / b_s)^4, b_0 the bias over the gap: what bends as much as
 it does, however far off saturation is, so that a search may begin from none."""
 
-_MAGNET = {
-    # constant: name in files, unit, must be positive
-    "constant": ("K", "N m^2/A^2", True),
-    "bias": ("bias", "A", True),
-    "gap": ("gap", "m", True),
-    "angle": ("angle", "rad", False),
-    "bias_difference": ("bias_difference", "A", False),
-    "iron": ("iron", "m", False),
-    "saturation": ("saturation", "A/m", True),
-}
 _BIASED = ("bias", "bias_difference")
-_FLUX = {"area": ("area", "m^2", True), "angle": ("angle", "rad", False)}
 _STEPS = 50
 """Newton's steps at most; four or five are taken, a dozen where the iron is near saturation."""
 
@@ -73,17 +62,16 @@ class ForceSource:
 
     @property
     def constants(self) -> dict[str, LawConstant]:
-        table = _FLUX if isinstance(self.law, Flux) else _MAGNET
         return {
-            name: LawConstant(
-                unit,
-                getattr(self.law, key),
-                getattr(self.law, f"{key}_std"),
-                positive,
-                self.shared.get(key, ""),
+            of.key or field: LawConstant(
+                of.unit,
+                getattr(self.law, field),
+                getattr(self.law, f"{field}_std"),
+                of.positive,
+                self.shared.get(field, ""),
             )
-            for key, (name, unit, positive) in table.items()
-            if not (key in _BIASED and isinstance(self.law, Differential) and not self.law.bias)
+            for field, of in self.law.stated.items()
+            if not (field in _BIASED and isinstance(self.law, Differential) and not self.law.bias)
         }
 
     @property
@@ -115,9 +103,8 @@ class ForceSource:
         self, flowing: Floats, position: Floats, changes: Mapping[str, complex]
     ) -> Floats | Complexes:
         """Return the force in N with some constants, by their names, changed by so much."""
-        table = _FLUX if isinstance(self.law, Flux) else _MAGNET
-        keys = {name: key for key, (name, _, _) in table.items()}
-        moved = with_moved(self.law, {keys[n]: c for n, c in changes.items() if n in keys})
+        fields = {of.key or field: field for field, of in self.law.stated.items()}
+        moved = with_moved(self.law, {fields[n]: c for n, c in changes.items() if n in fields})
         if isinstance(self.law, Flux):
             return np.asarray(flowing * (moved.gain / self.law.gain))
         fluxes: Any = moved.fluxes(flowing, position)

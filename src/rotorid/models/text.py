@@ -240,23 +240,19 @@ class _Algebra:
         """Return a power, negative or no whole one, of a single term."""
         whole = exponent.denominator == 1
         found = _power_of_number(c if whole else abs(c), exponent)
-        inside: Polynomial = {NUMBER: Fraction(1)}
+        inside: dict[Expression, int | Fraction] = {}  # what may be negative
         for base, n in powers.items():
-            if not whole and n % 2 == 0 and base.kind != "abs":
+            if not whole and n % 2 == 0:
                 inner, base = _alone(base), Expression("abs", (base,))
                 self._atom(base, inner)
-            elif not whole and n == n // 1 and base.kind not in ("abs", "exp"):
-                inside = self.times(inside, _alone(base, n))
+            elif not whole and n % 1 == 0 and (n != 1 or c < 0 or len(powers) > 1):
+                inside[base] = n
                 continue
             found = self.times(found, self._term({base: n * exponent}, Fraction(1)))
-        if c < 0 and not whole:
-            inside = {key: -value for key, value in inside.items()}
-        if inside.get(NUMBER) == 1:
-            return found
-        ((held, sign),) = inside.items()
-        if sign == 1 and len(held) == 1 and (only := next(iter(held)))[1] == 1:
-            return self.times(found, _alone(only[0], exponent))
-        return self.times(found, self._atom(expression(inside), inside, exponent))
+        if not whole and (c < 0 or inside):
+            held = {frozenset(inside.items()): Fraction(1 if c > 0 else -1)}
+            found = self.times(found, self._atom(expression(held), held, exponent))
+        return found
 
     def call(self, function: str, argument: Polynomial) -> Polynomial:
         self._refuse_linear(argument, f"{function} of")
