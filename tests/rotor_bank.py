@@ -65,16 +65,17 @@ def noisy_record(
     speed: float = 0.0,
     periods: int = PERIODS,
     samples: int = SAMPLES,
+    rate: float = RATE,
 ) -> PeriodicRecord:
     """Return periods of lines with white noise of a deviation per sample and channel."""
     spectra = np.repeat(mean[None], periods, axis=0)
     if rng is not None:
         drawn = rng.standard_normal((*spectra.shape, 2)).view(np.complex128)[..., 0]
         spectra = spectra + drawn * noise / np.sqrt(2 * samples)
-    time = np.arange(samples)[None] / RATE
+    time = np.arange(samples)[None] / rate
     blank = np.zeros((samples, len(channels)))
     return PeriodicRecord(
-        tuple(channels), RATE, np.array(harmonics), spectra, blank, blank, speed, time, speed * time
+        tuple(channels), rate, np.array(harmonics), spectra, blank, blank, speed, time, speed * time
     )
 
 
@@ -169,6 +170,14 @@ ADVERSE = {
 }
 
 
+def model_of(equations: list[str], coordinates: list[str], units: Mapping[str, str]) -> Model:
+    """Return a model with one input F and parameters above 0, by their units."""
+    lines = ["title = 'a structure'", f"equations = {equations}", "[coordinates]"]
+    lines += [*(f'{q} = "m"' for q in coordinates), "[inputs]", 'F = "N"', "[parameters]"]
+    lines += [f'{name} = {{ unit = "{unit}", positive = true }}' for name, unit in units.items()]
+    return parse_model("\n".join(lines))
+
+
 @dataclass(frozen=True)
 class Structure:
     """A chain of masses on springs, one end held: a tower, lightly damped."""
@@ -187,17 +196,12 @@ class Structure:
             text = f"m{i}*q{i}'' + alpha*m{i}*q{i}' + k{i}*({below}) + beta*k{i}*({rate})"
             if i < n:
                 text += f" - k{i + 1}*(q{i + 1} - q{i}) - beta*k{i + 1}*(q{i + 1}' - q{i}')"
-            equations.append(f'"{text} = {"F" if i == n else "0"}"')
-        units = {"m": "kg", "k": "N/m"}
-        lines = ["title = 'a tower'", "equations = [", ",\n".join(equations), "]", "[coordinates]"]
-        lines += [f'q{i} = "m"' for i in range(1, n + 1)]
-        lines += ["[inputs]", 'F = "N"', "[parameters]"]
-        for kind in "mk":
-            for i in range(1, n + 1):
-                lines.append(f'{kind}{i} = {{ unit = "{units[kind]}", positive = true }}')
-        lines += ['alpha = { unit = "1/s", positive = true }']
-        lines += ['beta = { unit = "s", positive = true }']
-        return parse_model("\n".join(lines))
+            equations.append(f"{text} = {'F' if i == n else '0'}")
+        units = {
+            f"{kind}{i}": u for kind, u in (("m", "kg"), ("k", "N/m")) for i in range(1, n + 1)
+        }
+        coordinates = [f"q{i}" for i in range(1, n + 1)]
+        return model_of(equations, coordinates, {**units, "alpha": "1/s", "beta": "s"})
 
 
 def chain_response(p: Mapping[str, float], n: int, omega: Floats) -> Complexes:
@@ -234,21 +238,8 @@ def structure_case(structure: Structure, seed: int) -> Case:
     noise = size * structure.noise * np.array([0.1] + [1.0] * len(sensors))
     model = structure.model()
     channels = [Channel("F", "N"), *(Channel(f"q{i}", "m") for i in sensors)]
-    drawn = rng.standard_normal((30, *mean.shape, 2)).view(np.complex128)[..., 0]
-    spectra = mean + drawn * noise / np.sqrt(2 * samples)
-    rate = fundamental * samples
-    time = np.arange(samples)[None] / rate
-    blank = np.zeros((samples, len(channels)))
-    record = PeriodicRecord(
-        tuple(channels),
-        fundamental * samples,
-        harmonics,
-        spectra,
-        blank,
-        blank,
-        0.0,
-        time,
-        0 * time,
+    record = noisy_record(
+        channels, mean, noise, harmonics, rng, 0.0, 30, samples, fundamental * samples
     )
     common = (1 + structure.off * rng.choice([-1, 1])) ** 2
     start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
@@ -264,14 +255,14 @@ def modal_case(structure: Structure, seed: int) -> Case:
     ratio = rng.uniform(0.003, 0.01, n)
     shapes = rng.uniform(0.3, 1, (3, n)) * rng.choice([-1, 1], (3, n))
     mass = np.exp(0.3 * rng.standard_normal(n)) * 20
-    lines, names = ["title = 'modes'", "equations = ["], [f"q{i + 1}" for i in range(n)]
-    for i, q in enumerate(names, 1):
-        lines.append(f"\"m{i}*{q}'' + c{i}*{q}' + k{i}*{q} = {shapes[0, i - 1]:.17g}*F\",")
-    lines += ["]", "[coordinates]", *(f'{q} = "m"' for q in names), "[inputs]", 'F = "N"']
-    lines += ["[parameters]"]
-    for kind, unit in (("m", "kg"), ("k", "N/m"), ("c", "N s/m")):
-        lines += [f'{kind}{i} = {{ unit = "{unit}", positive = true }}' for i in range(1, n + 1)]
-    model = parse_model("\n".join(lines))
+    names = [f"q{i}" for i in range(1, n + 1)]
+    equations = [
+        f"m{i}*q{i}'' + c{i}*q{i}' + k{i}*q{i} = {shapes[0, i - 1]:.17g}*F" for i in range(1, n + 1)
+    ]
+    units = {"m": "kg", "k": "N/m", "c": "N s/m"}
+    model = model_of(
+        equations, names, {f"{kind}{i}": u for kind, u in units.items() for i in range(1, n + 1)}
+    )
     w = 2 * np.pi * hertz
     truth = {f"m{i + 1}": mass[i] for i in range(n)}
     truth |= {f"k{i + 1}": mass[i] * w[i] ** 2 for i in range(n)}
@@ -284,16 +275,12 @@ def modal_case(structure: Structure, seed: int) -> Case:
     mean = np.concatenate([force, modes @ shapes.T], axis=1)
     samples = 4 * structure.lines
     noise = np.median(np.abs(mean), axis=0) * np.sqrt(samples) * structure.noise
-    drawn = rng.standard_normal((30, *mean.shape, 2)).view(np.complex128)[..., 0]
-    spectra = mean + drawn * noise * np.array([0.1, 1, 1, 1]) / np.sqrt(2 * samples)
     channels = [Channel("F", "N")]
     for j, row in enumerate(shapes):
         channels.append(Channel(f"s{j}", "m", reads=dict(zip(names, row.tolist(), strict=True))))
-    time = np.arange(samples)[None] / (fundamental * samples)
-    blank = np.zeros((samples, 4))
-    rate = fundamental * samples
-    record = PeriodicRecord(
-        tuple(channels), rate, harmonics, spectra, blank, blank, 0.0, time, 0 * time
+    noise = noise * np.array([0.1, 1, 1, 1])
+    record = noisy_record(
+        channels, mean, noise, harmonics, rng, 0.0, 30, samples, fundamental * samples
     )
     start = {k: v * (1 + 0.05 * rng.uniform(-1, 1)) for k, v in truth.items()}
     for i in range(1, n + 1):

@@ -217,12 +217,11 @@ def test_terms_that_lack_have_the_size_that_they_have_at_the_coordinate():
     ]
     assert candidates[0].keys() == candidates[1].keys() >= {"mass at x, y", "load at x, y"}
     for name, one in candidates[0].items():
-        other = candidates[1][name]
-        for found, expected in ((other.entries, one.entries), (other.loads, one.loads)):
-            sizes = [each.coefficient * (1 + (each.row == 1)) for each in expected]
-            assert [each.coefficient for each in found] == pytest.approx(sizes)
-            places = [replace(each, coefficient=1.0) for each in expected]
-            assert [replace(each, coefficient=1.0) for each in found] == places
+        found, expected = candidates[1][name].effects, one.effects
+        sizes = [each.coefficient * (1 + (each.row == 1)) for each in expected]
+        assert [each.coefficient for each in found] == pytest.approx(sizes)
+        places = [replace(each, coefficient=1.0) for each in expected]
+        assert [replace(each, coefficient=1.0) for each in found] == places
 
 
 def test_nothing_is_said_of_a_place_whose_forces_no_equation_tells():

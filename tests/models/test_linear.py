@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.linalg
 from bank import (
     BANK,
     HOIST,
@@ -65,18 +64,6 @@ def test_matrices_by_hand(name, speed):
     assert (found.G == -found.G.T).all()
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize("name", BY_HAND)
-def test_dynamic_stiffness_by_hand(name, speed):
-    model = load_model(name)
-    values, p = namespace(model, 4)
-    M, D, G, K, _ = BY_HAND[name][0](p)
-    omega = np.array([0.0, 1.0, 125.7, 9e4])
-    found = model.require_linear().dynamic_stiffness(omega, values, speed)
-    for w, z in zip(omega, found, strict=True):
-        np.testing.assert_allclose(z, -(w**2) * M + 1j * w * (D + speed * G) + K, rtol=1e-13)
-
-
 @pytest.mark.parametrize("name", BY_HAND)
 def test_loads_by_hand(name):
     model, load = load_model(name), BY_HAND[name][1]
@@ -88,38 +75,6 @@ def test_loads_by_hand(name):
         np.testing.assert_allclose(found, load(p, speed, phi), rtol=1e-12, atol=1e-9)
     shaped = model.require_linear().load_columns(time.reshape(3, 19), phi.reshape(3, 19), 5.0)
     assert shaped.shape == (3, 19, len(model.texts), len(model.monomials))
-
-
-def test_modes_of_the_seed_s_rotor():
-    model = load_model("three-mass")
-    m = model.require_linear().matrices(model.values(model.nominal), 2 * np.pi * 140)
-    speed = 2 * np.pi * 140
-    state = np.block(
-        [
-            [np.zeros((8, 8)), np.eye(8)],
-            [-np.linalg.solve(m.M, m.K), -np.linalg.solve(m.M, speed * m.G)],
-        ]
-    )
-    poles = scipy.linalg.eigvals(state) / (2 * np.pi)
-    found = np.unique(np.abs(poles.imag).round(2))
-    np.testing.assert_allclose(found[found > 1], [36.85, 175.53, 340.32, 569.29], atol=0.006)
-    assert np.abs(poles.real).max() < 1e-3  # no damping
-
-
-def test_potential_energy_of_the_seed_s_rotor():
-    """K is the Hessian of the potential from which the paper's (7) follow."""
-    model = load_model("three-mass")
-    values, p = namespace(model, 7)
-    K = model.require_linear().matrices(values).K
-
-    def potential(q):
-        x1, y1, x2, y2, tx, ty, x3, y3 = q
-        first = (x1 - x2 + p.L1 * ty) ** 2 + (y1 - y2 - p.L1 * tx) ** 2
-        second = (x2 - x3 + p.L2 * ty) ** 2 + (y2 - y3 - p.L2 * tx) ** 2
-        return p.k1 / 2 * first + p.k2 / 2 * second
-
-    q = np.random.default_rng(8).standard_normal(8)
-    assert q @ K @ q / 2 == pytest.approx(potential(q), rel=1e-12)
 
 
 @pytest.mark.parametrize("problem", LINEAR, ids=lambda p: p.name)
