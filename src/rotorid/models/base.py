@@ -12,13 +12,12 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units
-from rotorid.core.values import Floats, Integers
+from rotorid.core.values import Floats
 from rotorid.models.equations import Product
 from rotorid.models.expressions import (
     MAX_VALUE,
@@ -241,27 +240,29 @@ def gather_base(
     sparse = [{k: row[i] for k, i in enumerate(scanned) if row.get(i)} for row in rows.values()]
     reduced = _echelon(sparse)
     kept = tuple(scanned[pivot] for pivot in reduced)
-    names = []
     gather = np.zeros((len(kept), len(monomials)))
     for row, ratios in enumerate(reduced.values()):
-        members = [(scanned[k], ratio) for k, ratio in sorted(ratios.items())]
-        for column, ratio in members:
-            gather[row, column] = float(ratio)
-        named = [(monomials[column], ratio) for column, ratio in members]
-        names.append(_combination_name(named, parameters))
+        for k, ratio in ratios.items():
+            gather[row, scanned[k]] = float(ratio)
     found_units = tuple(monomial_unit(monomials[i], parameters, units) for i in kept)
-    return BaseParameters(tuple(names), found_units, gather, kept)
+    return BaseParameters(
+        base_names(gather, kept, monomials, parameters), found_units, gather, kept
+    )
 
 
 def base_names(
-    base: BaseParameters, monomials: Integers, parameters: Sequence[str]
+    gather: Floats, kept: Sequence[int], monomials: Sequence[Monomial], parameters: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the names of base parameters, the parameters called otherwise."""
+    """Return names such as ``k1*L1^2 + k2*L2^2``, the monomial that is kept before the others."""
     found = []
-    for row, kept in zip(base.gather, base.kept, strict=True):
-        order = [kept, *(i for i in np.flatnonzero(row).tolist() if i != kept)]
-        members = [(tuple(monomials[i].tolist()), row[i]) for i in order]
-        found.append(_combination_name(members, parameters))
+    for row, first in zip(gather, kept, strict=True):
+        text = ""
+        for column in [first, *(i for i in np.flatnonzero(row).tolist() if i != first)]:
+            factor = "" if abs(row[column]) == 1 else f"{abs(row[column]):.12g}*"
+            sign = " + " if row[column] > 0 else " - "
+            name = monomial_name(monomials[column], parameters)
+            text += (sign if text else "") + factor + name
+        found.append(text)
     return tuple(found)
 
 
@@ -270,20 +271,15 @@ def _echelon(rows: Iterable[dict[int, Fraction]]) -> dict[int, dict[int, Fractio
     reduced: dict[int, dict[int, Fraction]] = {}
     work = Work()
     for row in rows:
-        _reduce(row, reduced, work)
+        for pivot in sorted(reduced.keys() & row.keys()):
+            row = _without(row, pivot, reduced[pivot], work)
+        if row:
+            first = min(row)
+            row = {column: value / row[first] for column, value in row.items()}
+            for pivot, above in reduced.items():
+                reduced[pivot] = _without(above, first, row, work)
+            reduced[first] = row
     return dict(sorted(reduced.items()))
-
-
-def _reduce(row: dict[int, Fraction], reduced: dict[int, dict[int, Fraction]], work: Work) -> None:
-    """Add a row to those that are reduced; nothing where it follows from them."""
-    for pivot in sorted(reduced.keys() & row.keys()):
-        row = _without(row, pivot, reduced[pivot], work)
-    if row:
-        first = min(row)
-        row = {column: value / row[first] for column, value in row.items()}
-        for pivot, above in reduced.items():
-            reduced[pivot] = _without(above, first, row, work)
-        reduced[first] = row
 
 
 def _without(
@@ -307,13 +303,3 @@ def monomial_name(monomial: Monomial, parameters: Sequence[str]) -> str:
 def monomial_unit(monomial: Monomial, parameters: Sequence[str], units: Mapping[str, str]) -> str:
     powers = zip(parameters, monomial, strict=True)
     return multiply_units([(units[name], n) for name, n in powers if n])
-
-
-def _combination_name(members: Sequence[tuple[Monomial, Any]], parameters: Sequence[str]) -> str:
-    text = ""
-    for monomial, ratio in members:
-        size = abs(float(ratio))
-        factor = "" if abs(ratio) == 1 else f"{size:.12g}*"
-        sign = " + " if ratio > 0 else " - "
-        text += (sign if text else "") + factor + monomial_name(monomial, parameters)
-    return text

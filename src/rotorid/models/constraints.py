@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from rotorid.core.errors import InputError, ModelError, naming, require_names
+from rotorid.core.errors import InputError, naming, require_names
 from rotorid.core.frozen import frozen
 from rotorid.core.units import multiply_units, quantity, to_si
 from rotorid.core.values import Floats
@@ -140,23 +140,19 @@ def constraint_polynomial(
     model: Model, constraint: Constraint, fixed: Mapping[str, float] | None = None
 ) -> dict[tuple[int, ...], float]:
     """Return a constraint's expression as ``{exponents of the parameters: coefficient}``."""
-    fixed = fixed or {}
-    names = list(dict.fromkeys([*model.parameter_names, *fixed]))
-    place = f"constraint {constraint.expression[:60]!r}"
-    try:
+    exact = {name: Fraction(repr(float(value))) for name, value in (fixed or {}).items()}
+    free = model.parameter_names
+    names = list(dict.fromkeys([*free, *exact]))
+    with naming(place=f"constraint {constraint.expression[:60]!r}"):
         terms = polynomial(constraint.expression, names)
-    except ModelError as error:
-        raise error.at(place=place) from None
-    exact = {name: Fraction(repr(float(value))) for name, value in fixed.items()}
     found: dict[tuple[int, ...], Fraction] = {}
     for powers, coefficient in terms.items():
-        left = []
-        for name, power in zip(names, powers, strict=True):
-            coefficient *= exact[name] ** power if name in exact else 1
-            left.append(0 if name in exact else power)
-        kept = tuple(left[: len(model.parameter_names)])
+        by_name = dict(zip(names, powers, strict=True))
+        for name, value in exact.items():
+            coefficient *= value ** by_name[name]
+        kept = tuple(0 if name in exact else by_name[name] for name in free)
         found[kept] = found.get(kept, Fraction(0)) + coefficient
-    return {m: float(c) for m, c in found.items() if c} or {(0,) * len(model.parameter_names): 0.0}
+    return {m: float(c) for m, c in found.items() if c} or {(0,) * len(free): 0.0}
 
 
 @frozen

@@ -150,20 +150,6 @@ class StiffnessTable:
     monomial: Integers
     coefficient: Floats  # (term,)
 
-    @classmethod
-    def of(cls, terms: Sequence[StiffnessTerm]) -> StiffnessTable:
-        kinds: dict[TermKind, int] = {}
-        places = [
-            (
-                kinds.setdefault(TermKind(t.order, t.factor, t.structural), len(kinds)),
-                *(t.row, t.column, t.monomial),
-            )
-            for t in terms
-        ]
-        kind, row, column, monomial = np.array(places, dtype=np.int64).reshape(-1, 4).T
-        coefficient = np.array([t.coefficient for t in terms], dtype=float)
-        return cls(tuple(kinds), kind, row, column, monomial, coefficient)
-
     def __len__(self) -> int:
         return len(self.coefficient)
 
@@ -342,10 +328,11 @@ def motion_factor(
 
 def classify(
     terms: Sequence[Term], coordinates: Sequence[str]
-) -> tuple[tuple[StiffnessTerm, ...], tuple[Term, ...]]:
+) -> tuple[StiffnessTable, tuple[Term, ...]]:
     """Split left-side terms into entries of Z and loads g."""
     motion = {symbol(name + dots) for name in coordinates for dots in DERIVATIVES}
-    stiffness, loads = [], []
+    kinds: dict[TermKind, int] = {}
+    entries, loads = [], []
     for term in terms:
         if not term.signal.free_symbols & motion:
             loads.append(Term(term.row, term.monomial, -term.coefficient, term.signal))
@@ -359,7 +346,8 @@ def classify(
                 place=f"equation {term.row + 1}",
             )
         column, order, factor = found
-        stiffness.append(
-            StiffnessTerm(term.row, column, order, term.monomial, term.coefficient, factor)
-        )
-    return tuple(stiffness), tuple(loads)
+        number = kinds.setdefault(TermKind(order, factor, structural=False), len(kinds))
+        entries.append((number, term.row, column, term.monomial, term.coefficient))
+    *places, coefficient = np.array(entries, dtype=float).reshape(-1, 5).T
+    kind, row, where, monomial = (place.astype(np.int64) for place in places)
+    return StiffnessTable(tuple(kinds), kind, row, where, monomial, coefficient), tuple(loads)

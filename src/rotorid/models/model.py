@@ -250,7 +250,7 @@ class Model:
 
     def base_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names of the base parameters, the parameters called otherwise."""
-        return base_names(self.base, self.monomials, names)
+        return base_names(self.base.gather, self.base.kept, self._monomials, names)
 
     def values(self, by_name: Mapping[str, float]) -> Floats:
         """Return parameter values in order, shape (parameter,), from values by name.
@@ -423,8 +423,7 @@ class Model:
         )
 
     def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
-        stiffness, loads = classify(self.terms, self.coordinates)
-        return StiffnessTable.of(stiffness), loads
+        return classify(self.terms, self.coordinates)
 
     def __repr__(self) -> str:
         inputs = ", ".join(self.inputs) or "none"

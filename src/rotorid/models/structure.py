@@ -311,13 +311,10 @@ def find_structure(model: Model, values: Floats, speed: float) -> Structure | No
     factors = np.array([speed_factor(kind.factor, speed) for kind in table.kinds])
     order = np.array([kind.order for kind in table.kinds], dtype=np.int64)[table.kind]
     size = table.coefficient * factors[table.kind]
-    inertia, parts = np.zeros((n, n)), np.zeros((3, n, n, len(values)))
+    parts = np.zeros((3, n, n, len(values)))
     slopes = model.monomial_jacobian(values)[table.monomial]
     np.add.at(parts, (order, table.row, table.column), size[:, None] * slopes * values)
-    heavy = order == 2
-    mu = model.monomial_values(values)[table.monomial]
-    np.add.at(inertia, (table.row[heavy], table.column[heavy]), (size * mu)[heavy])
-    balance = force_balance(model, inertia)
+    balance = force_balance(model, linear.matrices(values, speed).M)
     ordered = np.moveaxis(parts, 3, 0)[:, :, balance.rows] / balance.scales[:, None]
     names = model.parameter_names
     springs, masses = (

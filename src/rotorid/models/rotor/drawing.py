@@ -6,6 +6,7 @@ holds the units and nominal values of the parameters; without it, numbers are in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import ceil, prod
@@ -88,33 +89,21 @@ def read_quantity(
     text: str | float, unit: str, parameters: Mapping[str, str], *, place: str = ""
 ) -> Quantity:
     """Return a quantity of the expected unit; `parameters` are the units of those declared."""
-    if not isinstance(text, str):
-        return Quantity.of(to_si(text, unit, place=place))
     try:
         return Quantity.of(to_si(text, unit, place=place))
     except InputError as error:
-        if not _holds_a_name(text, [*parameters, SPEED]):
-            raise _help(error, text, unit, parameters) from None
-    return _of_names(text, unit, parameters, place)
-
-
-def _holds_a_name(text: str, names: Sequence[str]) -> bool:
-    """Tell whether a declared name stands in a text by itself."""
-    marked = "".join(c if c.isalnum() or c == "_" else " " for c in text)
-    return not set(marked.split()).isdisjoint(names)
-
-
-def _help(error: InputError, text: str, unit: str, parameters: Mapping[str, str]) -> InputError:
-    """Return the error of a text that is neither a number nor holds a declared name."""
-    if not text.strip()[:1].isalpha():
-        return error
-    return ModelError(
-        repr(text[:60]),
-        f"a number with a unit, such as '1 {unit}', or a name in [parameters]"
-        + (f": {', '.join([*parameters][:8])}" if parameters else ""),
-        "write the unit, or declare the parameter",
-        place=error.place,
-    )
+        said = set(re.findall(r"\w+", text)) if isinstance(text, str) else set()
+        if said & {*parameters, SPEED}:
+            return _of_names(str(text), unit, parameters, place)
+        if not isinstance(text, str) or not text.strip()[:1].isalpha():
+            raise
+        raise ModelError(
+            repr(text[:60]),
+            f"a number with a unit, such as '1 {unit}', or a name in [parameters]"
+            + (f": {', '.join([*parameters][:8])}" if parameters else ""),
+            "write the unit, or declare the parameter",
+            place=error.place,
+        ) from None
 
 
 def _of_names(text: str, unit: str, parameters: Mapping[str, str], place: str) -> Quantity:
