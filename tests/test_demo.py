@@ -202,7 +202,7 @@ def imagined(demo: DemoResult, runs: int = 400, **spread: tuple[float, float]) -
         ),
         ({"ls": (-1.2, 0.4)}, "14 of 14 parameters come out too small", "no bias"),
         ({"ls": (0, 0.2)}, "Bias is 0 % of", "too small"),
-        ({"sequential": (0, 4)}, "rms errors is", "errors is 1.0"),
+        ({"sequential": (0, 4)}, "alike; here the ratio of their rms errors is 9.", "one record"),
         ({}, "times the standard deviation that each estimate states", "one record"),
     ],
 )

@@ -86,7 +86,11 @@ def test_two_files_and_python(folder: Path) -> None:
         ('band = ["1 Hz", "20 Hz"]', "", 'records.0.band: .*write cutoff = "100 Hz" in place'),
         ('cutoff = "40 Hz"\nband = ["1 Hz", "20 Hz"]', "", "band beside cutoff"),
         ('cutoff = "40 Hz"\nfundamental = "1 Hz"', "", "fundamental beside cutoff"),
-        ("decimate = 10\nfundamental = '1 Hz'\nharmonics = [1]", "", "decimate without cutoff"),
+        (
+            "decimate = 10\nfundamental = '1 Hz'\nharmonics = [1]",
+            "",
+            "decimate beside a period.*add cutoff",
+        ),
         ('cutoff = "40 Hz"\ndecimate = 0', "", "records.0.decimate"),
         ('cutoff = "700 Hz"', "", "a cut-off of 700 Hz.*between 0 and 500 Hz"),
         ('cutoff = "40 Hz"\nleave_out = ["v < 1"]', "", "'v' in the condition"),

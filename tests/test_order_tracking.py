@@ -237,7 +237,7 @@ def test_an_experiment_file_of_samples(folder: Path, mark: str) -> None:
         (
             'kind = "phasors"\n',
             'band = ["1 Hz", "9 Hz"]\nrevolutions = 8\n',
-            "revolutions in",
+            "revolutions without",
         ),
     ],
 )

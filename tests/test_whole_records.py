@@ -75,7 +75,7 @@ def test_what_was_assumed_of_the_noise_is_said(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("noise", "message"),
     [
-        ('references = ["ex"]\nquiet = "quiet.csv"', "one of them"),
+        ('references = ["ex"]\nquiet = "quiet.csv"', "one of references and quiet"),
         ('references = ["ex"]\nfundamental = "10 Hz"', "remove references"),
         ('references = ["none"]', "none"),
     ],

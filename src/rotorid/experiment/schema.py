@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Set
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, StrictInt, model_validator
@@ -173,6 +174,19 @@ Kind = Literal["samples", "phasors", "responses"]
 """What a record is made of, and therefore what its channels say."""
 
 
+def _check_keys(
+    given: Set[str], wanted: Set[str], allowed: Set[str], beside: str, cure: str = "remove it"
+) -> None:
+    """Refuse a key that is missing, or that does not stand beside the others."""
+    for key in sorted(wanted - given):
+        raise InputError("no such key", "a value", "add it", place=key)
+    known = wanted | allowed
+    for key in sorted(given - known):
+        if cure == "remove it" and key in (*law_keys(), "unit"):
+            cure = "remove it; the unit of a current stands in its own table"
+        raise InputError(f"{key} {beside}", f"one of {', '.join(sorted(known))}", cure, place=key)
+
+
 def _quantity_or_column(value: object) -> object:
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise InputError(
@@ -228,40 +242,28 @@ class ChannelEntry(Recorded, LawEntry, PhasorKeys):
         phasor = self.polar or self.real is not None or self.imag is not None
         return "phasors" if phasor else "samples"
 
+    @property
+    def parts(self) -> tuple[str, str]:
+        """The keys of the two columns of a phasor or a response."""
+        return ("amplitude", "phase") if self.polar else ("real", "imag")
+
     @model_validator(mode="after")
     def _column_or_law(self) -> ChannelEntry:
-        given = self.model_fields_set
-        parts = {"amplitude", "phase"} if self.polar else {"real", "imag"}
+        given, wanted = self.model_fields_set, {*self.parts}
         if self.kind == "responses":
-            wanted = parts if self.column is None else {"column"}
-            allowed = wanted | _RESPONSES | ({"phase_unit"} if self.polar else set())
-            beside = "in a frequency response"
+            wanted = wanted if self.column is None else {"column"}
+            allowed, beside = _RESPONSES, "in a frequency response"
         elif self.kind == "phasors":
-            wanted = parts
-            allowed = wanted | _PHASORS | ({"phase_unit"} if self.polar else set())
-            beside = "in a phasor's channel"
+            allowed, beside = _PHASORS, "in a phasor's channel"
         elif self.law is None:
-            wanted = {"column"}
-            allowed = wanted | _AS_RECORDED | {"unit", "scale", "reads"}
-            beside = "without a law"
-        else:
-            needed = {"linear": {"current", "position"}, "differential": {"current", "position"}}
-            wanted = needed.get(self.law, {"flux"})
-            allowed = wanted | {*law_keys(), *_AS_RECORDED}
-            beside = f"beside law = {self.law!r}"
-        for key in sorted(wanted - given):
-            raise InputError("no such key", "a value", "add it", place=key)
-        for key in sorted(given - allowed):
-            if self.law is None and key in PhasorKeys.model_fields:
+            wanted, beside = {"column"}, "without a law"
+            allowed = {*_AS_RECORDED, "unit", "scale", "reads"}
+            if given & PhasorKeys.model_fields.keys():
                 beside = "in a channel of samples"
-            raise InputError(
-                f"{key} {beside}",
-                f"one of {', '.join(sorted(allowed))}",
-                "remove it; the unit of a current stands in its own table"
-                if key in law_keys() or key == "unit"
-                else "remove it",
-                place=key,
-            )
+        else:
+            wanted = {"flux"} if self.law == "flux" else {"current", "position"}
+            allowed, beside = {*law_keys(), *_AS_RECORDED}, f"beside law = {self.law!r}"
+        _check_keys(given, wanted, allowed | ({"phase_unit"} if self.polar else set()), beside)
         for column in self.columns:
             for key in sorted(given & _AS_RECORDED & column.model_fields_set):
                 raise InputError(
@@ -354,15 +356,31 @@ class OwnEntry(Schema):
         return self
 
 
-_TABLES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels", "parameters"}
-"""Keys of a record that is a table."""
-_CUT = _TABLES | {
-    *("sample_rate", "time", "angle", "keyphasor", "angle_lag_std", "skip", "until", "mask"),
-    "revolutions",
+_FILES = {"kind", "file", "files", "header_row", "speed", "overrule", "channels", "parameters"}
+_TIMES = {"sample_rate", "time", "angle", "keyphasor", "angle_lag_std", "skip", "until", "mask"}
+_SAMPLES = _FILES | _TIMES | {"phase"}
+_TURN_UP = 'say kind = "phasors" to cut a run-up into a table'
+_MADE: dict[str, tuple[set[str], str, str]] = {
+    "periods": (
+        _SAMPLES | {"fundamental", "period_samples", "harmonics", "band"},
+        "beside a period",
+        "give the fundamental",
+    ),
+    "whole": (
+        _SAMPLES | {"band", "references", "quiet"},
+        "without a period",
+        "leave out the fundamental to use the whole record, whose noise it tells",
+    ),
+    "filtered": (_SAMPLES | {"cutoff", "decimate", "leave_out"}, "beside cutoff", "add cutoff"),
+    "run-up": ((_FILES | _TIMES | {"revolutions"}) - {"speed"}, "in a table of phasors", _TURN_UP),
+    "phasors": (_FILES, "in a table of phasors", 'say kind = "phasors"'),
+    "responses": (
+        _FILES | {"frequency", "averages", "band", "every"},
+        "in a table of responses",
+        'say kind = "responses"',
+    ),
 }
-"""Keys of samples that are cut into a table by the angle of the rotor."""
-_OF_RESPONSES = {"frequency", "averages", "band", "every"}
-"""Keys that a table of frequency responses has besides."""
+"""What is made of a record: its keys, how others beside them are told, and how to ask for it."""
 
 
 class RecordKeys(Schema):
@@ -427,42 +445,20 @@ class RecordEntry(RecordKeys):
         return self
 
     @model_validator(mode="after")
-    def _keys_of_its_kind(self) -> RecordEntry:
+    def _keys_of_what_is_made(self) -> RecordEntry:
         if self.kind != "phasors" and self.speed.column is not None:
             raise InputError(
                 f"a column of speeds in a record of {self.kind}",
-                "one speed, an angle column, or a keyphasor"
-                if self.kind == "samples"
-                else "one speed",
+                "one speed, or an angle column or a keyphasor beside samples",
                 'write speed = "3000 rpm"; for a table of a row per speed, kind = "phasors"',
                 place="speed",
             )
-        if self.kind == "samples":
-            if self.revolutions is not None:
-                raise InputError(
-                    "revolutions in a record of samples",
-                    "them where a run-up is cut into a table",
-                    'write kind = "phasors", or remove it',
-                    place="revolutions",
-                )
-            for key in sorted(self.model_fields_set & (_OF_RESPONSES - {"band"})):
-                raise InputError(
-                    f"{key} in a record of samples",
-                    'kind = "responses"',
-                    f"say kind, or remove {key}",
-                    place=key,
-                )
-            return self
-        allowed = _CUT - {"speed"} if self.is_cut else _TABLES
-        allowed = allowed | (_OF_RESPONSES if self.kind == "responses" else set())
+        allowed, beside, _ = _MADE[self.made]
         for key in sorted(self.model_fields_set - allowed):
-            raise InputError(
-                f"{key} in a table of {self.kind}",
-                f"one of {', '.join(sorted(allowed))}",
-                "remove it",
-                place=key,
-            )
-        if self.kind == "phasors" and not self.is_cut and "speed" not in self.model_fields_set:
+            others = [how for keys, _, how in _MADE.values() if key in keys]
+            cure = f"remove {key}, or {', or '.join(others)}"
+            _check_keys({key}, set(), allowed, beside, cure)
+        if self.made == "phasors" and "speed" not in self.model_fields_set:
             raise InputError(
                 "no speed",
                 "the column of the speeds of the rows",
@@ -474,21 +470,20 @@ class RecordEntry(RecordKeys):
 
     @model_validator(mode="after")
     def _one_of_each(self) -> RecordEntry:
-        pairs = [("file", "files"), ("fundamental", "period_samples"), ("harmonics", "band")]
-        lined = self.kind == "samples" and self.cutoff is None
-        for first, second in pairs if lined else pairs[:1]:
+        if self.made == "whole" and self.band is None:
+            raise InputError(
+                "neither fundamental nor band nor cutoff",
+                "what is made of the record: periods, lines of the whole, or filtered samples",
+                "give the fundamental of a periodic excitation; without one, the band that was "
+                'excited, or, for a model that is not linear, cutoff = "100 Hz"',
+                place="fundamental, period_samples",
+            )
+        pairs = [("file", "files", True), ("references", "quiet", False)]
+        if self.made == "periods":
+            pairs += [("fundamental", "period_samples", True), ("harmonics", "band", True)]
+        for first, second, needed in pairs:
             given = [key for key in (first, second) if getattr(self, key) is not None]
-            if not given and first == "fundamental" and self.band is not None:
-                continue  # the lines of the whole record
-            if not given and first == "fundamental":
-                raise InputError(
-                    "neither fundamental nor band nor cutoff",
-                    "what is made of the record: periods, lines of the whole, or filtered samples",
-                    "give the fundamental of a periodic excitation; without one, the band that was "
-                    'excited, or, for a model that is not linear, cutoff = "100 Hz"',
-                    place="fundamental, period_samples",
-                )
-            if len(given) != 1:
+            if len(given) > 1 or (needed and not given):
                 raise InputError(
                     "both" if given else "neither",
                     f"one of {first} and {second}",
@@ -504,42 +499,12 @@ class RecordEntry(RecordKeys):
             )
         return self
 
-    @model_validator(mode="after")
-    def _filtered_or_not(self) -> RecordEntry:
-        of_filter = [k for k in ("decimate", "leave_out") if getattr(self, k) is not None]
-        if self.cutoff is None and of_filter:
-            raise InputError(
-                f"{of_filter[0]} without cutoff",
-                "both: they belong to records that are filtered",
-                f"add cutoff, or remove {of_filter[0]}; a mask column leaves out samples elsewhere",
-                place=of_filter[0],
-            )
-        of_lines = ("fundamental", "period_samples", "harmonics", "band", "references", "quiet")
-        given = [k for k in of_lines if getattr(self, k) is not None]
-        if self.cutoff is not None and given:
-            raise InputError(
-                f"{given[0]} beside cutoff",
-                "one of them: lines, or filtered samples",
-                f"remove cutoff to use lines, which is better where they can be had, or {given[0]}",
-                place=given[0],
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _one_source_of_noise(self) -> RecordEntry:
-        given = [k for k in ("references", "quiet") if getattr(self, k) is not None]
-        if given and self.periodic:
-            raise InputError(
-                f"{given[0]} beside a period",
-                "either: periods tell their noise by themselves",
-                f"remove {given[0]}, or the fundamental to use the whole record",
-                place=given[0],
-            )
-        if len(given) > 1:
-            raise InputError(
-                "references and quiet", "one of them", "remove one", place="references, quiet"
-            )
-        return self
+    @property
+    def made(self) -> str:
+        """What is made of the record, as `_MADE` has it."""
+        if self.kind != "samples":
+            return "run-up" if self.is_cut else self.kind
+        return "filtered" if self.cutoff is not None else "periods" if self.periodic else "whole"
 
     @property
     def is_cut(self) -> bool:
