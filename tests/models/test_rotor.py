@@ -21,8 +21,7 @@ from rotorid.likelihood.preparation import Knowledge
 from rotorid.likelihood.starts import thinned
 from rotorid.likelihood.unknowns import Nuisances
 from rotorid.models.modal import eigenmodes
-from rotorid.models.rotor.fem import Beam, bending
-from rotorid.models.rotor.reduction import Band
+from rotorid.models.rotor.fem import Band, Beam, bending
 from rotorid.models.rotor.rotor_model import inertia
 from rotorid.report.drawn import drawing
 from rotorid.testing import add_noise, line_record

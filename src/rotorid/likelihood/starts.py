@@ -38,7 +38,7 @@ from rotorid.likelihood.problem import Point, Problem, outside
 from rotorid.likelihood.relations import Polynomial, Relations
 from rotorid.likelihood.solver import STAGES, Solution, joins, settle, solve
 from rotorid.models import Model
-from rotorid.models.rotor.reduction import Banded
+from rotorid.models.rotor.fem import Banded
 from rotorid.models.rotor.rotor_model import RotorModel
 
 FEW = 400

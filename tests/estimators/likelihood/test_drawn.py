@@ -177,7 +177,7 @@ def test_amplifiers_slower_than_said():
 
 @pytest.mark.slow
 def test_a_reduced_rotor_is_searched_as_a_whole(monkeypatch):
-    monkeypatch.setattr("rotorid.models.rotor.reduction.WORTH", 1e6)
+    monkeypatch.setattr("rotorid.models.rotor.rotor_model.WORTH", 1e6)
     monkeypatch.setattr(suspects, "LARGEST", 4e7)
     assert first_suspect(with_disc("530 mm"))[0].term == "mass at x_right_end, y_right_end"
 

@@ -20,18 +20,22 @@ from rotorid.models.linear_form import InputTerm, StiffnessTable, StiffnessTerm,
 from rotorid.models.model import Model, Motion, Parameter
 from rotorid.models.rotor.drawing import AXES, PLANES, Factors, Rotor
 from rotorid.models.rotor.fem import (
+    Band,
     Piece,
+    Reduction,
     UnbalanceLoad,
     coordinates_of,
     inputs_of,
     loads_of,
     pieces_of,
+    reduction,
 )
-from rotorid.models.rotor.reduction import WORTH, Band, Reduction, reduction
 from rotorid.models.structure import Structure, find_structure
 
 DEPENDENT = 1e-9
 """What is left of a matrix that others make up, relative to itself: rounding leaves 1e-13."""
+WORTH = 4e7
+"""Lines times the cube of the coordinates up to which the whole rotor is solved: some seconds."""
 LAGGING = "lagging"
 """Kind of a signal that structural damping multiplies: it is a quarter turn ahead on every line."""
 _TURNING = {
@@ -155,11 +159,6 @@ class RotorModel(Model):
     def nonlinear(self) -> bool:
         """Whether a signal is not linear in the motion: never."""
         return False
-
-    @cached_property
-    def unit_faults(self) -> tuple[str, ...]:
-        """None: units are checked where the drawing is read."""
-        return ()
 
     def _linear_terms(self) -> tuple[StiffnessTable, tuple[Term, ...]]:
         return self._stiffness, self._load_terms
@@ -367,23 +366,18 @@ def inertia(model: RotorModel, values: Mapping[str, float]) -> Inertia:
     )
 
 
-def drawn_structure(structure: Structure, model: RotorModel) -> Structure:
+def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
+    """Return the structure of a model at a speed, where all its values are known."""
+    drawn = model if isinstance(model, RotorModel) else None
+    if not np.isfinite(values).all() or (drawn and drawn.whole is not None):
+        return None  # the coordinates of a reduced rotor are no places
+    found = find_structure(model, values, speed)
+    if found is None or drawn is None:
+        return found
     pairs: list[tuple[int, int]] = []
     slopes: dict[int, int] = {}
-    for number, node in enumerate(model.rotor.nodes):
+    for number, node in enumerate(drawn.rotor.nodes):
         x, y, around_x, around_y = range(PLANES * number, PLANES * (number + 1))
         slopes |= {x: around_y, y: around_x}
         pairs += [(x, y), (around_x, around_y)] if node.named else []
-    return replace(structure, pairs=tuple(pairs), lone=(), slopes=slopes)
-
-
-def structure_of(model: Model, values: Floats, speed: float) -> Structure | None:
-    """Return the structure of a model at a speed, where all its values are known."""
-    if not np.isfinite(values).all():
-        return None
-    if not isinstance(model, RotorModel):
-        return find_structure(model, values, speed)
-    if model.whole is not None:  # its coordinates are no places
-        return None
-    found = find_structure(model, values, speed)
-    return drawn_structure(found, model) if found else None
+    return replace(found, pairs=tuple(pairs), lone=(), slopes=slopes)
