@@ -265,8 +265,7 @@ def columns_of(entry: ChannelEntry) -> tuple[tuple[str, ...], ...]:
         return tuple((column.column.strip("/"),) for column in entry.columns)
     if entry.column is not None:
         return ((entry.column.strip("/"),),)
-    parts = (entry.amplitude, entry.phase) if entry.polar else (entry.real, entry.imag)
-    return (tuple(str(part) for part in parts),)
+    return (tuple(str(getattr(entry, part)) for part in entry.parts),)
 
 
 def check_columns(entries: Entries) -> None:

@@ -190,41 +190,29 @@ def _modes(entry: ExperimentFile, model: Model) -> tuple[Mode, ...]:
 
 def _refuse_deviations(entry: ExperimentFile) -> None:
     """Refuse what only a likelihood can weigh: knowledge with a deviation."""
+    for place, found, expected in _of_ml_alone(entry):
+        raise InputError(found, f"{expected} for this method", "use ml", place=place)
+
+
+def _of_ml_alone(entry: ExperimentFile) -> Iterator[tuple[str, str, str]]:
+    """Yield the place of what ml alone can weigh, what stands there, and what others expect."""
+    exact = "exact values, the same in all records,"
     if entry.modes:
-        raise InputError(
-            "measured natural frequencies", "records alone for this method", "use ml", place="modes"
-        )
+        yield "modes", "measured natural frequencies", "records alone"
     for key, value in entry.estimator.unknown.items():
         if value:
-            raise InputError(
-                f"{key} = {str(value).lower()}",
-                "a measurement without unknown constants for this method",
-                "use ml",
-                place=f"estimator.{key}",
-            )
-    for place, found in _inexact(entry):
-        raise InputError(
-            found, "exact values, the same in all records, for this method", "use ml", place=place
-        )
-
-
-def _inexact(entry: ExperimentFile) -> Iterator[tuple[str, str]]:
-    """Yield places of what is not known exactly, or not of all records, and what stands there."""
+            told = f"{key} = {str(value).lower()}"
+            yield f"estimator.{key}", told, "a measurement without unknown constants"
     knowledge: dict[str, PriorKeys] = {f"parameters.{n}": p for n, p in entry.parameters.items()}
+    each = [f"parameters.{name}.each" for name, p in entry.parameters.items() if p.each]
     knowledge |= {f"constraints.{number}": c for number, c in enumerate(entry.constraints)}
     channels = {f"channels.{name}": channel for name, channel in entry.channels.items()}
     for number, record in enumerate(entry.records):
         channels |= {f"records.{number}.channels.{n}": c for n, c in record.channels.items()}
-        if record.parameters:
-            yield f"records.{number}.parameters", "parameters that differ between records"
-    for name, parameter in entry.parameters.items():
-        if parameter.each:
-            yield f"parameters.{name}.each", "parameters that differ between records"
-    for place, one in knowledge.items():
-        if one.std is not None:
-            yield f"{place}.std", "a deviation"
-        if one.bounded:
-            yield f"{place}.min, max", "a bound"
-    for place, channel in channels.items():
-        for key in channel.deviations:
-            yield f"{place}.{key}", "a deviation"
+        each += [f"records.{number}.parameters"] if record.parameters else []
+    stds = [f"{place}.std" for place, one in knowledge.items() if one.std is not None]
+    bounds = [f"{place}.min, max" for place, one in knowledge.items() if one.bounded]
+    stds += [f"{place}.{key}" for place, one in channels.items() for key in one.deviations]
+    yield from ((place, "parameters that differ between records", exact) for place in each)
+    yield from ((place, "a deviation", exact) for place in stds)
+    yield from ((place, "a bound", exact) for place in bounds)

@@ -70,23 +70,23 @@ class Columns:
 def complex_column(rows: Columns, name: str, entry: ChannelEntry, expected: str) -> Complexes:
     """Return X of a channel in a unit: what the instrument states, as Re(X exp(i phi)) has it."""
     place = f"channels.{name}"
-    if entry.polar:
-        size = rows.si(entry.amplitude or "", entry.unit, expected, f"{place}.amplitude")
-        turned = rows.si(entry.phase or "", entry.phase_unit, "rad", f"{place}.phase")
-        if (size < 0).any():
-            raise InputError(
-                f"the amplitude {size.min():g} in row {int(size.argmin()) + 1}",
-                "0 or more",
-                "turn its phase by 180 deg, or give a signed reading as real",
-                place=f"{place}.amplitude",
-            )
-        check_lengths(size, turned, place)
-        found = size * np.exp(1j * turned)
-    else:
-        real = rows.si(entry.real or "", entry.unit, expected, f"{place}.real")
-        imag = rows.si(entry.imag or "", entry.unit, expected, f"{place}.imag")
-        check_lengths(real, imag, place)
-        found = real + 1j * imag
+    units = [
+        (entry.unit, expected),
+        (entry.phase_unit, "rad") if entry.polar else (entry.unit, expected),
+    ]
+    one, other = (
+        rows.si(getattr(entry, key), *unit, f"{place}.{key}")
+        for key, unit in zip(entry.parts, units, strict=True)
+    )
+    check_lengths(one, other, place)
+    if entry.polar and (one < 0).any():
+        raise InputError(
+            f"the amplitude {one.min():g} in row {int(one.argmin()) + 1}",
+            "0 or more",
+            "turn its phase by 180 deg, or give a signed reading as real",
+            place=f"{place}.amplitude",
+        )
+    found = one * np.exp(1j * other) if entry.polar else one + 1j * other
     found = found.conj() if entry.lag else found
     return np.asarray(_factor(rows, entry, place) * found)
 
@@ -164,25 +164,20 @@ def read_phasors(plan: Recording, model: Model) -> list[Lines]:
         ]
         std = _common(list(entries), stated)
         probes = [k for k, name in enumerate(entries) if name not in model.inputs]
+        names, known = [list(entries)[k] for k in probes], None if std is None else std[:, probes]
         checks = [
-            *check_probes(
-                [list(entries)[k] for k in probes],
-                phasors[:, probes],
-                None if std is None else std[:, probes],
-            ),
+            *check_probes(names, phasors[:, probes], known),
             *(c for name, one in entries.items() for c in _phases(rows, name, one)),
         ]
-        lines = phasor_lines(
-            list(channels.values()), speed, phasors, std, source=table.file, checks=checks
-        )
-        return [lines]
+        listed = list(channels.values())
+        return [phasor_lines(listed, speed, phasors, std, source=table.file, checks=checks)]
 
 
 def _speeds(rows: Columns, entry: RecordEntry, entries: Entries) -> Floats:
     if entry.speed.column is not None:
         return rows.si(entry.speed.column, entry.speed.unit, "rad/s", "speed")
     name, first = next(iter(entries.items()))
-    column = first.amplitude or first.real or ""
+    column = getattr(first, first.parts[0])
     count = len(rows.si(column, first.unit, first.unit or "1", f"channels.{name}"))
     return np.full(count, entry.speed.value)
 
