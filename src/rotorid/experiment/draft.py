@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import field, replace
 from difflib import SequenceMatcher
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import tomlkit
@@ -28,7 +28,9 @@ from rotorid.models import Model, load_model
 from rotorid.models.base import monomial_name
 from rotorid.signals.period_search import Period, find_period, only_rotation
 
-_Table = tomlkit.TOMLDocument | tomlkit.items.Table
+_Line = tuple[str, Any, str]
+"""A key, its value, and what is told of it; a remark without a key."""
+_Container = TypeVar("_Container", tomlkit.TOMLDocument, tomlkit.items.Table)
 _MARK = r"tach\w*|trig\w*|puls\w*|mark\w*|index"
 Role = Literal["time", "speed", "keyphasor", "angle", "channel"]
 _ROLES: tuple[tuple[Role, re.Pattern[str], str], ...] = (
@@ -76,6 +78,10 @@ class Found:
     unit: str | None
     role: Role
     assumed: str = field(default="", compare=False)  # of what it stands for
+
+    def measures(self, *units: str) -> bool:
+        """Tell whether its unit converts to one of these."""
+        return bool(self.unit) and any(converts(self.unit or "", unit) for unit in units)
 
 
 def role_of(name: str, unit: str | None) -> Role:
@@ -149,11 +155,11 @@ def by_planes(
     """
     planes = _planes(model.inputs)
     found: dict[str, Found] = {}
-    free = [c for c in columns if c.unit and c not in taken.values()]
+    free = [c for c in columns if c not in taken.values()]
     for names in (model.inputs, model.coordinates):
         wanted = {key: name for name in names if (key := _place(name)) and key[0] in planes}
         left = {name for name in wanted.values() if name not in taken}
-        like = [c for c in free if left and converts(c.unit or "", model.units[min(left)])]
+        like = [c for c in free if left and c.measures(model.units[min(left)])]
         if len(left) == len(like):
             found |= _in_order(wanted, like, planes)
     return found
@@ -220,7 +226,7 @@ def sensors_at_inputs(model: Model, columns: Sequence[Found]) -> dict[str, Found
     """Return columns of sensors in the planes of inputs that are not coordinates, by input."""
     if {displacement(model, name) for name in model.inputs} <= set(model.coordinates):
         return {}
-    return _at_inputs(model, [c for c in columns if c.unit and converts(c.unit, "m")])
+    return _at_inputs(model, [c for c in columns if c.measures("m")])
 
 
 def _at_inputs(model: Model, like: Sequence[Found]) -> dict[str, Found]:
@@ -235,7 +241,7 @@ def currents(
     model: Model, columns: Sequence[Found], taken: Mapping[str, Found]
 ) -> dict[str, Found]:
     """Return the column of the current of each input that has no force."""
-    free = [c for c in columns if c.unit and converts(c.unit, "A")]
+    free = [c for c in columns if c.measures("A")]
     if not set(model.inputs) & set(taken) and (ordered := _at_inputs(model, free)):
         return ordered
     found = {}
@@ -353,24 +359,24 @@ def draft(files: Sequence[Path], model: str | None, folder: Path) -> str:
     """
     loaded = None if model is None else load_model(model, folder=folder)
     runs = _runs(files)
-    text = tomlkit.document()
-    _remark(text, "Draft by `rotorid new`. What it could not find is left open as")
-    _remark(text, f'"{OPEN}"; the file is refused until each of these is said.')
+    lines = [
+        ("", None, "Draft by `rotorid new`. What it could not find is left open as"),
+        ("", None, f'"{OPEN}"; the file is refused until each of these is said.'),
+    ]
+    text = _written(tomlkit.document(), lines)
     text.add(tomlkit.nl())
-    if model is None:
-        _say(text, "model", OPEN, "rotorid models lists those that there are")
-    else:
-        text["model"] = model
+    told = "" if model else "rotorid models lists those that there are"
+    _written(text, [("model", model or OPEN, told)])
     records = tomlkit.aot()
     for run in runs:
-        records.append(_record(run, loaded, folder, later=run is not runs[0]))
+        records.append(_table(_record(run, loaded, folder, later=run is not runs[0])))
     text["records"] = records
     named = {name for entry in records for name in entry.get("references", [])}
-    text["channels"] = _channels(runs[0], loaded, named)
+    text["channels"] = _table(_channels(runs[0], loaded, named))
     if loaded is not None:
-        text["parameters"] = _parameters(loaded)
+        text["parameters"] = _table(_parameters(loaded))
     text.add(tomlkit.nl())
-    _remark(text, f"as written: {MARK}")
+    _written(text, [("", None, f"as written: {MARK}")])
     return _SCHEMA + tomlkit.dumps(text)
 
 
@@ -463,20 +469,16 @@ def _clock(columns: Sequence[Found], stated: Rate | None) -> _Clock:
     return _Clock(stated)
 
 
-def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> tomlkit.items.Table:
-    entry = tomlkit.table()
+def _record(run: _Run, model: Model | None, folder: Path, *, later: bool) -> Iterator[_Line]:
     names = [_relative(path, folder) for path in run.files]
-    if len(names) == 1:
-        entry["file"] = names[0]
-    else:
-        entry["files"] = names
-    _say_clock(entry, run.clock, len(run.columns[0].values))
-    _say_rotation(entry, run, model)
-    if later and "speed" in entry and (model is None or unbalanced(model)):
-        told = "nothing tells how the rotor stood when this record began; not at standstill"
-        _say(entry, "phase", "unknown", told)
-    _say_lines(entry, run, model)
-    return entry
+    yield ("file", names[0], "") if len(names) == 1 else ("files", names, "")
+    yield _clock_line(run.clock, len(run.columns[0].values))
+    for line in _rotation(run, model):
+        yield line
+        if line[0] == "speed" and later and (model is None or unbalanced(model)):
+            told = "nothing tells how the rotor stood when this record began; not at standstill"
+            yield "phase", "unknown", told
+    yield from _excitation(run, model)
 
 
 def _relative(path: Path, folder: Path) -> str:
@@ -486,34 +488,31 @@ def _relative(path: Path, folder: Path) -> str:
         return str(path.resolve())
 
 
-def _say_clock(entry: tomlkit.items.Table, clock: _Clock, samples: int) -> None:
+def _clock_line(clock: _Clock, samples: int) -> _Line:
+    rate = None if clock.rate is None else clock.rate.hertz
     if clock.column is not None:
         name, told = clock.column.name, clock.note
-        if clock.rate is not None:
-            told = f"{clock.rate.hertz:.6g} Hz, {samples / clock.rate.hertz:.4g} s" + (
-                f"; {told}" if told else ""
-            )
-        _say(entry, "time", {"column": name, "unit": clock.unit} if clock.unit else name, told)
-    elif clock.rate is not None:
-        _remark(entry, f"the file states {clock.rate.hertz:.9g} Hz")
-    else:
-        _say(entry, "sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"')
+        if rate is not None:
+            told = _and(f"{rate:.6g} Hz, {samples / rate:.4g} s", told)
+        return "time", {"column": name, "unit": clock.unit} if clock.unit else name, told
+    if rate is not None:
+        return "", None, f"the file states {rate:.9g} Hz"
+    return "sample_rate", OPEN, 'nothing in the file tells it; write it as "5 kHz"'
 
 
-def _say_rotation(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
+def _rotation(run: _Run, model: Model | None) -> Iterator[_Line]:
     by_role = {c.role: c for c in run.columns}
     if speed := by_role.get("speed"):
         unit = speed.unit or "rpm"
         told = f"mean of {speed.name}, deviation {np.std(speed.values):.3g} {unit}"
-        _say(entry, "speed", f"{np.mean(speed.values):.6g} {unit}", told)
+        yield "speed", f"{np.mean(speed.values):.6g} {unit}", told
     elif mark := by_role.get("keyphasor"):
-        entry["keyphasor"] = mark.name
+        yield "keyphasor", mark.name, ""
     elif angle := by_role.get("angle"):
         told = "deg or rad; of a counter, lines = 1024 in place of the unit"
-        place = {"column": angle.name, "unit": angle.unit or OPEN}
-        _say(entry, "angle", place, "" if angle.unit else told)
+        yield "angle", _column(angle), "" if angle.unit else told
     elif model is None or turns(model):
-        _say(entry, "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill')
+        yield "speed", OPEN, 'of the rotation, "8400 rpm"; "0 rpm" at standstill'
 
 
 def turns(model: Model) -> bool:
@@ -526,69 +525,67 @@ def unbalanced(model: Model) -> bool:
     return any("phi" in text for text in model.texts)
 
 
-def _say_lines(entry: tomlkit.items.Table, run: _Run, model: Model | None) -> None:
-    """Write the period, and the lines that stand above the others."""
+def _excitation(run: _Run, model: Model | None) -> Iterator[_Line]:
+    """Yield the period, and the lines that stand above the others; else the whole, or a filter."""
     sources = run.driving() or run.channels()
     periods = [find_period(c.values) for c in sources]
     found = [(c, p) for c, p in zip(sources, periods, strict=True) if p is not None]
-    if only_rotation([c.values for c in sources], periods):
-        found = []
     rate = None if run.clock.rate is None else run.clock.rate.hertz
-    if not found:
-        if model is not None and model.linear is None:
-            _say_filter(entry, run, rate)
-        else:
-            _say_whole_record(entry, run, rate)
+    if not found or only_rotation([c.values for c in sources], periods):
+        filtered = model is not None and model.linear is None
+        yield from _filter(run, rate) if filtered else _whole_record(run, rate)
         return
     column, period = max(found, key=lambda pair: pair[1].correlation)
     told = f"found in {column.name}, correlation {period.correlation:.3g}"
     frequency = None if rate is None else period.fundamental(rate)
     if frequency is not None:
-        _say(entry, "fundamental", f"{frequency:.12g} Hz", told)
+        yield "fundamental", f"{frequency:.12g} Hz", told
     else:
-        _say(entry, "period_samples", round(period.samples), told)
+        yield "period_samples", round(period.samples), told
     lines = _lines([c.values for c, _ in found], period)
     if len(lines) <= _MOST_LINES:
-        _say(entry, "harmonics", lines, "with that of the rotation, if the rotor turns")
+        yield "harmonics", lines, "with that of the rotation, if the rotor turns"
     else:
-        entry["band"] = _band(lines, period, rate)
+        spacing = None if rate is None else rate / round(period.samples)
+        ends = (lines[0], lines[-1] + 0.5)
+        yield "band", [f"{k * spacing:.6g} Hz" if spacing else OPEN for k in ends], ""
 
 
-def _say_whole_record(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
-    """Write the band of a record without period, and the columns that may be its excitation."""
-    channels = run.channels()
-    driving = run.driving()
-    forces = [c for c in channels if c.unit and any(converts(c.unit, u) for u in _DRIVES)]
-    looked_at = [c for c in driving or forces or channels if np.ptp(c.values) > 0]
-    if rate is not None and looked_at:
-        column = max(looked_at, key=lambda c: float(np.ptp(c.values)))
+def _widest(columns: Iterable[Found]) -> Found | None:
+    """Return the column that moves the most; None where all are at rest."""
+    moving = [c for c in columns if np.ptp(c.values) > 0]
+    return max(moving, key=lambda c: float(np.ptp(c.values)), default=None)
+
+
+def _whole_record(run: _Run, rate: float | None) -> Iterator[_Line]:
+    """Yield the band of a record without period, and the columns that may be its excitation."""
+    channels, driving = run.channels(), run.driving()
+    column = _widest(driving or [c for c in channels if c.measures(*_DRIVES)] or channels)
+    if rate is not None and column is not None:
         band = [f"{f:.4g} Hz" for f in _excited_band(column.values, rate)]
-        told = f"no period found: the whole record, where {column.name} is large"
-        _say(entry, "band", band, told)
+        yield "band", band, f"no period found: the whole record, where {column.name} is large"
     else:
-        entry["band"] = [OPEN, OPEN]
+        yield "band", [OPEN, OPEN], ""
     if driving:
         names = [c.name for c in driving]
-        _say(entry, "references", names, "what was added to the commands, free of noise")
+        yield "references", names, "what was added to the commands, free of noise"
     else:
-        _remark(entry, "references = [..]: columns of the excitation that was added; or")
-        _remark(entry, 'quiet = "..": a record without it; else the inputs hold no noise')
+        yield "", None, "references = [..]: columns of the excitation that was added; or"
+        yield "", None, 'quiet = "..": a record without it; else the inputs hold no noise'
 
 
-def _say_filter(entry: tomlkit.items.Table, run: _Run, rate: float | None) -> None:
-    """Write the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
+def _filter(run: _Run, rate: float | None) -> Iterator[_Line]:
+    """Yield the cut-off for a nonlinear model: a multiple of the frequencies of the motion."""
     cutoff = OPEN
     told = (
         "no period found, and the model is not linear: five to ten times the motion's frequencies"
     )
-    moving = [c for c in run.channels() if c.unit and any(converts(c.unit, u) for u in _MOTIONS)]
-    moving = [c for c in moving if np.ptp(c.values) > 0]
-    if rate is not None and moving:
-        column = max(moving, key=lambda c: float(np.ptp(c.values)))
+    column = _widest(c for c in run.channels() if c.measures(*_MOTIONS))
+    if rate is not None and column is not None:
         highest = _excited_band(column.values, rate)[1]
         cutoff = f"{min(ABOVE_MOTION * highest, rate / 4):.3g} Hz"
         told += f", {highest:.3g} Hz in {column.name}"
-    _say(entry, "cutoff", cutoff, told)
+    yield "cutoff", cutoff, told
 
 
 def _excited_band(signal: Floats, rate: float) -> tuple[float, float]:
@@ -612,32 +609,21 @@ def _lines(signals: Sequence[Floats], period: Period) -> list[int]:
     return sorted(excited)
 
 
-def _band(lines: Sequence[int], period: Period, rate: float | None) -> Any:
-    if rate is None:
-        return [OPEN, OPEN]
-    spacing = rate / round(period.samples)
-    return [f"{lines[0] * spacing:.6g} Hz", f"{(lines[-1] + 0.5) * spacing:.6g} Hz"]
-
-
-def _channels(run: _Run, model: Model | None, named: Collection[str]) -> tomlkit.items.Table:
-    """Write the channels, and as comments what is left over; `named` are those of the records."""
-    table = tomlkit.table()
-    columns = run.channels()
-    used = set(named)
+def _channels(run: _Run, model: Model | None, named: Set[str]) -> Iterator[_Line]:
+    """Yield the channels, and as remarks what is left over; `named` are those of the records."""
+    columns, used = run.channels(), set(named)
     if model is not None:
-        _remark(table, _HELD)
-        measured = [c for c in columns if not is_excitation(c)]
-        used |= _say_channels(table, model, measured)
+        yield "", None, _HELD
+        used |= yield from _of_model(model, [c for c in columns if not is_excitation(c)])
     for column in columns:
         if column.name not in used:
             unit_text = f" [{column.unit}]" if column.unit else ""
             level = f"{column.values.min():.4g} to {column.values.max():.4g}"
-            _remark(table, f"not used: {column.name}{unit_text}, {level}")
-    return table
+            yield "", None, f"not used: {column.name}{unit_text}, {level}"
 
 
-def _say_channels(table: tomlkit.items.Table, model: Model, measured: Sequence[Found]) -> set[str]:
-    """Write the channels of a model, and return the names of the columns that they have."""
+def _of_model(model: Model, measured: Sequence[Found]) -> Generator[_Line, None, set[str]]:
+    """Yield the channels of a model, and return the names of the columns that they have."""
     taken = assign(model, measured)
     taken |= by_planes(model, measured, taken)
     sensors = sensors_at_inputs(model, measured)
@@ -648,28 +634,28 @@ def _say_channels(table: tomlkit.items.Table, model: Model, measured: Sequence[F
     hidden = []
     for name, unit in _quantities(model).items():
         if name in taken:
-            _say(table, name, _column(taken[name]), taken[name].assumed)
+            yield name, _column(taken[name]), taken[name].assumed
         elif name in model.inputs:
             position = displacement(model, name) or (_sensor_name(name) if name in sensors else "")
             channel, told = _input(unit, laws.get(name), position or OPEN, free)
-            _say(table, name, channel, told)
+            yield name, channel, told
         else:
             hidden.append(f"{name} [{unit}]")
     for name, column in sensors.items():
         told = "taken to be where the force acts; else write its own distance for the lever"
         sensor = {"reads": displacement(model, name), **_column(column)}
-        _say(table, _sensor_name(name), sensor, _and(told, column.assumed))
+        yield _sensor_name(name), sensor, _and(told, column.assumed)
     if hidden:
         told = f"no column of its own, or more than one, for {', '.join(hidden)}: not every"
-        _remark(table, f"{told} coordinate needs one")
+        yield "", None, f"{told} coordinate needs one"
     if hidden and not sensors and (shown := _as_sensor(model, free)):
-        _remark(table, shown)
+        yield "", None, shown
     return {column.name for column in used}
 
 
 def _as_sensor(model: Model, free: Sequence[Found]) -> str:
     """Say how a position that is left over is written, where coordinates are none."""
-    left = [c for c in free if c.unit and converts(c.unit, "m")]
+    left = [c for c in free if c.measures("m")]
     reads = [(name, text) for name in model.inputs if "*" in (text := displacement(model, name))]
     if not left or not reads:
         return ""
@@ -688,8 +674,8 @@ def _input(
     told = "F = ki i + ks x; docs/experiments.md has the other laws"
     if column is not None:
         return _law(_column(column), position), _and(told, column.assumed)
-    alike = [c for c in free if c.unit and converts(c.unit, unit)]
-    flows = [c for c in free if c.unit and converts(c.unit, "A")]
+    alike = [c for c in free if c.measures(unit)]
+    flows = [c for c in free if c.measures("A")]
     names = ", ".join(c.name for c in (alike or flows)[:_MOST_NAMES])
     which = f"which column is it? {names}" if names else "no column looks like it"
     if flows and not alike:
@@ -714,40 +700,38 @@ def _sensor_name(name: str) -> str:
     return f"s_{name.removeprefix('F_')}"
 
 
-def _parameters(model: Model) -> tomlkit.items.Table:
-    table = tomlkit.table()
-    _remark(table, "what is known beforehand, such as")
-    for parameter in model.parameters:
-        if converts(parameter.unit, "m"):
-            _remark(table, f'{parameter.name} = {{ fixed = "300 mm" }}')
-            break
-    for parameter in model.parameters:
-        if parameter.nominal is not None and converts(parameter.unit, "kg"):
-            start = f'{parameter.name} = {{ start = "{parameter.nominal:g} {parameter.unit}" }}'
-            _remark(table, f"{start}, where yours is more than 40 % off this")
-            break
+def _parameters(model: Model) -> Iterator[_Line]:
+    yield "", None, "what is known beforehand, such as"
+    lengths = [p for p in model.parameters if converts(p.unit, "m")]
+    masses = [p for p in model.parameters if p.nominal is not None and converts(p.unit, "kg")]
+    for each in lengths[:1]:
+        yield "", None, f'{each.name} = {{ fixed = "300 mm" }}'
+    for each in masses[:1]:
+        start = f'{each.name} = {{ start = "{each.nominal:g} {each.unit}" }}'
+        yield "", None, f"{start}, where yours is more than 40 % off this"
     names = ", ".join(f"{p.name} [{p.unit}]" for p in model.parameters)
-    _remark(table, f"parameters: {names}")
+    yield "", None, f"parameters: {names}"
+
+
+def _table(lines: Iterable[_Line]) -> tomlkit.items.Table:
+    return _written(tomlkit.table(), lines)
+
+
+def _written(table: _Container, lines: Iterable[_Line]) -> _Container:
+    """Write keys, what is told of each behind it, and remarks."""
+    for key, value, told in lines:
+        told = "".join(c if c.isprintable() else " " for c in told)
+        if not key:
+            table.add(tomlkit.comment(told))
+            continue
+        table[key] = _inline(value) if isinstance(value, Mapping) else value
+        if told:
+            table[key].comment(told)
     return table
-
-
-def _say(table: _Table, key: str, value: Any, told: str = "") -> None:
-    """Write a key, and what is told of it behind it."""
-    table[key] = _inline(value) if isinstance(value, Mapping) else value
-    if told:
-        table[key].comment(_printable(told))
-
-
-def _remark(table: _Table, told: str) -> None:
-    table.add(tomlkit.comment(_printable(told)))
 
 
 def _and(told: str, more: str) -> str:
     return f"{told}; {more}" if more else told
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
